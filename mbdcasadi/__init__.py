@@ -1,0 +1,49 @@
+"""Constrained multibody dynamics of planar mechanisms on CasADi.
+
+A model is written in bodies, joints, drivers and forces; every quantity of it
+is a CasADi expression. Each analysis is one function that takes the mechanism
+and returns a result, and a result evaluates any expression.
+
+The notation is that of E. J. Haug, *Computer Aided Kinematics and Dynamics of
+Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
+"""
+
+from .analysis.assemble import assemble
+from .equations import Equations, equations
+from .errors import (
+    AssemblyError,
+    ConditionError,
+    ExpressionError,
+    FileError,
+    Interrupted,
+    MechanismError,
+    MechanismWarning,
+    ModelError,
+    SimulationError,
+    SingularityError,
+)
+from .model.bodies import Body, Marker, ground
+from .model.conditions import bounded
+from .model.drivers import Driver
+from .model.events import Event
+from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
+from .model.forces.applied import Force, GeneralizedForce, Torque
+from .model.forces.gravity import Gravity
+from .model.forces.springs import RSDA, TSDA
+from .model.joints.composite import Distance, PointOnLine
+from .model.joints.coordinates import (
+    AbsoluteAngle,
+    AbsoluteDistance,
+    AbsoluteX,
+    AbsoluteY,
+    RelativeAngle,
+    RelativeX,
+    RelativeY,
+)
+from .model.joints.gears import RackAndPinion
+from .model.joints.general import Constraint
+from .model.joints.lower_pairs import Revolute, Translational, Weld
+from .model.mechanism import Mechanism
+from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative
+from .results.state import State
+from .results.trajectory import Trajectory

@@ -1,0 +1,69 @@
+"""What the analyses are given as mappings: parameter values and times, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from ..equations import Equations
+from ..errors import ModelError, SimulationError
+from ..model.symbols import Parameter, number
+
+
+def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
+    """Entries of a mapping or of a list of pairs."""
+    if values is None:
+        return []
+    if isinstance(values, Mapping):
+        return list(values.items())
+    try:
+        return [(key, value) for key, value in values]
+    except (TypeError, ValueError):
+        raise ModelError(f"{argument} takes {{symbol: value}} or a list of pairs, got {values!r}") from None
+
+
+def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
+    """Index of a symbol among those of the mechanism, or an error that names it."""
+    known = list(symbols)
+    for k, symbol in enumerate(known):
+        if symbol is key:
+            return k
+    label = getattr(key, "label", repr(key))
+    names = ", ".join(repr(s.label) for s in known) or "none"
+    raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
+
+
+def parameter_vector(eom: Equations, parameters: Any) -> np.ndarray:
+    """Parameter values (k,): the parameters' own, overridden by a mapping."""
+    values = eom.parameter_values.copy()
+    for key, value in pairs_of(parameters, "parameters="):
+        where = position_in(eom.mechanism.parameters, key, "parameters=")
+        assert isinstance(key, Parameter)
+        values[where] = number(value, f"parameter '{key.label}'", "value")
+    return values
+
+
+def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
+    """Check that times are finite and increase strictly.
+
+    Raises
+    ------
+    SimulationError
+        Naming the times at fault.
+    """
+    try:
+        grid = np.asarray(times, float)
+    except (TypeError, ValueError):
+        raise SimulationError(f"times must be numbers, got {times!r}") from None
+    if grid.ndim != 1 or grid.size < least:
+        raise SimulationError(f"times must be a list of at least {least} values, got an array of shape {grid.shape}")
+    if not np.all(np.isfinite(grid)):
+        k = int(np.flatnonzero(~np.isfinite(grid))[0])
+        raise SimulationError(f"times must be finite, but times[{k}] is {grid[k]}")
+    steps = np.diff(grid)
+    if np.any(steps <= 0):
+        k = int(np.flatnonzero(steps <= 0)[0])
+        raise SimulationError(f"times must increase, but times[{k}] = {grid[k]} is followed by {grid[k + 1]}")
+    return grid

@@ -1,0 +1,5 @@
+"""Equations of motion of a mechanism as CasADi expressions, and compiled functions of them."""
+
+from .derivation import Equations, equations
+
+__all__ = ["Equations", "equations"]

@@ -1,0 +1,240 @@
+"""From a mechanism to its equations of motion, by virtual work.
+
+The elements contribute rows and virtual work; everything else is
+differentiation. No closed formula of a joint is written twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import ExpressionError, ModelError
+from ..model.mechanism import Mechanism
+from ..model.symbols import describe, role_of, symbols_of
+from ..model.symbols import t as time
+from .display import equations_as_latex, equations_as_text
+from .saddle import SaddlePoint, forward_dynamics
+
+
+def equations(mechanism: Mechanism) -> Equations:
+    """Derive the equations of motion; the same mechanism gives the same object again.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+
+    Returns
+    -------
+    Equations
+        ``M a + Phi_q^T lam = Q``, ``Phi = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma``.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1)
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> mbd.equations(mbd.Mechanism(bodies=[arm], joints=[hinge])).row_names
+    ('hinge.x', 'hinge.y')
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise ModelError(f"expected a Mechanism, got {mechanism!r}")
+    if "equations" not in mechanism.memory:
+        mechanism.memory["equations"] = Equations(mechanism)
+    return mechanism.memory["equations"]
+
+
+class Equations:
+    """Constrained equations of motion in the textbook's names.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        What they were derived from.
+    t, q, v, a, z, lam, u, p : casadi.SX
+        Time; coordinates ``[x, y, phi]`` by body and then those without inertia
+        (n,); their rates; first-order states (k,); multipliers (m,); inputs; parameters.
+    M : casadi.SX
+        Mass matrix (n, n), diagonal.
+    Q : casadi.SX
+        Generalised applied forces (n,).
+    Phi : casadi.SX
+        Position constraints, in the order of :attr:`position_rows`.
+    Phi_q : casadi.SX
+        Constraint Jacobian (m, n); for a velocity-level row its derivative by `v`.
+    nu : casadi.SX
+        Right side of the velocity equation (m,), ``Phi_q v = nu = -Phi_t``.
+    gamma : casadi.SX
+        Right side of the acceleration equation (m,),
+        ``gamma = -(Phi_q v)_q v - 2 Phi_qt v - Phi_tt``.
+    z_rate : casadi.SX
+        Rates of the first-order states (k,).
+    coordinate_names, row_names : tuple of str
+        Names of the entries of `q` and of the rows (joints in order, then drivers).
+    position_rows : numpy.ndarray of int
+        Which rows are position constraints; all of them, unless there are velocity-level rows.
+
+    References
+    ----------
+    Haug 1989, chapters 3 (constraints) and 6 (dynamics).
+    """
+
+    def __init__(self, mechanism: Mechanism):
+        self.mechanism = mechanism
+        bodies, extra = mechanism.bodies, mechanism.coordinates
+        self.t = time
+        self.q = ca.vertcat(*[b.q for b in bodies], *extra)
+        self.v = ca.vertcat(*[b.v for b in bodies], *[c.velocity for c in extra])
+        self.a = ca.vertcat(*[b.a for b in bodies], *[c.acceleration for c in extra])
+        self.z = _column(mechanism.states)
+        self.u = _column(mechanism.inputs)
+        self.p = _column(mechanism.parameters)
+        self.z_rate = _column([mechanism.state_rates[z] for z in mechanism.states])
+        masses = [ca.SX(value) for b in bodies for value in (b.mass, b.mass, b.inertia)]
+        self.mass_diagonal = ca.vertcat(*masses, ca.SX.zeros(len(extra)))
+        self.M = ca.diag(self.mass_diagonal)
+        self.coordinate_names = tuple(s.name() for s in ca.vertsplit(self.q))
+        self._collect_rows(mechanism.constraints)
+        self._collect_forces(mechanism.elements)
+
+    def _collect_rows(self, constraints: Sequence[Any]) -> None:
+        self.lam = ca.vertcat(ca.SX(0, 1), *[c.multipliers for c in constraints])
+        self.row_names = tuple(name for c in constraints for name in c.row_names)
+        self.row_elements = tuple(c for c in constraints for _ in range(c.multipliers.numel()))
+        position = [np.full(c.rows.numel(), True) for c in constraints]
+        level = [np.r_[p, np.full(c.velocity_rows.numel(), False)] for p, c in zip(position, constraints, strict=True)]
+        flags = np.concatenate([np.zeros(0, bool), *level])
+        self.position_rows = np.flatnonzero(flags)
+        self.Phi = ca.vertcat(ca.SX(0, 1), *[c.rows for c in constraints])
+        velocity_rows = ca.vertcat(ca.SX(0, 1), *[c.velocity_rows for c in constraints])
+
+        jacobian_q = ca.jacobian(self.Phi, self.q)
+        jacobian_v = ca.jacobian(velocity_rows, self.v)
+        order = np.argsort(np.r_[self.position_rows, np.flatnonzero(~flags)], kind="stable")
+        rest = ca.substitute(velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
+        rows = [int(k) for k in order]
+        self.Phi_q = ca.vertcat(jacobian_q, jacobian_v)[rows, :] if rows else ca.SX(0, self.q.numel())
+        self.nu = ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[rows]
+        rate = ca.vertcat(
+            ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t), velocity_rows
+        )[rows]
+        self.gamma = -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
+
+    def _collect_forces(self, elements: Sequence[Any]) -> None:
+        pairs = [pair for element in elements for pair in element.virtual_work]
+        displacement = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(d)) for d, _ in pairs])
+        force = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(f)) for _, f in pairs])
+        self.Q = ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
+        self.potential = sum((ca.SX(e.potential) for e in elements), ca.SX(0))
+        self.kinetic = 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
+
+    # --- sizes and properties ------------------------------------------------------
+    @property
+    def symbols(self) -> tuple[ca.SX, ...]:
+        """``(t, q, v, a, z, lam, u, p)``, the arguments of every compiled expression."""
+        return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
+
+    @cached_property
+    def _known(self) -> set[int]:
+        return {s.element_hash() for group in self.symbols for s in ca.vertsplit(group)}
+
+    @cached_property
+    def Q_depends_on_lam(self) -> bool:
+        """Whether a force depends on the multipliers (joint friction)."""
+        return bool(self.lam.numel()) and bool(ca.depends_on(self.Q, self.lam))
+
+    @cached_property
+    def estimate(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Estimates of q, v and z that the bodies and states carry."""
+        m = self.mechanism
+        q = np.concatenate([*[b.pose_estimate for b in m.bodies], [c.value for c in m.coordinates]])
+        v = np.concatenate([*[b.velocity_estimate for b in m.bodies], np.zeros(len(m.coordinates))])
+        return q, v, np.array([z.initial for z in m.states])
+
+    @cached_property
+    def parameter_values(self) -> np.ndarray:
+        """The parameters' own values."""
+        return np.array([p.value for p in self.mechanism.parameters])
+
+    @cached_property
+    def input_values(self) -> np.ndarray:
+        """The inputs' own values."""
+        return np.array([u.value for u in self.mechanism.inputs])
+
+    def masses(self, p: np.ndarray) -> np.ndarray:
+        """Diagonal of M as numbers (n,)."""
+        function = self._compiled("masses", [self.p], [ca.densify(self.mass_diagonal)])
+        return function(p).full().ravel()
+
+    # --- compiled functions -----------------------------------------------------------
+    def _compiled(self, key: Any, arguments: Sequence[Any], results: Sequence[Any]) -> ca.Function:
+        memory = self.mechanism.memory
+        if key not in memory:
+            memory[key] = ca.Function(key if isinstance(key, str) else "f", list(arguments), list(results))
+        return memory[key]
+
+    def function(self, expression: Any) -> ca.Function:
+        """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``, made once and kept.
+
+        Raises
+        ------
+        ExpressionError
+            For a symbol that the mechanism does not have.
+        """
+        expression = ca.SX(expression)
+        elements = [ca.SX(e) for e in expression.elements()] if expression.numel() else []
+        key = ("expression", expression.shape, tuple(e.element_hash() for e in elements))
+        memory = self.mechanism.memory
+        if key not in memory:
+            for symbol in symbols_of(expression):
+                if symbol.element_hash() not in self._known:
+                    raise ExpressionError(
+                        f"the expression holds {self._foreign(symbol)}, which the mechanism does not have"
+                    )
+            # the expression is kept beside its function: a hash is only unique while the node lives
+            memory[key] = (ca.Function("expression", list(self.symbols), [ca.densify(expression)]), expression)
+        return memory[key][0]
+
+    @staticmethod
+    def _foreign(symbol: ca.SX) -> str:
+        role = role_of(symbol)
+        owner = getattr(role.owner, "name", None) if role else None
+        return describe(symbol) + (f" of '{owner}'" if owner else "")
+
+    def value(self, expression: Any, arguments: Sequence[Any]) -> np.ndarray:
+        """Value of an expression at one state, in the expression's own shape."""
+        return self.function(expression)(*arguments).full()
+
+    @cached_property
+    def saddle_point(self) -> SaddlePoint:
+        """The linear system for (a, lam) as expressions."""
+        return SaddlePoint(self.mass_diagonal, self.Phi_q, self.Q, self.gamma)
+
+    @cached_property
+    def forward_dynamics(self) -> ca.Function:
+        """``(t, q, v, z, u, p) -> (a, lam)``: accelerations and multipliers, exportable to C.
+
+        For constraints with redundant rows use the analyses, which find the
+        multipliers of least norm.
+        """
+        massless = bool(np.any(self.masses(self.parameter_values) == 0))
+        return forward_dynamics(self, massless=massless)
+
+    # --- printing ----------------------------------------------------------------------
+    def __str__(self) -> str:
+        return equations_as_text(self)
+
+    def __repr__(self) -> str:
+        return f"Equations(n = {self.q.numel()} coordinates, m = {self.lam.numel()} constraint rows)"
+
+    def _repr_latex_(self) -> str:
+        return equations_as_latex(self)
+
+
+def _column(values: Sequence[Any]) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *values)

@@ -1,0 +1,65 @@
+"""Equations of motion printed as in the textbook."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ..printing import matrix_to_latex, matrix_to_text, to_latex, to_text
+
+if TYPE_CHECKING:
+    from .derivation import Equations
+
+#: Larger systems are printed by their sizes and the constraint rows alone.
+LARGEST_MATRIX = 30
+
+
+def equations_as_text(eom: Equations) -> str:
+    """Equations in plain text: the general form, then each term by rows."""
+    n, m = eom.q.numel(), eom.lam.numel()
+    lines = [
+        "Constrained equations of motion",
+        f"  M a + Phi_q^T lam = Q        n = {n} coordinates",
+        f"  Phi(q, t) = 0                m = {m} constraint rows",
+        "  Phi_q v = nu",
+        "  Phi_q a = gamma",
+        "",
+        "q = [" + ", ".join(eom.coordinate_names) + "]",
+    ]
+    masses = [to_text(eom.mass_diagonal[k]) for k in range(n)]
+    lines += ["M = diag(" + ", ".join(masses) + ")", "", "Q"]
+    lines += _rows(eom.coordinate_names, [eom.Q[k] for k in range(n)])
+    position_names = [eom.row_names[k] for k in eom.position_rows]
+    lines += ["", "Phi", *_rows(position_names, [eom.Phi[k] for k in range(eom.Phi.numel())])]
+    if 0 < n <= LARGEST_MATRIX:
+        lines += ["", "Phi_q", matrix_to_text(eom.Phi_q, list(eom.row_names), list(eom.coordinate_names))]
+    lines += ["", "nu", *_rows(eom.row_names, [eom.nu[k] for k in range(m)])]
+    lines += ["", "gamma", *_rows(eom.row_names, [eom.gamma[k] for k in range(m)])]
+    if eom.z.numel():
+        names = [z.label for z in eom.mechanism.states]
+        lines += ["", "rates of first-order states", *_rows(names, [eom.z_rate[k] for k in range(len(names))])]
+    return "\n".join(lines)
+
+
+def _rows(names, entries) -> list[str]:
+    width = max((len(name) for name in names), default=0)
+    return [f"  {name:<{width}}  {to_text(entry)}" for name, entry in zip(names, entries, strict=True)]
+
+
+def equations_as_latex(eom: Equations) -> str:
+    """Equations in LaTeX for a notebook."""
+    general = (
+        r"\mathbf{M}\,\mathbf{a} + \boldsymbol{\Phi}_q^T \boldsymbol{\lambda} = \mathbf{Q}, \quad "
+        r"\boldsymbol{\Phi} = \mathbf{0}, \quad \boldsymbol{\Phi}_q \mathbf{v} = \boldsymbol{\nu}, \quad "
+        r"\boldsymbol{\Phi}_q \mathbf{a} = \boldsymbol{\gamma}"
+    )
+    parts = [
+        general,
+        r"\mathbf{q} = " + matrix_to_latex(eom.q),
+        r"\mathbf{M} = \mathrm{diag}\left(" + ", ".join(to_latex(x) for x in eom.mass_diagonal.elements()) + r"\right)",
+        r"\mathbf{Q} = " + matrix_to_latex(eom.Q),
+        r"\boldsymbol{\Phi} = " + matrix_to_latex(eom.Phi),
+        r"\boldsymbol{\Phi}_q = " + matrix_to_latex(eom.Phi_q),
+        r"\boldsymbol{\nu} = " + matrix_to_latex(eom.nu),
+        r"\boldsymbol{\gamma} = " + matrix_to_latex(eom.gamma),
+    ]
+    return "\n".join(f"$${part}$$" for part in parts)

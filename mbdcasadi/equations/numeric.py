@@ -1,0 +1,147 @@
+"""Numbers from the equations: constraint functions and the solve for (a, lam) at given parameters."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ..errors import SingularityError
+from ..numerics.least_squares import largest
+from ..numerics.rank import RankAnalysis, analyse_rank
+from .derivation import Equations
+from .saddle import forward_dynamics
+
+
+class NumericEquations:
+    """The equations of motion at given parameter values.
+
+    Parameters
+    ----------
+    eom : Equations
+        The symbolic equations.
+    p : numpy.ndarray
+        Parameter values.
+    """
+
+    def __init__(self, eom: Equations, p: np.ndarray):
+        self.eom = eom
+        self.p = np.asarray(p, float)
+        self.mass = eom.masses(self.p)
+        #: metric in which "nearest" is meant: the masses, one where there is none
+        self.weights = np.where(self.mass > 0, self.mass, 1.0)
+
+    @property
+    def massless(self) -> bool:
+        """Whether a coordinate has no inertia."""
+        return bool(np.any(self.mass == 0))
+
+    @cached_property
+    def _position(self) -> ca.Function:
+        eom = self.eom
+        rows = [int(k) for k in eom.position_rows]
+        return eom._compiled("position", [eom.t, eom.q, eom.p], [ca.densify(eom.Phi), eom.Phi_q[rows, :]])
+
+    @cached_property
+    def _velocity(self) -> ca.Function:
+        eom = self.eom
+        return eom._compiled("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
+
+    @cached_property
+    def _acceleration(self) -> ca.Function:
+        eom = self.eom
+        arguments = [eom.t, eom.q, eom.v, eom.p]
+        return eom._compiled("acceleration", arguments, [eom.Phi_q, ca.densify(eom.gamma)])
+
+    def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``Phi`` and its Jacobian, position rows only."""
+        phi, jacobian = self._position(t, q, self.p)
+        return phi.full().ravel(), jacobian.full()
+
+    def velocity(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``Phi_q`` and ``nu``, all rows."""
+        jacobian, nu = self._velocity(t, q, self.p)
+        return jacobian.full(), nu.full().ravel()
+
+    def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """``Phi_q`` and ``gamma``, all rows."""
+        jacobian, gamma = self._acceleration(t, q, v, self.p)
+        return jacobian.full(), gamma.full().ravel()
+
+    # --- rank --------------------------------------------------------------------------
+    @cached_property
+    def column_scale(self) -> np.ndarray:
+        """Length that makes an angle comparable with a displacement, by coordinate (n,)."""
+        eom = self.eom
+        q0 = eom.estimate[0]
+        jacobian = self.velocity(0.0, q0)[0]
+        bodies = len(eom.mechanism.bodies)
+        scale = np.ones(q0.size)
+        lever = np.abs(jacobian[:, 2 : 3 * bodies : 3])
+        typical = np.max(lever, initial=0.0)
+        scale[2 : 3 * bodies : 3] = 1 / typical if typical > 0 else 1.0
+        return scale
+
+    def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
+        """Rank of ``Phi_q`` with each row and the angles scaled to size one."""
+        jacobian = self.velocity(t, q)[0] * self.column_scale
+        size = np.linalg.norm(jacobian, axis=1, keepdims=True)
+        return analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0))
+
+    # --- accelerations and multipliers ---------------------------------------------------
+    def forward_dynamics(self, *, redundant: bool) -> ca.Function:
+        """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
+        key = ("forward dynamics", self.massless, redundant)
+        memory = self.eom.mechanism.memory
+        if key not in memory:
+            memory[key] = forward_dynamics(self.eom, massless=self.massless, redundant=redundant)
+        return memory[key]
+
+    def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:
+        """Coordinates in which something moves that neither has mass nor is held by joints."""
+        if not self.massless:
+            return []
+        free = self.rank(t, q).null_columns.T * self.column_scale[:, None]
+        inertia = free.T @ (self.mass[:, None] * free)
+        values, vectors = np.linalg.eigh(inertia)
+        empty = free @ vectors[:, values <= 1e-12 * max(largest(values), np.finfo(float).tiny)]
+        moved = np.linalg.norm(empty, axis=1) > 1e-8
+        return [self.eom.coordinate_names[k] for k in np.flatnonzero(moved & (self.mass == 0))]
+
+    def accelerations(
+        self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations and multipliers at one state.
+
+        Raises
+        ------
+        SingularityError
+            Where mass is missing, or no acceleration meets the constraints (lock-up).
+        """
+        missing = self.motion_without_mass(t, q)
+        if missing:
+            bodies = list(dict.fromkeys(name.rsplit(".", 1)[0] for name in missing))
+            raise SingularityError(
+                f"body {_quoted(bodies)} has no mass or inertia in {', '.join(missing)}, and no joint holds that "
+                "motion: the mass matrix is singular; give it mass or inertia, or a joint",
+                time=t,
+            )
+        a, lam = self.forward_dynamics(redundant=redundant)(t, q, v, z, u, self.p)
+        a, lam = a.full().ravel(), lam.full().ravel()
+        jacobian, gamma = self.acceleration(t, q, v)
+        left_over = jacobian @ a - gamma if a.size else np.zeros(0)
+        scale = 1 + largest(gamma) + largest(a)
+        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(left_over) > 1e-5 * scale:
+            names = self.eom.row_names
+            worst = np.argsort(-np.abs(np.where(np.isfinite(left_over), left_over, np.inf)))[:3]
+            raise SingularityError(
+                f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
+                f"{', '.join(names[k] for k in worst)}, or a force is not finite there",
+                time=t,
+            )
+        return a, lam
+
+
+def _quoted(names: list[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)

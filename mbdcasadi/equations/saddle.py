@@ -1,0 +1,116 @@
+"""The linear system of constrained dynamics, solved as expressions.
+
+    [ M     Phi_q^T ] [ a   ]   [ Q     ]
+    [ Phi_q    0    ] [ lam ] = [ gamma ]
+
+With a regular diagonal ``M`` the multipliers follow from
+``S lam = Phi_q M⁻¹ Q - gamma``, ``S = Phi_q M⁻¹ Phi_q^T``, by a sparse symbolic
+LDL factorisation. Where bodies have no mass, ``M`` is replaced by
+``M + alpha Phi_q^T Phi_q`` and ``Q`` by ``Q + alpha Phi_q^T gamma``: the
+solution stays the same, since ``Phi_q a = gamma``, and the matrix is regular
+exactly where the joints hold what has no mass. Redundant rows make ``S``
+singular; ``S + epsilon I`` with refinement gives the multipliers of least norm.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+if TYPE_CHECKING:
+    from .derivation import Equations
+
+#: Regularisation of S, relative to the mean of its diagonal.
+REGULARISATION = 1e-9
+#: Refinement steps of the regularised solve.
+REFINEMENTS = 2
+
+
+class SaddlePoint:
+    """The saddle-point system with a choice of how it is solved.
+
+    Parameters
+    ----------
+    mass_diagonal : casadi.SX
+        (n,).
+    jacobian : casadi.SX
+        ``Phi_q`` (m, n).
+    force, gamma : casadi.SX
+        Right sides (n,), (m,).
+    """
+
+    def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX):
+        self.mass_diagonal = mass_diagonal
+        self.jacobian = jacobian
+        self.force = force
+        self.gamma = gamma
+
+    def solution(self, *, massless: bool = False, redundant: bool = False) -> tuple[ca.SX, ca.SX]:
+        """Return ``(a, lam)`` as expressions.
+
+        Parameters
+        ----------
+        massless : bool
+            Whether some masses or inertias are zero.
+        redundant : bool
+            Whether the rows are dependent; the multipliers are then those of least norm.
+        """
+        jacobian, force = self.jacobian, self.force
+        if massless:
+            alpha = ca.sum1(self.mass_diagonal) / self.mass_diagonal.numel()
+            mass = ca.diag(self.mass_diagonal) + alpha * (jacobian.T @ jacobian)
+            force = force + alpha * (jacobian.T @ self.gamma)
+            factors = ca.ldl(mass)
+
+            def over_mass(right: ca.SX) -> ca.SX:
+                return ca.ldl_solve(ca.densify(right), *factors)
+        else:
+            inverse = 1 / self.mass_diagonal
+
+            def over_mass(right: ca.SX) -> ca.SX:
+                return ca.diag(inverse) @ right
+
+        if jacobian.size1() == 0:
+            return over_mass(force), ca.SX(0, 1)
+        schur = jacobian @ over_mass(jacobian.T)
+        right = jacobian @ over_mass(force) - self.gamma
+        lam = solve_symmetric(schur, right, redundant=redundant)
+        return over_mass(force - jacobian.T @ lam), lam
+
+
+def solve_symmetric(matrix: ca.SX, right: ca.SX, *, redundant: bool) -> ca.SX:
+    """Solve a symmetric positive (semi-)definite system by LDL, regularised where rows are redundant."""
+    if not redundant:
+        return ca.ldl_solve(right, *ca.ldl(matrix))
+    size = matrix.size1()
+    epsilon = REGULARISATION * ca.trace(matrix) / size
+    factors = ca.ldl(matrix + epsilon * ca.SX.eye(size))
+    solution = ca.ldl_solve(right, *factors)
+    for _ in range(REFINEMENTS):
+        solution += ca.ldl_solve(right - matrix @ solution, *factors)
+    return solution
+
+
+def forward_dynamics(eom: Equations, *, massless: bool = False, redundant: bool = False) -> ca.Function:
+    """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
+
+    Where a force depends on the multipliers (friction) the system is not
+    linear, and Newton's method solves it.
+    """
+    arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    names = ["t", "q", "v", "z", "u", "p"]
+    if not eom.Q_depends_on_lam:
+        a, lam = eom.saddle_point.solution(massless=massless, redundant=redundant)
+        return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
+    unknowns = ca.vertcat(eom.a, eom.lam)
+    residual = ca.vertcat(
+        eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma
+    )
+    root = ca.rootfinder(
+        "newton", "newton", ca.Function("r", [unknowns, *arguments], [residual]), {"linear_solver": "csparse"}
+    )
+    given = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
+    found = root(ca.MX.zeros(unknowns.numel()), *given)
+    n = eom.q.numel()
+    return ca.Function("forward_dynamics", given, [found[:n], found[n:]], names, ["a", "lam"])

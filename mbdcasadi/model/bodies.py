@@ -1,0 +1,320 @@
+"""Rigid bodies with centroidal frames, the ground, and markers on them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import ModelError
+from .immutable import Immutable
+from .quantities import quantity, triple
+from .symbols import check_name, register, time_derivative
+
+if TYPE_CHECKING:
+    from .shapes import Shape
+
+
+def rotation(angle: Any) -> ca.SX:
+    """Rotation matrix ``A(angle)`` (2, 2) from a rotated frame to the frame it is measured in."""
+    c, s = ca.cos(ca.SX(angle)), ca.sin(ca.SX(angle))
+    return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
+
+
+class Marker(Immutable):
+    """A point with axes, fixed in the frame of a body.
+
+    Made by :meth:`Body.at`. All attributes are expressions in the global frame.
+
+    Attributes
+    ----------
+    body : Body
+        The body that carries it.
+    local : casadi.SX
+        ``s'`` (2,), coordinates in the centroidal frame of the body, m.
+    local_angle : casadi.SX
+        Angle of its x axis in the body frame, rad.
+    """
+
+    def __init__(self, body: Body, local: ca.SX, local_angle: ca.SX):
+        self.body = body
+        self.local = local
+        self.local_angle = local_angle
+
+    @cached_property
+    def position(self) -> ca.SX:
+        """``r^P = r + A s'`` (2,), m."""
+        return self.body.position + rotation(self.body.phi) @ self.local
+
+    @cached_property
+    def velocity(self) -> ca.SX:
+        """Velocity (2,), m/s."""
+        return time_derivative(self.position)
+
+    @cached_property
+    def acceleration(self) -> ca.SX:
+        """Acceleration (2,), m/s²."""
+        return time_derivative(self.velocity)
+
+    @property
+    def x(self) -> ca.SX:
+        """First coordinate, m."""
+        return self.position[0]
+
+    @property
+    def y(self) -> ca.SX:
+        """Second coordinate, m."""
+        return self.position[1]
+
+    @property
+    def vx(self) -> ca.SX:
+        """First component of the velocity, m/s."""
+        return self.velocity[0]
+
+    @property
+    def vy(self) -> ca.SX:
+        """Second component of the velocity, m/s."""
+        return self.velocity[1]
+
+    @property
+    def ax(self) -> ca.SX:
+        """First component of the acceleration, m/s²."""
+        return self.acceleration[0]
+
+    @property
+    def ay(self) -> ca.SX:
+        """Second component of the acceleration, m/s²."""
+        return self.acceleration[1]
+
+    @property
+    def angle(self) -> ca.SX:
+        """Angle of the marker's x axis, rad."""
+        return self.body.phi + self.local_angle
+
+    @cached_property
+    def angular_velocity(self) -> ca.SX:
+        """Rate of :attr:`angle`, rad/s."""
+        return time_derivative(self.angle)
+
+    @cached_property
+    def axes(self) -> ca.SX:
+        """Matrix (2, 2) whose columns are the marker's axes."""
+        return rotation(self.angle)
+
+    @property
+    def x_axis(self) -> ca.SX:
+        """Unit vector (2,) along the marker's x axis."""
+        return self.axes[:, 0]
+
+    @property
+    def y_axis(self) -> ca.SX:
+        """Unit vector (2,) along the marker's y axis."""
+        return self.axes[:, 1]
+
+    def __repr__(self) -> str:
+        return f"Marker({self.body.name!r}, {self.local[0]}, {self.local[1]}, angle={self.local_angle})"
+
+
+class Body(Immutable):
+    """A rigid body in the plane; its frame sits at the centre of mass.
+
+    Parameters
+    ----------
+    name : str
+        Its name, one of a kind in a mechanism.
+    mass : float or expression in parameters
+        Mass, kg; zero where the joints hold the translation.
+    inertia : float or expression in parameters
+        Moment of inertia ``J'`` about the centre of mass, kg m²; zero where the joints hold the rotation.
+    pose : (float, float, float), default (0, 0, 0)
+        Estimate of ``x, y`` (m) and ``phi`` (rad).
+    velocity : (float, float, float), default (0, 0, 0)
+        Estimate of ``vx, vy`` (m/s) and ``omega`` (rad/s).
+    shape : Shape, optional
+        Outline for pictures, in the body frame.
+
+    Attributes
+    ----------
+    x, y, phi, vx, vy, omega, ax, ay, alpha : casadi.SX
+        Its coordinates and their rates, in the global frame (m, rad, s).
+    q, v, a : casadi.SX
+        The same as vectors (3,).
+    pose_estimate, velocity_estimate : numpy.ndarray
+        The estimates, of the centre of mass.
+
+    Raises
+    ------
+    ModelError
+        For a negative or non-finite mass or inertia, or a pose that is no three finite numbers.
+
+    References
+    ----------
+    Haug, *Computer Aided Kinematics and Dynamics of Mechanical Systems*, 1989, sections 2.4 and 6.1.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        mass: Any,
+        inertia: Any,
+        pose: Any = (0.0, 0.0, 0.0),
+        velocity: Any = (0.0, 0.0, 0.0),
+        shape: Shape | None = None,
+    ):
+        self.name = check_name(name, "Body")
+        what = f"body '{name}'"
+        self.mass = quantity(mass, what, "mass", at_least=0.0)
+        self.inertia = quantity(inertia, what, "inertia", at_least=0.0)
+        self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
+        self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
+        self.shape = shape
+        self._shape_centroid = np.zeros(2)
+        self._name_coordinates()
+
+    def _name_coordinates(self) -> None:
+        names = (("x", "vx", "ax"), ("y", "vy", "ay"), ("phi", "omega", "alpha"))
+        roles = []
+        for levels in names:
+            symbols = [ca.SX.sym(f"{self.name}.{level}") for level in levels]
+            for kind, level, symbol, rate in zip(
+                ("position", "velocity", "acceleration"), levels, symbols, [*symbols[1:], None], strict=True
+            ):
+                setattr(self, level, symbol)
+                roles.append(register(symbol, kind, f"{self.name}.{level}", self, rate))
+        self._roles = tuple(roles)
+
+    @classmethod
+    def from_shape(
+        cls,
+        name: str,
+        shape: Shape,
+        density: float | None = None,
+        mass: float | None = None,
+        pose: Any = (0.0, 0.0, 0.0),
+        velocity: Any = (0.0, 0.0, 0.0),
+    ) -> Body:
+        """Make a homogeneous body from its shape.
+
+        Mass, centre of mass and ``J'`` follow from the shape. The points given
+        to :meth:`at`, the pose and the velocity are those of the *shape's own
+        frame*; the coordinates ``x, y, phi`` remain those of the centre of mass.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        shape : Shape
+            ``Rectangle``, ``Disc``, ``Polygon``, ``Rod``, or sums and differences of them.
+        density : float, optional
+            Mass by area, kg/m² (by length for rods, kg/m).
+        mass : float, optional
+            Mass, kg; exactly one of `density` and `mass` is given.
+        pose, velocity : (float, float, float)
+            Estimates for the shape's frame.
+        """
+        total, centroid, inertia = shape.mass_properties(density=density, mass=mass)
+        what = f"body '{name}'"
+        x, y, phi = triple(pose, what, "pose", "(x, y, phi)")
+        vx, vy, omega = triple(velocity, what, "velocity", "(vx, vy, omega)")
+        arm = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ centroid
+        body = cls(
+            name,
+            total,
+            inertia,
+            pose=(x + arm[0], y + arm[1], phi),
+            velocity=(vx - omega * arm[1], vy + omega * arm[0], omega),
+            shape=shape,
+        )
+        object.__setattr__(body, "_shape_centroid", np.asarray(centroid, float))
+        return body
+
+    @cached_property
+    def position(self) -> ca.SX:
+        """Centre of mass ``r`` (2,), m."""
+        return ca.vertcat(self.x, self.y)
+
+    @cached_property
+    def velocity(self) -> ca.SX:
+        """Velocity of the centre of mass (2,), m/s."""
+        return ca.vertcat(self.vx, self.vy)
+
+    @cached_property
+    def acceleration(self) -> ca.SX:
+        """Acceleration of the centre of mass (2,), m/s²."""
+        return ca.vertcat(self.ax, self.ay)
+
+    @cached_property
+    def q(self) -> ca.SX:
+        """Coordinates ``[x, y, phi]``."""
+        return ca.vertcat(self.x, self.y, self.phi)
+
+    @cached_property
+    def v(self) -> ca.SX:
+        """Velocities ``[vx, vy, omega]``."""
+        return ca.vertcat(self.vx, self.vy, self.omega)
+
+    @cached_property
+    def a(self) -> ca.SX:
+        """Accelerations ``[ax, ay, alpha]``."""
+        return ca.vertcat(self.ax, self.ay, self.alpha)
+
+    @property
+    def is_ground(self) -> bool:
+        """Whether this is the global frame."""
+        return False
+
+    @property
+    def shape_frame(self) -> np.ndarray:
+        """Origin of the shape's frame in the body frame (2,), m."""
+        return -self._shape_centroid
+
+    def at(self, x: Any, y: Any, angle: Any = 0.0) -> Marker:
+        """Return the marker at a point of the body.
+
+        Parameters
+        ----------
+        x, y : float or expression
+            Coordinates in the body frame (in the shape's frame after :meth:`from_shape`), m.
+        angle : float or expression, default 0
+            Angle of the marker's x axis in that frame, rad.
+        """
+        what = f"body '{self.name}'"
+        point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
+        local = ca.vertcat(*[ca.SX(p) for p in point]) - self._shape_centroid
+        return Marker(self, local, ca.SX(quantity(angle, what, "marker angle")))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"
+
+
+class Ground(Body):
+    """The global frame as a body that does not move."""
+
+    def __init__(self) -> None:
+        super().__init__("ground", 0.0, 0.0)
+
+    def _name_coordinates(self) -> None:
+        for level in ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha"):
+            setattr(self, level, ca.SX(0))
+        self._roles = ()
+
+    @property
+    def is_ground(self) -> bool:
+        return True
+
+    def __repr__(self) -> str:
+        return "ground"
+
+
+#: The global frame.
+ground = Ground()
+
+
+def as_marker(value: Any, what: str, argument: str) -> Marker:
+    """Return the marker, or raise with the name of the element that was given something else."""
+    if isinstance(value, Marker):
+        return value
+    hint = f"; write {value.name}.at(x, y)" if isinstance(value, Body) else ""
+    raise ModelError(f"{what}: {argument} must be a marker, as body.at(x, y) makes it, got {value!r}{hint}")

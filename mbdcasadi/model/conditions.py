@@ -1,0 +1,143 @@
+"""Conditions: relations between expressions, taken apart into rows.
+
+``crank.phi == 0.3``, ``tip.position == (1, 2)``, ``load <= 200``,
+``bounded(-5, tau, 5)``. CasADi keeps a relation as an expression whose last
+operation is the comparison; this module reads both sides off it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from ..errors import ConditionError
+from ..printing import to_text
+from .quantities import quantity
+from .symbols import role_of, symbols_of
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One scalar condition, ``expression == 0`` or ``expression <= 0``.
+
+    Attributes
+    ----------
+    expression : casadi.SX
+        Left side less right side.
+    equality : bool
+        Whether it is an equality.
+    label : str
+        The relation as the user wrote it.
+    """
+
+    expression: ca.SX
+    equality: bool
+    label: str
+
+    def depends_on(self, *kinds: str) -> bool:
+        """Whether a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""
+        roles = (role_of(symbol) for symbol in symbols_of(self.expression))
+        return any(role is not None and role.kind in kinds for role in roles)
+
+    def __repr__(self) -> str:
+        return self.label
+
+
+@dataclass(frozen=True, eq=False)
+class Bounded:
+    """``lower <= expression <= upper``, made by :func:`bounded`."""
+
+    lower: ca.SX
+    expression: ca.SX
+    upper: ca.SX
+
+
+def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
+    """Return the two-sided condition ``lower <= expression <= upper``.
+
+    Parameters
+    ----------
+    lower, upper : float or expression
+        Limits; each may hold parameters.
+    expression : casadi.SX
+        Scalar.
+
+    Raises
+    ------
+    ConditionError
+        Where the limits are the wrong way round, or the expression is a number.
+    """
+    what = "bounded"
+    low, value, high = (
+        quantity(x, what, name) for x, name in ((lower, "lower"), (expression, "expression"), (upper, "upper"))
+    )
+    if not isinstance(value, ca.SX):
+        raise ConditionError(f"bounded: the expression in the middle is the number {value}")
+    if not isinstance(low, ca.SX) and not isinstance(high, ca.SX) and low > high:
+        raise ConditionError(f"bounded: lower = {low} is above upper = {high} for {to_text(value)}")
+    return Bounded(ca.SX(low), value, ca.SX(high))
+
+
+_RELATIONS = {ca.OP_EQ: "==", ca.OP_LE: "<=", ca.OP_LT: "<="}
+
+
+def read_conditions(conditions: Any) -> tuple[Condition, ...]:
+    """Take relations apart.
+
+    Parameters
+    ----------
+    conditions : relation or iterable of relations
+        Scalar or vector relations, and :func:`bounded` ones.
+
+    Returns
+    -------
+    tuple of Condition
+        One for each scalar relation.
+
+    Raises
+    ------
+    ConditionError
+        For what is no relation, a relation between numbers, or ``!=``.
+    """
+    if isinstance(conditions, ca.SX | Bounded):
+        conditions = [conditions]
+    if isinstance(conditions, str | dict) or not isinstance(conditions, Iterable):
+        raise ConditionError(f"conditions must be a list of relations such as [body.phi == 0.3], got {conditions!r}")
+    result: list[Condition] = []
+    for position, entry in enumerate(conditions, start=1):
+        result += _read_one(entry, position)
+    return tuple(result)
+
+
+def _read_one(entry: Any, position: int) -> Sequence[Condition]:
+    if isinstance(entry, Condition):
+        return [entry]
+    if isinstance(entry, Bounded):
+        return [*_relation(entry.lower <= entry.expression, position), *_relation(entry.expression <= entry.upper, position)]
+    if isinstance(entry, ca.SX):
+        return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
+    raise ConditionError(
+        f"condition {position} is {entry!r}, which is no relation between expressions (write body.phi == 0.3)"
+    )
+
+
+def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
+    if relation.is_constant():
+        truth = "holds always" if float(relation) else "can never hold"
+        raise ConditionError(
+            f"condition {position} is a relation between numbers that {truth}; a condition holds a symbol of the model"
+        )
+    if relation.op() == ca.OP_NE:
+        raise ConditionError(f"condition {position} ({to_text(relation)}) uses !=, which no solver can meet; use == or <=")
+    sign = _RELATIONS.get(relation.op())
+    if sign is None:
+        raise ConditionError(
+            f"condition {position} ({to_text(relation)}) is no relation; write {to_text(relation)} == value"
+        )
+    left, right = relation.dep(0), relation.dep(1)
+    if left.is_constant() and not right.is_constant() and sign == "==":
+        left, right = right, left
+    return [Condition(left - right, sign == "==", f"{to_text(left)} {sign} {to_text(right)}")]

@@ -1,0 +1,53 @@
+"""Drivers: constraints that prescribe a motion in time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ..errors import ModelError
+from .elements import ConstraintElement, owners, refuse_kinds
+from .quantities import quantity
+
+
+class Driver(ConstraintElement):
+    """Prescribed motion: ``Phi = expression - value(t)`` (1 row).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    expression : casadi.SX
+        What is driven: a scalar in coordinates (``joint.angle``, ``marker.x``), m or rad.
+    value : float or expression in time and parameters
+        Its prescribed course, twice differentiable.
+
+    Attributes
+    ----------
+    effort : casadi.SX
+        Force or torque that the driver supplies along `expression`, ``-lam``; its
+        power is ``effort * time_derivative(expression)``.
+
+    References
+    ----------
+    Haug 1989, section 3.5 (driving constraints).
+    """
+
+    word = "driver"
+
+    def __init__(self, name: str, expression: Any, value: Any):
+        what = f"driver '{name}'"
+        self.expression = ca.SX(quantity(expression, what, "expression"))
+        self.value = ca.SX(quantity(value, what, "value"))
+        others = ("velocity", "acceleration", "multiplier", "input", "state")
+        refuse_kinds(self.expression, others, what, "a driver prescribes coordinates")
+        refuse_kinds(self.value, ("position", *others), what, "its value is a function of time and parameters")
+        if not owners(self.expression):
+            raise ModelError(f"{what}: the expression {expression} depends on no coordinate of a body")
+        super().__init__(name, self.expression - self.value)
+
+    @property
+    def effort(self) -> ca.SX:
+        """Force (N) or torque (N m) that the driver supplies."""
+        return -self.multipliers

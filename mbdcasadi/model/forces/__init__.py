@@ -1,0 +1,1 @@
+"""Applied forces: one small class each, given by their virtual work."""

@@ -1,0 +1,142 @@
+"""Forces and couples applied to bodies."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..bodies import Body, as_marker, ground, rotation
+from ..elements import Element, cross, owners, refuse_kinds
+from ..quantities import quantity, vector2
+
+
+def as_body(value: Any, what: str, argument: str) -> Body:
+    """Return the body, or raise with the name of the element that was given something else."""
+    if not isinstance(value, Body):
+        raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
+    return value
+
+
+class Force(Element):
+    """Point force: ``δW = F · δr^P``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    at : Marker
+        Point of application P.
+    vector : (expression, expression)
+        Components, N.
+    frame : {"global", "body"}, default "global"
+        Axes of the components: global, or the marker's own, which turn with the body.
+    opposite : Body, optional
+        Body that takes the reaction at the same point; the ground where none is named.
+
+    Attributes
+    ----------
+    force : casadi.SX
+        Force on the marker's body (2,), global axes, N.
+
+    References
+    ----------
+    Haug 1989, section 6.1, eq. (6.1.20).
+    """
+
+    word = "force"
+
+    def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = None):
+        super().__init__(name)
+        self.at = as_marker(at, self.what, "at")
+        components = vector2(vector, self.what, "vector")
+        if frame not in ("global", "body"):
+            raise ModelError(f"{self.what}: frame must be 'global' or 'body', got {frame!r}")
+        self.frame = frame
+        self.opposite = None if opposite is None else as_body(opposite, self.what, "opposite")
+        self.force = components if frame == "global" else rotation(self.at.angle) @ components
+        self.markers = (self.at,)
+        pairs = [(self.at.position, self.force)]
+        if self.opposite is not None:
+            arm = self.at.position - self.opposite.position
+            pairs += [(self.opposite.position, -self.force), (self.opposite.phi, -cross(arm, self.force))]
+            self.__dict__["bodies"] = tuple(dict.fromkeys((self.at.body, self.opposite)))
+        self.virtual_work = tuple(pairs)
+
+
+class Torque(Element):
+    """Couple: ``δW = n (δphi - δphi_opposite)``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    body : Body
+        Body on which the couple acts.
+    value : float or expression
+        Couple n, N m, counter-clockwise.
+    opposite : Body, default ground
+        Body that takes the reaction.
+
+    Attributes
+    ----------
+    torque : casadi.SX
+        Couple on the body, N m.
+    """
+
+    word = "torque"
+
+    def __init__(self, name: str, body: Any, value: Any, opposite: Any = ground):
+        super().__init__(name)
+        self.body = as_body(body, self.what, "body")
+        self.opposite = as_body(opposite, self.what, "opposite")
+        self.torque = ca.SX(quantity(value, self.what, "value"))
+        self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
+        self.__dict__["bodies"] = (self.body, self.opposite)
+
+
+class GeneralizedForce(Element):
+    """Any force by its virtual work: ``δW = Σ force · δexpression``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    pairs : sequence of (expression, force)
+        Expressions in coordinates, and the force or couple that works along each.
+
+    Examples
+    --------
+    A motor between two bodies that are not neighbours::
+
+        GeneralizedForce("belt motor", [(b.phi - 2 * a.phi, tau)])
+    """
+
+    word = "force"
+
+    def __init__(self, name: str, pairs: Any):
+        super().__init__(name)
+        checked = []
+        for entry in pairs:
+            try:
+                expression, force = (ca.vec(ca.SX(part)) for part in entry)
+            except (TypeError, ValueError, NotImplementedError):
+                raise ModelError(f"{self.what}: takes pairs (expression, force), got {entry!r}") from None
+            if expression.numel() != force.numel():
+                raise ModelError(
+                    f"{self.what}: an expression of {expression.numel()} components is paired "
+                    f"with a force of {force.numel()}"
+                )
+            refuse_kinds(
+                expression,
+                ("velocity", "acceleration", "multiplier", "input", "state"),
+                self.what,
+                "a virtual displacement is one of coordinates",
+            )
+            quantities = [quantity(part, self.what, "force") for part in ca.vertsplit(force)]
+            checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
+        if not checked:
+            raise ModelError(f"{self.what}: takes at least one pair (expression, force)")
+        self.virtual_work = tuple(checked)
+        self.__dict__["bodies"] = tuple(dict.fromkeys(b for e, _ in checked for b in owners(e)))

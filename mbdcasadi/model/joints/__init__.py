@@ -1,0 +1,1 @@
+"""Joints and other constraints: one small class each."""

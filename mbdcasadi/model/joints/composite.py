@@ -1,0 +1,87 @@
+"""Composite joints: massless links reduced to one row."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..quantities import quantity
+from ..symbols import time_derivative
+from .base import AlongLine, Joint, pair
+
+
+def distance_row(what: str, d: ca.SX, distance: Any) -> ca.SX:
+    """Row ``(d·d - C²) / (2 C)``: smooth at any pose, in metres, with a multiplier in newtons."""
+    length = quantity(distance, what, "distance", at_least=0.0)
+    if not isinstance(length, ca.SX) and length == 0:
+        raise ModelError(f"{what}: the distance is zero, where the constraint is singular; use a Revolute")
+    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length))
+
+
+class Distance(Joint):
+    """Revolute–revolute composite: a massless link of a given length between two points.
+
+    ``Phi = (d·d - C²) / (2 C)`` with ``d = r^b - r^a`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Points on two bodies.
+    distance : float or expression in time and parameters
+        Length C of the link, m; not zero.
+
+    Raises
+    ------
+    ModelError
+        For a zero or negative distance.
+
+    References
+    ----------
+    Haug 1989, sections 3.3 and 3.3.2 (composite joints).
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, distance: Any):
+        a, b = pair(name, a, b)
+        self.distance = distance
+        row = distance_row(f"joint '{name}'", b.position - a.position, distance)
+        super().__init__(name, a, b, row)
+
+
+class PointOnLine(AlongLine, Joint):
+    """Revolute–translational composite: b's point stays on a line of a, at an offset.
+
+    ``Phi = y_a · d - offset`` with ``d = r^b - r^a`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a : Marker
+        Point and x axis of the line.
+    b : Marker
+        The point.
+    offset : float or expression, default 0
+        Distance of the point from the line, towards a's y axis, m.
+
+    References
+    ----------
+    Haug 1989, section 3.3.2 (composite joints).
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, offset: Any = 0.0):
+        a, b = pair(name, a, b)
+        self.offset = quantity(offset, f"joint '{name}'", "offset")
+        row = ca.dot(a.y_axis, b.position - a.position) - self.offset
+        super().__init__(name, a, b, row)
+
+    @cached_property
+    def speed(self) -> ca.SX:
+        """Rate of :attr:`displacement`, m/s."""
+        return time_derivative(self.displacement)
+
+

@@ -1,0 +1,144 @@
+"""Constraints on single coordinates of one marker, or between two."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ..bodies import as_marker
+from ..elements import ConstraintElement
+from ..quantities import quantity, vector2
+from .base import Joint, pair
+from .composite import distance_row
+
+
+class _Absolute(ConstraintElement):
+    """One coordinate of a marker has a given value."""
+
+    word = "constraint"
+
+    def __init__(self, name: str, marker: Any, value: Any = 0.0):
+        what = f"constraint '{name}'"
+        self.marker = as_marker(marker, what, "marker")
+        self.value = quantity(value, what, "value")
+        super().__init__(name, self._coordinate() - self.value, (), (self.marker,))
+
+    def _coordinate(self) -> ca.SX:
+        raise NotImplementedError
+
+
+class AbsoluteX(_Absolute):
+    """``Phi = x^P - C`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    marker : Marker
+        The point P.
+    value : float or expression in time and parameters, default 0
+        C, m.
+
+    References
+    ----------
+    Haug 1989, section 3.2.
+    """
+
+    def _coordinate(self) -> ca.SX:
+        return self.marker.x
+
+
+class AbsoluteY(_Absolute):
+    """``Phi = y^P - C`` (1 row, m); parameters as for :class:`AbsoluteX`."""
+
+    def _coordinate(self) -> ca.SX:
+        return self.marker.y
+
+
+class AbsoluteAngle(_Absolute):
+    """``Phi = phi - C`` with the angle of the marker's x axis (1 row, rad); as :class:`AbsoluteX`."""
+
+    def _coordinate(self) -> ca.SX:
+        return self.marker.angle
+
+
+class AbsoluteDistance(ConstraintElement):
+    """Distance of a marker from a fixed point: ``Phi = (d·d - C²) / (2 C)`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    marker : Marker
+        Point P on a body; ``d = r^P - c``.
+    point : (float, float)
+        Fixed point c in the global frame, m.
+    distance : float or expression in time and parameters
+        C, m; not zero.
+
+    References
+    ----------
+    Haug 1989, section 3.2.
+    """
+
+    word = "constraint"
+
+    def __init__(self, name: str, marker: Any, point: Any, distance: Any):
+        what = f"constraint '{name}'"
+        self.marker = as_marker(marker, what, "marker")
+        self.point = vector2(point, what, "point")
+        self.distance = distance
+        row = distance_row(what, self.marker.position - self.point, distance)
+        super().__init__(name, row, (), (self.marker,))
+
+
+class _Relative(Joint):
+    """One coordinate of b less that of a has a given value."""
+
+    def __init__(self, name: str, a: Any, b: Any, value: Any):
+        a, b = pair(name, a, b)
+        self.value = quantity(value, f"constraint '{name}'", "value")
+        super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
+
+    @staticmethod
+    def _coordinate(marker: Any) -> ca.SX:
+        raise NotImplementedError
+
+
+class RelativeX(_Relative):
+    """``Phi = x^b - x^a - C``, global axes (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Points on two bodies.
+    value : float or expression in time and parameters
+        C, m.
+
+    References
+    ----------
+    Haug 1989, section 3.3.
+    """
+
+    @staticmethod
+    def _coordinate(marker: Any) -> ca.SX:
+        return marker.x
+
+
+class RelativeY(_Relative):
+    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters as for :class:`RelativeX`."""
+
+    @staticmethod
+    def _coordinate(marker: Any) -> ca.SX:
+        return marker.y
+
+
+class RelativeAngle(_Relative):
+    """``Phi = phi_b - phi_a - C`` with the markers' angles (1 row, rad); as :class:`RelativeX`."""
+
+    @staticmethod
+    def _coordinate(marker: Any) -> ca.SX:
+        return marker.angle

@@ -1,0 +1,235 @@
+"""A mechanism: the immutable list of what a model is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+
+from ..errors import ExpressionError, ModelError
+from .bodies import Body
+from .drivers import Driver
+from .elements import ConstraintElement, Element
+from .immutable import Immutable
+from .quantities import quantity
+from .symbols import Coordinate, Input, Parameter, StateVariable, describe, listed, role_of, symbols_of, t
+
+
+class Mechanism(Immutable):
+    """Bodies, joints, drivers and forces.
+
+    Parameters
+    ----------
+    bodies : sequence of Body
+        The moving bodies; the ground is always there.
+    joints : sequence, optional
+        Joints and other constraints.
+    drivers : sequence of Driver, optional
+        Prescribed motions.
+    forces : sequence, optional
+        Applied forces, springs, gravity.
+    inputs : sequence of Input, optional
+        Every input that an element uses.
+    parameters : sequence of Parameter, optional
+        Every parameter that an element, a driver or a condition uses.
+    states : dict of StateVariable to expression, optional
+        Rate of each first-order state.
+    name : str, default ""
+        Name for printing.
+
+    Attributes
+    ----------
+    bodies, joints, drivers, forces, inputs, parameters, states : tuple
+        What it is made of; `states` are the state variables of the model and of its elements.
+    state_rates : dict of StateVariable to casadi.SX
+        Their rates.
+
+    Raises
+    ------
+    ModelError, ExpressionError
+        For names that occur twice, parts of another mechanism, and symbols that are not listed.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        joints: Sequence[Any] = (),
+        drivers: Sequence[Any] = (),
+        forces: Sequence[Any] = (),
+        inputs: Sequence[Input] = (),
+        parameters: Sequence[Parameter] = (),
+        states: Mapping[StateVariable, Any] | None = None,
+        name: str = "",
+    ):
+        self.name = str(name)
+        self.bodies = tuple(bodies)
+        self.joints = tuple(joints)
+        self.drivers = tuple(drivers)
+        self.forces = tuple(forces)
+        self.inputs: tuple[Input, ...] = listed(inputs, Input, "inputs=")
+        self.parameters: tuple[Parameter, ...] = listed(parameters, Parameter, "parameters=")
+        self._own_states = dict(states or {})
+        self._check_parts()
+        self.elements: tuple[Any, ...] = tuple(
+            getattr(part, "acting_on", lambda _bodies, part=part: part)(self.bodies)
+            for part in (*self.joints, *self.drivers, *self.forces)
+        )
+        self.coordinates: tuple[Coordinate, ...] = tuple(c for e in self.elements for c in e.coordinates)
+        self.state_rates = self._collect_rates()
+        self.states = tuple(self.state_rates)
+        self._check_names()
+        self._check_connections()
+        self._check_symbols()
+        self.memory: dict[Any, Any] = {}
+
+    # --- checks --------------------------------------------------------------------
+    def _check_parts(self) -> None:
+        for body in self.bodies:
+            if not isinstance(body, Body) or body.is_ground:
+                raise ModelError(f"bodies= takes moving bodies, got {body!r}")
+        if not self.bodies:
+            raise ModelError("a mechanism needs at least one body")
+        for argument, parts in (("joints", self.joints), ("drivers", self.drivers), ("forces", self.forces)):
+            for part in parts:
+                if not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
+                    raise ModelError(f"{argument}= takes model elements, got {part!r}")
+                if argument == "forces" and part.rows.numel():
+                    raise ModelError(f"{part.what} is a constraint; give it in joints= or drivers=")
+                if argument != "drivers" and isinstance(part, Driver):
+                    raise ModelError(f"{part.what} belongs in drivers=, not in {argument}=")
+                if argument != "forces" and not isinstance(part, Element) and not hasattr(part, "multipliers"):
+                    raise ModelError(f"{part!r} has rows but no multipliers")
+                if argument != "forces" and not part.rows.numel() and not part.velocity_rows.numel():
+                    raise ModelError(f"{part.what} constrains nothing; give it in forces=")
+
+    def _collect_rates(self) -> dict[StateVariable, ca.SX]:
+        rates: dict[StateVariable, ca.SX] = {}
+        sources = [("states=", self._own_states)] + [(e.what, e.rates) for e in self.elements]
+        for source, given in sources:
+            for state, rate in given.items():
+                if not isinstance(state, StateVariable):
+                    raise ModelError(f"{source}: takes {{StateVariable: rate}}, got the key {state!r}")
+                if state in rates:
+                    raise ModelError(f"{source}: the rate of state variable '{state.label}' is given twice")
+                rates[state] = ca.SX(quantity(rate, f"state variable '{state.label}'", "rate"))
+        return rates
+
+    def _check_names(self) -> None:
+        groups: tuple[tuple[str, Iterable[str]], ...] = (
+            ("body", (b.name for b in self.bodies)),
+            ("joint, driver or force", (e.name for e in self.elements)),
+            ("input, parameter or state", (s.label for s in (*self.inputs, *self.parameters, *self.states))),
+        )
+        for kind, names in groups:
+            seen: set[str] = set()
+            for name in names:
+                if name in seen:
+                    raise ModelError(f"the {kind} name '{name}' occurs twice; each needs a name of its own")
+                seen.add(name)
+
+    def _check_connections(self) -> None:
+        known = {body.name for body in self.bodies}
+        for element in self.elements:
+            for body in element.bodies:
+                if not body.is_ground and not any(body is own for own in self.bodies):
+                    also = " (another body of that name is)" if body.name in known else ""
+                    raise ModelError(
+                        f"{element.what} uses body '{body.name}', which is not among bodies= of the mechanism{also}"
+                    )
+
+    def _check_symbols(self) -> None:
+        allowed = self.symbol_hashes
+        sources = [(f"body '{b.name}'", [ca.SX(b.mass), ca.SX(b.inertia)]) for b in self.bodies]
+        sources += [(e.what, e.expressions()) for e in self.elements]
+        sources += [(f"the rate of state variable '{z.label}'", [rate]) for z, rate in self.state_rates.items()]
+        for what, expressions in sources:
+            for symbol in symbols_of(ca.veccat(*expressions)):
+                if symbol.element_hash() not in allowed:
+                    raise ExpressionError(self._stray(symbol, what))
+        for body in self.bodies:
+            for name, value in (("mass", body.mass), ("inertia", body.inertia)):
+                for symbol in symbols_of(value):
+                    role = role_of(symbol)
+                    if role is None or role.kind != "parameter":
+                        raise ExpressionError(f"body '{body.name}': {name} may hold parameters only, not {describe(symbol)}")
+
+    @staticmethod
+    def _stray(symbol: ca.SX, what: str) -> str:
+        role = role_of(symbol)
+        lists = {"input": "inputs", "parameter": "parameters", "state": "states"}
+        kind = role.kind if role else ""
+        if kind in lists:
+            return f"{what} uses {describe(symbol)}, which is not among {lists[kind]}= of the mechanism"
+        if kind == "acceleration":
+            return f"{what} depends on {describe(symbol)}; forces follow from positions, velocities, states and inputs"
+        return f"{what} uses {describe(symbol)}, which the mechanism does not have"
+
+    # --- what is in it ---------------------------------------------------------------
+    @property
+    def symbol_hashes(self) -> set[int]:
+        """Hashes of every symbol that the equations may hold."""
+        symbols = [t, *self.inputs, *self.parameters, *self.states]
+        symbols += [s for c in self.coordinates for s in (c, c.velocity)]
+        for body in self.bodies:
+            symbols += [body.x, body.y, body.phi, body.vx, body.vy, body.omega]
+        for element in self.elements:
+            symbols += ca.vertsplit(element.multipliers) if element.multipliers.numel() else []
+        return {s.element_hash() for s in symbols}
+
+    @property
+    def constraints(self) -> tuple[ConstraintElement, ...]:
+        """Joints, then drivers, then forces that bring constraint rows."""
+        return tuple(e for e in self.elements if e.multipliers.numel())
+
+    def body(self, name: str) -> Body:
+        """Body of that name."""
+        return _find(self.bodies, name, "body")
+
+    def joint(self, name: str) -> Any:
+        """Joint, constraint or driver of that name."""
+        return _find((*self.joints, *self.drivers), name, "joint")
+
+    def force(self, name: str) -> Any:
+        """Force of that name."""
+        return _find(self.forces, name, "force")
+
+    def replace(self, **changes: Any) -> Mechanism:
+        """Return a new mechanism on the same symbols, with the arguments given replaced."""
+        arguments: dict[str, Any] = {
+            "bodies": self.bodies,
+            "joints": self.joints,
+            "drivers": self.drivers,
+            "forces": self.forces,
+            "inputs": self.inputs,
+            "parameters": self.parameters,
+            "states": self._own_states,
+            "name": self.name,
+        }
+        unknown = set(changes) - set(arguments)
+        if unknown:
+            raise ModelError(f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}")
+        return Mechanism(**(arguments | changes))
+
+    def __repr__(self) -> str:
+        counts = ", ".join(
+            f"{len(parts)} {word}"
+            for parts, word in (
+                (self.bodies, "bodies"),
+                (self.joints, "joints"),
+                (self.drivers, "drivers"),
+                (self.forces, "forces"),
+                (self.inputs, "inputs"),
+                (self.parameters, "parameters"),
+                (self.states, "states"),
+            )
+            if parts
+        )
+        return f"Mechanism({self.name + ': ' if self.name else ''}{counts})"
+
+
+def _find(parts: Sequence[Any], name: str, kind: str) -> Any:
+    for part in parts:
+        if part.name == name:
+            return part
+    raise ModelError(f"there is no {kind} '{name}'; there are {', '.join(repr(p.name) for p in parts) or 'none'}")

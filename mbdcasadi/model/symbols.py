@@ -1,0 +1,290 @@
+"""Symbols of a model: time, inputs, parameters, first-order states, and what is known of each symbol.
+
+CasADi symbols carry nothing but a name. The small registry here remembers,
+for as long as its owner lives, what a symbol stands for (its *role*) and
+what its rate of change is, so that :func:`time_derivative` and every error
+message can speak of the model instead of nodes of a graph.
+"""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from ..errors import ExpressionError, ModelError
+
+if TYPE_CHECKING:
+    from .mechanism import Mechanism
+
+#: What a symbol can stand for.
+KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "parameter", "state")
+
+
+@dataclass(frozen=True, eq=False)
+class Role:
+    """What a symbol stands for.
+
+    Attributes
+    ----------
+    kind : str
+        One of :data:`KINDS`.
+    label : str
+        Name to print.
+    owner : object
+        Body, element or symbol that it belongs to.
+    rate : casadi.SX or None
+        Its rate of change, where that is a symbol or a number.
+    """
+
+    kind: str
+    label: str
+    owner: Any
+    rate: Any = None
+
+
+_ROLES: weakref.WeakValueDictionary[int, Role] = weakref.WeakValueDictionary()
+
+
+def register(symbol: ca.SX, kind: str, label: str, owner: Any = None, rate: Any = None) -> Role:
+    """Remember the role of a symbol for as long as the caller keeps the :class:`Role`."""
+    role = Role(kind, label, owner, rate)
+    _ROLES[symbol.element_hash()] = role
+    return role
+
+
+def role_of(symbol: ca.SX) -> Role | None:
+    """Role of a scalar symbol, or None for a symbol that no model owns."""
+    return _ROLES.get(symbol.element_hash())
+
+
+def check_name(name: Any, what: str) -> str:
+    """Return the name, or raise where it is no printable text."""
+    if not isinstance(name, str) or not name.strip():
+        raise ModelError(f"{what}: the name must be a text that is not empty, got {name!r}")
+    return name
+
+
+def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
+    """Return a finite float, or raise with the owner, the quantity and the value."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
+    if math.isnan(result) or (math.isinf(result) and not infinite):
+        raise ModelError(f"{what}: {quantity} must be finite, got {result}")
+    return result
+
+
+class Symbol(ca.SX):
+    """A named scalar of the model: a ``casadi.SX`` that keeps what belongs to it."""
+
+    label: str
+    _kind = ""
+
+    def __init__(self, label: str):
+        check_name(label, type(self).__name__)
+        super().__init__(ca.SX.sym(label))
+        self.label = label
+        self._role = register(self, self._kind, label, owner=None)
+
+    def __copy__(self) -> Symbol:
+        return self
+
+    def __deepcopy__(self, memo: dict) -> Symbol:
+        return self
+
+    def __hash__(self) -> int:
+        return self.element_hash()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.label!r})"
+
+
+def _bounds(what: str, lower: Any, upper: Any) -> tuple[float, float]:
+    low = number(lower, what, "lower", infinite=True)
+    high = number(upper, what, "upper", infinite=True)
+    if low > high:
+        raise ModelError(f"{what}: lower = {low} is above upper = {high}")
+    return low, high
+
+
+class Input(Symbol):
+    """A control: a force, torque, voltage or any other quantity given from outside.
+
+    Parameters
+    ----------
+    label : str
+        Its name.
+    value : float, default 0
+        Value where an analysis is given no other one.
+    lower, upper : float, default -inf and inf
+        Limits: they hold in optimal control; ``simulate`` warns where they are exceeded.
+
+    Examples
+    --------
+    >>> tau = Input("tau", lower=-50, upper=50)
+    >>> tau.label, tau.upper
+    ('tau', 50.0)
+    """
+
+    _kind = "input"
+
+    def __init__(self, label: str, value: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
+        super().__init__(label)
+        what = f"input '{label}'"
+        self.value = number(value, what, "value")
+        self.lower, self.upper = _bounds(what, lower, upper)
+
+
+class Parameter(Symbol):
+    """A constant of the model that can be changed without deriving the equations again.
+
+    Parameters
+    ----------
+    label : str
+        Its name.
+    value : float
+        Its value where an analysis is given no other one; it must lie within its limits.
+    lower, upper : float, default -inf and inf
+        Limits for identification and optimisation.
+    """
+
+    _kind = "parameter"
+
+    def __init__(self, label: str, value: float, lower: float = -math.inf, upper: float = math.inf):
+        super().__init__(label)
+        what = f"parameter '{label}'"
+        self.value = number(value, what, "value")
+        self.lower, self.upper = _bounds(what, lower, upper)
+        if not self.lower <= self.value <= self.upper:
+            raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}")
+
+
+class StateVariable(Symbol):
+    """A first-order state ``z``; its rate is given in ``Mechanism(states={z: rate})``.
+
+    Parameters
+    ----------
+    label : str
+        Its name.
+    initial : float, default 0
+        Value at the start where no condition gives another one.
+    lower, upper : float, default -inf and inf
+        Limits for optimal control.
+    """
+
+    _kind = "state"
+
+    def __init__(self, label: str, initial: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
+        super().__init__(label)
+        what = f"state variable '{label}'"
+        self.initial = number(initial, what, "initial")
+        self.lower, self.upper = _bounds(what, lower, upper)
+
+
+class Coordinate(Symbol):
+    """A position-level coordinate without inertia, held by constraints (a contact parameter of a cam).
+
+    Parameters
+    ----------
+    label : str
+        Its name.
+    value : float, default 0
+        Estimate at the start.
+
+    Attributes
+    ----------
+    velocity, acceleration : casadi.SX
+        Its rates.
+    """
+
+    _kind = "position"
+
+    def __init__(self, label: str, value: float = 0.0):
+        super().__init__(label)
+        self.value = number(value, f"coordinate '{label}'", "value")
+        self.velocity = ca.SX.sym(f"{label}.velocity")
+        self.acceleration = ca.SX.sym(f"{label}.acceleration")
+        self._role = register(self, "position", label, rate=self.velocity)
+        self._rates = (
+            register(self.velocity, "velocity", f"{label}.velocity", rate=self.acceleration),
+            register(self.acceleration, "acceleration", f"{label}.acceleration"),
+        )
+
+
+#: Time, s.
+t = ca.SX.sym("t")
+_TIME_ROLE = register(t, "time", "t", rate=ca.SX(1))
+
+
+def symbols_of(expression: Any) -> list[ca.SX]:
+    """Scalar symbols on which an expression depends, in the order in which they occur."""
+    return ca.symvar(ca.SX(expression))
+
+
+def describe(symbol: ca.SX) -> str:
+    """A symbol in words: its kind and its name."""
+    role = role_of(symbol)
+    return f"{role.kind} '{role.label}'" if role else f"symbol '{symbol.name()}'"
+
+
+def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.SX:
+    """Rate of change of an expression, by the chain rule.
+
+    ``de/dt = e_q v + e_v a + e_z ż + e_t``
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Any shape, in coordinates, velocities, first-order states, parameters and time.
+    mechanism : Mechanism, optional
+        Needed where first-order states occur: it knows their rates.
+
+    Returns
+    -------
+    casadi.SX
+        Same shape; accelerations occur where velocities did.
+
+    Raises
+    ------
+    ExpressionError
+        Where the expression holds an input, an acceleration or a multiplier, whose rates the model does not know.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1)
+    >>> mbd.time_derivative(mbd.sin(arm.phi))
+    SX((cos(arm.phi)*arm.omega))
+    """
+    expression = ca.SX(expression)
+    rates = {} if mechanism is None else {s.element_hash(): r for s, r in mechanism.state_rates.items()}
+    varying, rate = [], []
+    for symbol in symbols_of(expression):
+        role = role_of(symbol)
+        if role is not None and role.kind == "parameter":
+            continue
+        found = rates.get(symbol.element_hash(), None if role is None else role.rate)
+        if found is None:
+            hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
+            raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
+        varying.append(symbol)
+        rate.append(found)
+    if not varying:
+        return ca.SX(*expression.shape)
+    derivative = ca.jtimes(ca.vec(expression), ca.vertcat(*varying), ca.vertcat(*rate))
+    return ca.reshape(derivative, *expression.shape)
+
+
+def listed(values: Iterable[Any], kind: type, what: str) -> tuple:
+    """The symbols of a list as a tuple; anything of another kind is refused."""
+    result = tuple(values)
+    for value in result:
+        if not isinstance(value, kind):
+            raise ModelError(f"{what} takes {kind.__name__} objects, got {value!r}")
+    return result

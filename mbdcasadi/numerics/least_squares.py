@@ -1,0 +1,128 @@
+"""Nonlinear equations by damped Gauss–Newton steps of least norm, and the nearest solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+#: ``x -> (residual, jacobian)``.
+Equations = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+#: Residuals below this times ``1 + max|x|`` count as zero.
+ACCURACY = 1e-13
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Result of a solve.
+
+    Attributes
+    ----------
+    x : numpy.ndarray
+        Where it ended.
+    residual : numpy.ndarray
+        Left over there.
+    converged : bool
+        Whether the residual is zero to rounding.
+    """
+
+    x: np.ndarray
+    residual: np.ndarray
+    converged: bool
+
+
+def largest(values: np.ndarray) -> float:
+    """Largest absolute value, 0 of nothing."""
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def least_norm_step(jacobian: np.ndarray, residual: np.ndarray, weights: np.ndarray, damping: float) -> np.ndarray:
+    """Step that minimises ``|J d + r|² + damping |d|²`` in the metric of the weights."""
+    scaled = jacobian / weights
+    normal = scaled @ jacobian.T
+    size = np.trace(normal) / max(len(residual), 1)
+    shift = max(damping, 1e-13) * max(size, np.finfo(float).tiny)
+    normal[np.diag_indices_from(normal)] += shift
+    return -scaled.T @ np.linalg.solve(normal, residual)
+
+
+def solve(
+    equations: Equations,
+    start: np.ndarray,
+    weights: np.ndarray,
+    *,
+    iterations: int = 60,
+    step_limit: float = np.inf,
+) -> Outcome:
+    """Solve ``r(x) = 0`` from a start, each step of least norm in the metric of the weights.
+
+    Damping (Levenberg–Marquardt) is raised while a step does not reduce the
+    residual, so that a system without a solution ends in a least-squares point.
+
+    Parameters
+    ----------
+    equations : callable
+        ``x -> (residual, jacobian)``.
+    start : numpy.ndarray
+        (n,).
+    weights : numpy.ndarray
+        Positive metric (n,).
+    iterations : int
+        Largest number of steps.
+    step_limit : float
+        Largest change of an entry in one step.
+    """
+    x = np.array(start, float)
+    residual, jacobian = equations(x)
+    size = float(residual @ residual)
+    damping = 0.0
+    for _ in range(iterations):
+        goal = ACCURACY * (1 + largest(x))
+        if largest(residual) <= goal:
+            return Outcome(x, residual, True)
+        step = least_norm_step(jacobian, residual, weights, damping)
+        step *= min(1.0, step_limit / max(largest(step), np.finfo(float).tiny))
+        new_residual, new_jacobian = equations(x + step)
+        new_size = float(new_residual @ new_residual)
+        if np.isfinite(new_size) and new_size < size:
+            stalled = new_size > (1 - 1e-12) * size and damping > 0
+            x, residual, jacobian, size = x + step, new_residual, new_jacobian, new_size
+            damping = 0.0 if damping < 1e-6 else damping / 10
+            if stalled:
+                break
+        elif largest(step) <= 1e-14 * (1 + largest(x)) or damping > 1e8:
+            break
+        else:
+            damping = max(10 * damping, 1e-6)
+    return Outcome(x, residual, largest(residual) <= 1e3 * ACCURACY * (1 + largest(x)))
+
+
+def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Slide along the solutions of ``r(x) = 0`` to the one nearest to a target.
+
+    Minimises ``(x - target)^T W (x - target)``: projected steps towards the
+    target, each brought back onto ``r = 0``, halved until the distance falls.
+    """
+
+    def distance(x: np.ndarray) -> float:
+        return float((x - target) @ (weights * (x - target)))
+
+    x = np.array(feasible, float)
+    for _ in range(200):
+        _, jacobian = equations(x)
+        wish = target - x
+        step = wish + least_norm_step(jacobian, jacobian @ wish, weights, 0.0)
+        if largest(step) <= 1e-10 * (1 + largest(x)):
+            return x
+        share = 1.0
+        while share > 1e-3:
+            trial = solve(equations, x + share * step, weights, iterations=12)
+            if trial.converged and distance(trial.x) < distance(x):
+                break
+            share /= 2
+        else:
+            return x
+        x = trial.x
+    return x

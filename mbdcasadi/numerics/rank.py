@@ -1,0 +1,74 @@
+"""Rank of a constraint Jacobian, dependent rows, null spaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Singular values below this share of the largest one count as zero.
+RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class RankAnalysis:
+    """Rank of a matrix and what its rows have in common.
+
+    Attributes
+    ----------
+    rank : int
+        Number of independent rows.
+    singular_values : numpy.ndarray
+        Of the matrix with its columns scaled, largest first.
+    null_rows : numpy.ndarray
+        Orthonormal combinations of rows that vanish (k, m).
+    null_columns : numpy.ndarray
+        Orthonormal basis of the null space, scaled columns (n, n - rank).
+    """
+
+    rank: int
+    singular_values: np.ndarray
+    null_rows: np.ndarray
+    null_columns: np.ndarray
+
+
+def analyse_rank(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> RankAnalysis:
+    """Find the rank of a matrix and its left and right null spaces by singular values.
+
+    Parameters
+    ----------
+    matrix : numpy.ndarray
+        (m, n), scaled so that its entries compare.
+    tolerance : float
+        Relative size below which a singular value counts as zero.
+    """
+    m, n = matrix.shape
+    if m == 0 or n == 0:
+        return RankAnalysis(0, np.zeros(0), np.eye(m), np.eye(n))
+    left, values, right = np.linalg.svd(matrix)
+    rank = int(np.sum(values > tolerance * max(values[0], np.finfo(float).tiny)))
+    return RankAnalysis(rank, values, left[:, rank:].T, right[rank:].T)
+
+
+def dependent_rows(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> list[int]:
+    """Rows that depend on rows before them, in order (Gram–Schmidt with re-orthogonalisation)."""
+    basis = np.zeros((0, matrix.shape[1]))
+    scale = max((np.linalg.norm(row) for row in matrix), default=0.0)
+    dependent = []
+    for k, row in enumerate(matrix):
+        rest = row - basis.T @ (basis @ row)
+        rest -= basis.T @ (basis @ rest)
+        size = np.linalg.norm(rest)
+        if size <= 10 * tolerance * scale:
+            dependent.append(k)
+        else:
+            basis = np.vstack([basis, rest / size])
+    return dependent
+
+
+def rows_taking_part(null_rows: np.ndarray, threshold: float = 1e-6) -> list[int]:
+    """Rows that take part in a dependency: those with a component in the left null space."""
+    if null_rows.shape[0] == 0:
+        return []
+    weight = np.linalg.norm(null_rows, axis=0)
+    return [int(k) for k in np.flatnonzero(weight > threshold)]

@@ -1,0 +1,97 @@
+"""One instant of a mechanism."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations import Equations, equations
+from ..errors import MechanismError
+from ..model.mechanism import Mechanism
+
+
+class State:
+    """Pose, velocity, acceleration and multipliers of a mechanism at one time.
+
+    ``state[expression]`` evaluates anything.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    t : float
+        Time, s.
+    q, v, a, z, lam, u, p : numpy.ndarray
+        Coordinates, velocities, accelerations, first-order states,
+        multipliers, inputs and parameters, in the order of ``equations(mechanism)``.
+    obstacle : MechanismError, optional
+        Why there are no accelerations and multipliers, where there are none.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1, pose=(0.4, 0, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> mbd.assemble(mbd.Mechanism(bodies=[arm], joints=[hinge]))[arm.x]
+    0.5
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        t: float,
+        q: np.ndarray,
+        v: np.ndarray,
+        a: np.ndarray,
+        z: np.ndarray,
+        lam: np.ndarray,
+        u: np.ndarray,
+        p: np.ndarray,
+        obstacle: MechanismError | None = None,
+    ):
+        self.mechanism = mechanism
+        self.t = float(t)
+        self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters = (
+            np.asarray(x, float).ravel() for x in (q, v, a, z, lam, u, p)
+        )
+        self._obstacle = obstacle
+
+    @property
+    def equations(self) -> Equations:
+        """Equations of motion of the mechanism."""
+        return equations(self.mechanism)
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """``(t, q, v, a, z, lam, u, p)`` for compiled expressions."""
+        return self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters
+
+    def __getitem__(self, expression: Any) -> float | np.ndarray:
+        """Value of an expression: a float, (k,) for a column, (i, j) for a matrix."""
+        expression = ca.SX(expression)
+        eom = self.equations
+        function = eom.function(expression)
+        if self._obstacle is not None and ca.depends_on(expression, ca.vertcat(eom.a, eom.lam)):
+            raise self._obstacle
+        value = function(*self.arguments).full()
+        if value.size == 1:
+            return float(value[0, 0])
+        return value.ravel() if 1 in value.shape else value
+
+    def __repr__(self) -> str:
+        eom = self.equations
+        names = [n for n in eom.coordinate_names]
+        lines = [f"State at t = {self.t:.6g} s"]
+        for k, body in enumerate(self.mechanism.bodies):
+            x, y, phi = self.q[3 * k : 3 * k + 3]
+            vx, vy, omega = self.v[3 * k : 3 * k + 3]
+            lines.append(
+                f"  {body.name}: x = {x:.6g} m, y = {y:.6g} m, phi = {phi:.6g} rad;"
+                f" vx = {vx:.6g} m/s, vy = {vy:.6g} m/s, omega = {omega:.6g} rad/s"
+            )
+        for k in range(3 * len(self.mechanism.bodies), len(names)):
+            lines.append(f"  {names[k]} = {self.q[k]:.6g}")
+        lines += [f"  {s.label} = {value:.6g}" for s, value in zip(self.mechanism.states, self.z, strict=True)]
+        return "\n".join(lines)

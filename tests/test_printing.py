@@ -1,0 +1,286 @@
+"""Expressions as text and LaTeX: the wanted form, and the same value when Python reads it back."""
+
+import time
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mbdcasadi.errors import ModelError
+from mbdcasadi.printing import matrix_to_latex, matrix_to_text, to_latex, to_text
+
+CRANK = {name: ca.SX.sym(f"crank.{name}") for name in "x y phi vx vy omega ax ay alpha".split()}
+X, PHI = CRANK["x"], CRANK["phi"]
+a, b, c = (ca.SX.sym(name) for name in "abc")
+
+
+@pytest.mark.parametrize(
+    ("expression", "text"),
+    [
+        (X + 0.05 * ca.cos(PHI) - 0.1, "crank.x + 0.05*cos(crank.phi) - 0.1"),
+        (a - (b - c), "a - (b - c)"),
+        (a + (b - c), "a + b - c"),
+        (a - b - c, "a - b - c"),
+        (-(a - b), "-(a - b)"),
+        (-a + b, "b - a"),
+        (a + (-2) * b, "a - 2*b"),
+        (a - (-2) * b, "a + 2*b"),
+        (a - ca.SX(-2), "a + 2"),
+        (-(a * b), "-a*b"),
+        (a * (b + c), "a*(b + c)"),
+        (a * b * c, "a*b*c"),
+        (a / (b * c), "a/(b*c)"),
+        (a / (b / c), "a/(b/c)"),
+        (a / b / c, "a/b/c"),
+        (2 * a, "2*a"),
+        (1 / a, "1/a"),
+        (a**2, "a**2"),
+        (a**3, "a**3"),
+        (a**4, "a**4"),
+        (a**7, "a**7"),
+        (a**-2, "1/a**2"),
+        (a**1.5, "a**1.5"),
+        ((a + b) ** 2, "(a + b)**2"),
+        ((a * b) ** 1.5, "(a*b)**1.5"),
+        (ca.SX(-2) ** a, "(-2)**a"),
+        (a ** (-b), "a**(-b)"),
+        ((a**b) ** c, "(a**b)**c"),
+        (ca.sin(a) ** 2, "sin(a)**2"),
+        (-(a**2), "-a**2"),
+        (ca.sqrt(a + b), "sqrt(a + b)"),
+        (ca.atan2(a, -b), "atan2(a, -b)"),
+        (ca.hypot(a, b), "hypot(a, b)"),
+        (a > 0, "a > 0"),
+        (a <= b, "a <= b"),
+        ((a > b) * c, "(b < a)*c"),
+        (ca.logic_and(a > 0, ca.logic_or(b < 1, c == 2)), "a > 0 and (b < 1 or c == 2)"),
+        (ca.logic_not(a > 0), "not a > 0"),
+        (ca.if_else(a > 0, -b, 0), "if_else(a > 0, -b, 0)"),
+        (ca.if_else(a > 0, 0, b), "if_else(a > 0, 0, b)"),
+        (ca.if_else(a > 0, b, c + 1), "if_else(a > 0, b, c + 1)"),
+        (ca.if_else(a, b, c), "if_else(a, b, c)"),
+        (2 * ca.if_else(a > 0, b, c) - 1, "2*if_else(a > 0, b, c) - 1"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_text(expression, text):
+    assert to_text(expression) == text
+
+
+@pytest.mark.parametrize(
+    ("number", "text", "latex"),
+    [
+        (0, "0", "0"),
+        (3.0, "3", "3"),
+        (-1.5, "-1.5", "-1.5"),
+        (9.80665, "9.80665", "9.80665"),
+        (0.1 + 0.2, "0.3", "0.3"),
+        (1 / 3, "0.333333", "0.333333"),
+        (123456.789, "123456.789", "123456.789"),
+        (100000, "100000", "100000"),
+        (2.1e11, "2.1e11", r"2.1 \cdot 10^{11}"),
+        (1e-5, "1e-5", "10^{-5}"),
+        (-2e-7, "-2e-7", r"-2 \cdot 10^{-7}"),
+        (np.inf, "inf", r"\infty"),
+        (-np.inf, "-inf", r"-\infty"),
+        (np.nan, "nan", r"\mathrm{NaN}"),
+    ],
+)
+def test_numbers(number, text, latex):
+    assert (to_text(number), to_latex(number)) == (text, latex)
+
+
+@pytest.mark.parametrize(
+    ("name", "latex"),
+    [
+        ("crank.x", r"x_{\mathrm{crank}}"),
+        ("crank.phi", r"\phi_{\mathrm{crank}}"),
+        ("crank.vx", r"\dot{x}_{\mathrm{crank}}"),
+        ("crank.vy", r"\dot{y}_{\mathrm{crank}}"),
+        ("crank.omega", r"\dot{\phi}_{\mathrm{crank}}"),
+        ("crank.ax", r"\ddot{x}_{\mathrm{crank}}"),
+        ("crank.alpha", r"\ddot{\phi}_{\mathrm{crank}}"),
+        ("left arm_2.x", r"x_{\mathrm{left\ arm\_2}}"),
+        ("50% & #1.y", r"y_{\mathrm{50\%\ \&\ \#1}}"),
+        ("a{b}^$\\.y", r"y_{\mathrm{a\{b\}\wedge \$\backslash }}"),
+        ("pin.lam", r"\lambda_{\mathrm{pin}}"),
+        ("pin.lam_1", r"\lambda_{\mathrm{pin}, 1}"),
+        ("pin.lam[1]", r"\lambda_{\mathrm{pin}, 1}"),
+        ("lam", r"\lambda"),
+        ("lam_0", r"\lambda_{0}"),
+        ("contact.velocity", r"\dot{\mathrm{contact}}"),
+        ("s.acceleration", r"\ddot{s}"),
+        ("t", "t"),
+        ("tau", r"\tau"),
+        ("omega", r"\omega"),
+        ("tau_max", r"\tau_{\mathrm{max}}"),
+        ("k_1", "k_{1}"),
+        ("stiffness", r"\mathrm{stiffness}"),
+        ("spring_rate", r"\mathrm{spring\_rate}"),
+        ("_", r"\mathrm{\_}"),
+        ("crank-pin.x", r"x_{\mathrm{crank\text{-}pin}}"),
+    ],
+)
+def test_names_in_latex(name, latex):
+    assert to_latex(ca.SX.sym(name)) == latex
+
+
+@pytest.mark.parametrize(
+    ("expression", "latex"),
+    [
+        (a - 2 * b, r"a - 2 \, b"),
+        (a * (b + c), r"a \, \left(b + c\right)"),
+        ((a + b) / (2 * c), r"\frac{a + b}{2 \, c}"),
+        (-a / b, r"-\frac{a}{b}"),
+        ((a - b) / -c, r"-\frac{a - b}{c}"),
+        ((a / b) ** 2, r"\left(\frac{a}{b}\right)^{2}"),
+        (1 / a**2, r"\frac{1}{a^{2}}"),
+        (ca.cos(a), r"\cos{a}"),
+        (ca.cos(a + b), r"\cos{\left(a + b\right)}"),
+        (ca.cos(a) ** 2, r"\cos^{2}{a}"),
+        (ca.cos(a) ** b, r"\left(\cos{a}\right)^{b}"),
+        (ca.cos(a) * b, r"\cos{a} \cdot b"),
+        (b * ca.cos(a), r"b \, \cos{a}"),
+        (ca.sqrt(a) * ca.fabs(b), r"\sqrt{a} \, \left|b\right|"),
+        (ca.log(a), r"\ln{a}"),
+        (ca.asin(a), r"\arcsin{a}"),
+        (ca.fmax(a, 0), r"\max{\left(a, 0\right)}"),
+        (ca.sign(a), r"\operatorname{sgn}{a}"),
+        (ca.atan2(a, b), r"\operatorname{atan2}{\left(a, b\right)}"),
+        (a ** (-b), "a^{-b}"),
+        (ca.if_else(a > 0, b, 0), r"\left[a > 0\right] \, b"),
+        (
+            ca.if_else(a <= 0, b, -c),
+            r"\left[a \leq 0\right] \, b - \left[\lnot \left(a \leq 0\right)\right] \, c",
+        ),
+        (ca.logic_and(a == b, a != c), r"a = b \land a \neq c"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_latex(expression, latex):
+    assert to_latex(expression) == latex
+
+
+# Round trip: Python reads what was written
+
+FUNCTIONS = {name: getattr(np, name) for name in "sin cos tanh exp sqrt fabs sign fmax fmin hypot".split()}
+FUNCTIONS |= {"atan2": np.arctan2, "atan": np.arctan, "if_else": lambda test, x, y: x if test else y}
+
+
+def random_expression(random, leaves, depth):
+    """Expression with every kind of operation; numbers have few digits, so that the text is exact."""
+    if depth == 0 or random.random() < 0.1:
+        return leaves[random.integers(len(leaves))]
+    x, y = (random_expression(random, leaves, depth - 1) for _ in range(2))
+    number = float(random.choice([-2, -1.5, -1, 0.5, 2, 3]))
+    return random.choice(
+        np.array(
+            [
+                *(lambda: x + y, lambda: x - y, lambda: x * y, lambda: x / (1 + y**2), lambda: -x, lambda: 1 / x),
+                *(lambda: x + number, lambda: number - x, lambda: number * x, lambda: x / number),
+                *(lambda: x**2, lambda: x**3, lambda: -(x**2) * x, lambda: ca.fabs(x) ** 1.5, lambda: x / y),
+                *(lambda: ca.fabs(x) ** ca.sin(y), lambda: (x - y) - (y - x), lambda: -(x + y) * (-y)),
+                *(lambda: ca.sin(x), lambda: ca.cos(x), lambda: ca.atan(x), lambda: ca.tanh(x) ** 4),
+                *(lambda: ca.atan2(x, y), lambda: ca.fmax(x, y), lambda: ca.fmin(x, number), lambda: ca.hypot(x, y)),
+                *(lambda: ca.sqrt(ca.fabs(x)), lambda: ca.sign(x - y), lambda: ca.exp(-ca.fabs(x))),
+                *(lambda: ca.if_else(x > y, x, y), lambda: ca.if_else(x <= number, 0, -y)),
+                *(lambda: ca.if_else(ca.logic_or(x < 0, ca.logic_not(y > x)), x, 2), lambda: (x > number) * y),
+            ]
+        )
+    )()
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_python_reads_the_text_back(seed):
+    random = np.random.default_rng(seed)
+    leaves = [X, PHI, a, b]
+    expression = random_expression(random, leaves, int(random.integers(1, 5)))
+    values = random.uniform(-2, 2, len(leaves))
+    expected = float(ca.Function("f", leaves, [expression])(*values))
+    text = to_text(expression, limit=10**6)
+    x, phi, a_value, b_value = map(np.float64, values)
+    names = {**FUNCTIONS, "crank": SimpleNamespace(x=x, phi=phi), "a": a_value, "b": b_value}
+    with np.errstate(all="ignore"):
+        found = eval(text, names)
+    np.testing.assert_allclose(float(found), expected, rtol=1e-9, atol=1e-12, err_msg=text)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_braces_and_fences_of_latex_are_closed(seed):
+    random = np.random.default_rng(seed)
+    latex = to_latex(random_expression(random, [X, PHI, a, b], 4), limit=10**6)
+    assert latex.count("{") == latex.count("}") and latex.count(r"\left") == latex.count(r"\right")
+    depth = np.cumsum([(char == "{") - (char == "}") for char in latex])
+    assert depth.min() >= 0
+
+
+# Limits and bad input
+
+
+def test_a_huge_expression_is_counted_and_not_written():
+    x = a
+    for _ in range(100):
+        x = x * x + x
+    start = time.perf_counter()
+    assert to_text(x) == "… (200 operations)"
+    assert to_latex(x) == r"\ldots\;\text{(200 operations)}"
+    assert time.perf_counter() - start < 0.5
+
+
+def test_the_limit_counts_what_is_written():
+    expression = a + b + ca.sin(c)
+    assert to_text(expression, limit=6) == "a + b + sin(c)"
+    assert to_text(expression, limit=5) == "… (3 operations)"
+
+
+def test_a_deep_expression_does_not_exceed_the_stack():
+    x = a
+    for _ in range(5000):
+        x = ca.sin(x)
+    assert to_text(x, limit=10**4).count("sin(") == 5000
+
+
+def test_a_call_of_a_function_falls_back_to_its_name():
+    function = ca.Function("tyre", [a, b], [a * b, a + b], {"never_inline": True})
+    assert "tyre(a, b)" in to_text(function(a, b)[1])
+
+
+def test_what_is_no_scalar_expression_is_refused():
+    with pytest.raises(ModelError, match=r"to_text: takes a scalar, got shape \(2, 1\); use matrix_to_text"):
+        to_text(ca.SX.sym("x", 2))
+    with pytest.raises(ModelError, match=r"to_latex: takes an expression in casadi\.SX or a number"):
+        to_latex(ca.MX.sym("x"))
+    with pytest.raises(ModelError, match=r"matrix_to_latex: takes a matrix in casadi\.SX"):
+        matrix_to_latex("M")
+
+
+# Matrices
+
+
+def test_matrix_as_text():
+    jacobian = ca.jacobian(ca.vertcat(a + ca.cos(c), b - 0.5 * ca.sin(c)), ca.vertcat(a, b, c))
+    assert matrix_to_text(jacobian, ["pin x", "y"], ["a", "b", "c"]).splitlines() == [
+        "        a  b            c",
+        "pin x [ 1  0      -sin(c) ]",
+        "y     [ 0  1  -0.5*cos(c) ]",
+    ]
+    assert matrix_to_text(ca.vertcat(a, b + 1)) == "[     a ]\n[ b + 1 ]"
+    assert matrix_to_text(np.eye(2)) == "[ 1  0 ]\n[ 0  1 ]"
+
+
+def test_matrix_as_latex():
+    expected = "\\begin{bmatrix}\na & 0 \\\\\n0 & \\frac{b}{2}\n\\end{bmatrix}"
+    assert matrix_to_latex(ca.diag(ca.vertcat(a, b / 2))) == expected
+
+
+def test_empty_matrices():
+    assert matrix_to_text(ca.SX(0, 2)) == ""
+    assert matrix_to_text(ca.SX(2, 0)) == "[  ]\n[  ]"
+
+
+def test_names_must_match_the_shape():
+    with pytest.raises(ModelError, match="got 1 row names for 2 rows"):
+        matrix_to_text(ca.SX.eye(2), row_names=["x"])
+    with pytest.raises(ModelError, match="got 3 column names for 2 columns"):
+        matrix_to_text(ca.SX.eye(2), column_names="xyz")
