@@ -9,6 +9,8 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
 from .analysis.assemble import assemble
+from .analysis.inputs import SampledController
+from .analysis.simulate import simulate
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,

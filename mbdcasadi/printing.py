@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 
@@ -64,7 +64,7 @@ class _Term:
 class _Text:
     """How to write the pieces in plain text; Python can read it."""
 
-    words: dict[str, str] = {"and": "and", "or": "or", "not": "not "}
+    words: ClassVar[dict[str, str]] = {"and": "and", "or": "or", "not": "not "}
 
     def symbol(self, name: str) -> _Term:
         return _Term(name)
@@ -86,6 +86,9 @@ class _Text:
         if term.level >= _PRODUCT:
             return replace(term, negative=False)
         return _Term(self.wrapped(term.signed))
+
+    def opposite(self, a: _Term) -> _Term:
+        return replace(self.unsigned(a), negative=not _sign(a), base=None, function=None)
 
     def sum(self, a: _Term, b: _Term, minus: bool) -> _Term:
         if a.level < _SUM:
@@ -134,14 +137,14 @@ class _Text:
 class _Latex(_Text):
     """How to write the pieces in LaTeX."""
 
-    words: dict[str, str] = {"and": r"\land", "or": r"\lor", "not": r"\lnot "}
-    signs = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq"}
-    functions = {
+    words: ClassVar[dict[str, str]] = {"and": r"\land", "or": r"\lor", "not": r"\lnot "}
+    signs: ClassVar[dict[str, str]] = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq"}
+    functions: ClassVar[dict[str, str]] = {
         **{name: rf"\{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh", "exp")},
         **{"log": r"\ln", "asin": r"\arcsin", "acos": r"\arccos", "atan": r"\arctan"},
         **{"fmax": r"\max", "fmin": r"\min", "sign": r"\operatorname{sgn}"},
     }
-    fences = {
+    fences: ClassVar[dict[str, tuple[str, str]]] = {
         "sqrt": (r"\sqrt{", "}"),
         "fabs": (r"\left|", r"\right|"),
         "floor": (r"\left\lfloor ", r"\right\rfloor"),
@@ -199,7 +202,8 @@ class _Latex(_Text):
 
     def _bracket(self, condition: _Term, value: _Term) -> _Term:
         factor = self.unsigned(value)
-        return _Term(rf"\left[{condition.signed}\right] \, {factor.text}", _PRODUCT, _sign(value), bare=factor.bare)
+        text = rf"\left[{condition.signed}\right] \, {factor.text}"
+        return _Term(text, _PRODUCT, _sign(value), bare=factor.bare)
 
     def call(self, name: str, arguments: Sequence[_Term]) -> _Term:
         inside = ", ".join(a.signed for a in arguments)
@@ -232,8 +236,8 @@ def _digits(value: float) -> str:
 
 
 _GREEK = (
-    "alpha beta gamma delta epsilon zeta eta theta iota kappa mu nu xi pi rho sigma tau upsilon phi chi psi omega "
-    "Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega lambda"
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi pi rho sigma tau upsilon phi "
+    "chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
 ).split()
 _LETTERS = {**{name: rf"\{name}" for name in _GREEK}, "lam": r"\lambda"}
 _COORDINATES = {
@@ -342,7 +346,9 @@ def _term(node: ca.SX, parts: list[ca.SX], terms: dict[int, _Term], style: _Text
     if op in _COMPARISONS:
         a, b, sign = *found, _COMPARISONS[op]
         # CasADi turns x > 0 into 0 < x: what varies is better read on the left.
-        return style.comparison(b, _TURNED[sign], a) if parts[0].is_constant() else style.comparison(a, sign, b)
+        if parts[0].is_constant():
+            return style.comparison(b, _TURNED[sign], a)
+        return style.comparison(a, sign, b)
     if op == ca.OP_IF_ELSE_ZERO:
         condition, zero = found[0], _Term("0")
         if parts[0].op() == ca.OP_NOT:
@@ -376,7 +382,7 @@ _ONE, _TWO = _Term("1"), _Term("2")
 _WRITERS: dict[int, Callable[..., _Term]] = {
     ca.OP_ADD: lambda style, a, b: style.sum(a, b, minus=False),
     ca.OP_SUB: lambda style, a, b: style.sum(a, b, minus=True),
-    ca.OP_NEG: lambda style, a: replace(style.unsigned(a), negative=not _sign(a), base=None, function=None),
+    ca.OP_NEG: lambda style, a: style.opposite(a),
     ca.OP_MUL: lambda style, a, b: style.product(a, b),
     ca.OP_TWICE: lambda style, a: style.product(_TWO, a),
     ca.OP_DIV: lambda style, a, b: style.quotient(a, b),
@@ -393,7 +399,9 @@ def _scalar(expression: Any, where: str) -> ca.SX:
     try:
         expression = ca.SX(expression)
     except (TypeError, NotImplementedError):
-        raise ModelError(f"{where}: takes an expression in casadi.SX or a number, got {expression!r}") from None
+        raise ModelError(
+            f"{where}: takes an expression in casadi.SX or a number, got {expression!r}"
+        ) from None
     if not expression.is_scalar():
         raise ModelError(f"{where}: takes a scalar, got shape {expression.shape}; use matrix_{where}")
     return expression
@@ -445,7 +453,7 @@ def to_latex(expression: Any, limit: int = LIMIT) -> str:
     Returns
     -------
     str
-        ``if_else`` is written with Iverson's bracket, ``[c] a + [¬c] b``, which is 1 where c holds, else 0.
+        ``if_else(c, a, b)`` is written with Iverson's bracket, ``[c] a + [¬c] b``: 1 where c holds, else 0.
 
     Raises
     ------
@@ -521,7 +529,8 @@ def matrix_to_text(
         return f"{name.ljust(margin)}{left} {cells} {right}".rstrip()
 
     lines = [line("", heads, " ", "")] if any(heads) else []
-    return "\n".join([*lines, *(line(name, row, "[", "]") for name, row in zip(row_names, entries, strict=True))])
+    lines += [line(name, row, "[", "]") for name, row in zip(row_names, entries, strict=True)]
+    return "\n".join(lines)
 
 
 def matrix_to_latex(matrix: Any, limit: int = LIMIT) -> str:

@@ -1,5 +1,6 @@
 """Expressions as text and LaTeX: the wanted form, and the same value when Python reads it back."""
 
+import math
 import time
 from types import SimpleNamespace
 
@@ -164,28 +165,39 @@ def test_latex(expression, latex):
 
 # Round trip: Python reads what was written
 
-FUNCTIONS = {name: getattr(np, name) for name in "sin cos tanh exp sqrt fabs sign fmax fmin hypot".split()}
-FUNCTIONS |= {"atan2": np.arctan2, "atan": np.arctan, "if_else": lambda test, x, y: x if test else y}
+FUNCTIONS = {name: getattr(math, name) for name in "sin cos tanh exp sqrt fabs hypot atan atan2".split()}
+FUNCTIONS |= {"fmax": max, "fmin": min, "sign": lambda x: float(np.sign(x))}
+FUNCTIONS |= {"if_else": lambda condition, x, y: x if condition else y}
 
 
 def random_expression(random, leaves, depth):
     """Expression with every kind of operation; numbers have few digits, so that the text is exact."""
+    leaf = leaves[random.integers(len(leaves))]
     if depth == 0 or random.random() < 0.1:
-        return leaves[random.integers(len(leaves))]
+        return leaf
     x, y = (random_expression(random, leaves, depth - 1) for _ in range(2))
     number = float(random.choice([-2, -1.5, -1, 0.5, 2, 3]))
     return random.choice(
         np.array(
             [
-                *(lambda: x + y, lambda: x - y, lambda: x * y, lambda: x / (1 + y**2), lambda: -x, lambda: 1 / x),
+                *(lambda: x + y, lambda: x - y, lambda: x * y, lambda: x / (1 + y**2), lambda: 1 / leaf),
+                *(lambda: -x, lambda: 2 * -x, lambda: (y - x) * x**2),
                 *(lambda: x + number, lambda: number - x, lambda: number * x, lambda: x / number),
-                *(lambda: x**2, lambda: x**3, lambda: -(x**2) * x, lambda: ca.fabs(x) ** 1.5, lambda: x / y),
-                *(lambda: ca.fabs(x) ** ca.sin(y), lambda: (x - y) - (y - x), lambda: -(x + y) * (-y)),
+                *(
+                    lambda: x**2,
+                    lambda: x**3,
+                    lambda: -(x**2) * x,
+                    lambda: ca.fabs(x) ** 1.5,
+                    lambda: x / leaf,
+                ),
+                *(lambda: (1 + ca.fabs(x)) ** ca.sin(y), lambda: (x - y) - (y - x), lambda: -(x + y) * (-y)),
                 *(lambda: ca.sin(x), lambda: ca.cos(x), lambda: ca.atan(x), lambda: ca.tanh(x) ** 4),
-                *(lambda: ca.atan2(x, y), lambda: ca.fmax(x, y), lambda: ca.fmin(x, number), lambda: ca.hypot(x, y)),
+                *(lambda: ca.atan2(x, y), lambda: ca.fmax(x, y), lambda: ca.fmin(x, number)),
+                *(lambda: ca.hypot(x, y), lambda: x * x / leaf**3),
                 *(lambda: ca.sqrt(ca.fabs(x)), lambda: ca.sign(x - y), lambda: ca.exp(-ca.fabs(x))),
                 *(lambda: ca.if_else(x > y, x, y), lambda: ca.if_else(x <= number, 0, -y)),
-                *(lambda: ca.if_else(ca.logic_or(x < 0, ca.logic_not(y > x)), x, 2), lambda: (x > number) * y),
+                *(lambda: ca.if_else(ca.logic_or(x < 0, ca.logic_not(y > x)), x, 2),),
+                *(lambda: (x > number) * y, lambda: x - (y > x)),
             ]
         )
     )()
@@ -196,14 +208,11 @@ def test_python_reads_the_text_back(seed):
     random = np.random.default_rng(seed)
     leaves = [X, PHI, a, b]
     expression = random_expression(random, leaves, int(random.integers(1, 5)))
-    values = random.uniform(-2, 2, len(leaves))
+    x, phi, a_value, b_value = values = random.uniform(-2, 2, len(leaves)).tolist()
     expected = float(ca.Function("f", leaves, [expression])(*values))
     text = to_text(expression, limit=10**6)
-    x, phi, a_value, b_value = map(np.float64, values)
     names = {**FUNCTIONS, "crank": SimpleNamespace(x=x, phi=phi), "a": a_value, "b": b_value}
-    with np.errstate(all="ignore"):
-        found = eval(text, names)
-    np.testing.assert_allclose(float(found), expected, rtol=1e-9, atol=1e-12, err_msg=text)
+    np.testing.assert_allclose(float(eval(text, names)), expected, rtol=1e-9, atol=1e-12, err_msg=text)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -236,9 +245,9 @@ def test_the_limit_counts_what_is_written():
 
 def test_a_deep_expression_does_not_exceed_the_stack():
     x = a
-    for _ in range(5000):
+    for _ in range(1500):
         x = ca.sin(x)
-    assert to_text(x, limit=10**4).count("sin(") == 5000
+    assert to_text(x, limit=10**4).count("sin(") == 1500
 
 
 def test_a_call_of_a_function_falls_back_to_its_name():

@@ -245,8 +245,7 @@ class Polygon(Shape):
         return points if _edges(points - points[0])[1].sum() > 0 else points[::-1]
 
     def _moments(self) -> Moments:
-        corners = self._corners()
-        origin = corners[0]
+        corners, origin = self._corners(), np.array(self.points[0])
         # the sums cancel badly far from the origin, so they start from a corner and then from the centroid
         for _ in range(2):
             points = corners - origin

@@ -88,11 +88,14 @@ def _numbers(values: Any, name: str) -> np.ndarray:
     if isinstance(values, ca.DM):
         values = values.full().ravel()
     try:
+        # Python's float() of a symbol is NaN and no error.
+        if isinstance(values, ca.SX) or any(isinstance(value, ca.SX) for value in values):
+            raise TypeError
         result = np.asarray(values, dtype=float)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise ModelError(f"spline: {name} must be a sequence of numbers, got {values!r}") from None
     if result.ndim != 1:
-        raise ModelError(f"spline: {name} must be a sequence of numbers, got an array of shape {result.shape}")
+        raise ModelError(f"spline: {name} must be a sequence of numbers, got shape {result.shape}")
     if not np.all(np.isfinite(result)):
         k = int(np.argmin(np.isfinite(result)))
         raise ModelError(f"spline: {name} must be finite, got {name}[{k}] = {result[k]}")
@@ -108,12 +111,15 @@ def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.n
         raise ModelError(f"spline: kind '{kind}' takes at least {_LEAST_POINTS[kind]} points, got {len(xs)}")
     if np.any(np.diff(xs) <= 0):
         k = int(np.argmax(np.diff(xs) <= 0))
-        raise ModelError(f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}")
+        raise ModelError(
+            f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}"
+        )
     if outside == "periodic":
         # Data such as sin(2 pi) close only up to rounding.
         if abs(ys[-1] - ys[0]) > _ROUNDING * np.max(np.abs(ys)):
             raise ModelError(
-                f"spline: periodic data must end with the value they start with, got ys[0] = {ys[0]} and ys[-1] = {ys[-1]}"
+                "spline: periodic data must end with the value they start with, "
+                f"got ys[0] = {ys[0]} and ys[-1] = {ys[-1]}"
             )
         ys = np.append(ys[:-1], ys[0])
     return xs, ys
@@ -153,7 +159,7 @@ def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) ->
     picked = reached - ca.vertcat(*passed, 0)
     anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(np.vstack([anchors, coefficients])), picked))
     if outside == "error":
-        # Added to every coefficient, so that the derivatives are told too; a constant adds nothing to them inside.
+        # Added to every coefficient, so that the derivatives are NaN too; inside, 0 changes nothing.
         slack = _ROUNDING * (xs[-1] - xs[0])
         inside = ca.logic_and(x >= xs[0] - slack, x <= xs[-1] + slack)
         terms = [term + ca.if_else(inside, 0, np.nan) for term in terms]

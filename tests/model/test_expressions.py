@@ -47,7 +47,8 @@ def test_functions_of_two_numbers():
 def test_if_else_on_numbers_and_symbols():
     assert if_else(2 > 1, 3, 4) == 3.0
     assert isinstance(if_else(False, 3, 4), float)
-    np.testing.assert_array_equal(curve(lambda x: if_else(x > 0, x**2, 0), [-1.0, 2.0]), [[0, 4], [0, 4], [0, 2]])
+    found = curve(lambda x: if_else(x > 0, x**2, 0), [-1.0, 2.0])
+    np.testing.assert_array_equal(found, [[0, 4], [0, 4], [0, 2]])
 
 
 def test_if_else_does_not_let_the_other_branch_through():
@@ -181,11 +182,8 @@ def test_spline_and_its_derivatives_are_those_of_scipy(kind, outside):
     np.testing.assert_allclose(found, scipy_curve(REFERENCES[kind](XS, YS), INSIDE), rtol=1e-10, atol=1e-10)
 
 
-@pytest.mark.parametrize("points", [2, 3, 4, 5])
-@pytest.mark.parametrize("kind", ["cubic", "monotone"])
+@pytest.mark.parametrize(("kind", "points"), [("cubic", 4), ("cubic", 5), ("monotone", 2), ("monotone", 3)])
 def test_splines_through_few_points(kind, points):
-    if kind == "cubic" and points < 4:
-        pytest.skip("refused")
     xs, ys = XS[:points], YS[:points]
     x = np.linspace(xs[0], xs[-1], 17)
     found = curve(lambda s: spline(s, xs, ys, kind), x)
@@ -239,8 +237,9 @@ def test_periodic_monotone_is_that_of_scipy_on_repeated_data():
     xs = np.concatenate([XS[:-1] - period, XS, XS[1:] + period])
     ys = np.concatenate([CLOSED[:-1], CLOSED, CLOSED[1:]])
     reference = PchipInterpolator(xs, ys)
-    found = curve(lambda s: spline(s, XS, CLOSED, "monotone", "periodic"), np.linspace(-1.3, 3.4, 90))
-    np.testing.assert_allclose(found, scipy_curve(reference, np.linspace(-1.3, 3.4, 90)), rtol=1e-9, atol=1e-9)
+    x = np.linspace(-1.3, 3.4, 90)
+    found = curve(lambda s: spline(s, XS, CLOSED, "monotone", "periodic"), x)
+    np.testing.assert_allclose(found, scipy_curve(reference, x), rtol=1e-10, atol=1e-10)
 
 
 def test_periodic_data_may_close_up_to_rounding():
@@ -253,7 +252,8 @@ def test_periodic_data_may_close_up_to_rounding():
 def test_outside_constant_and_linear(kind):
     beyond = np.array([-3.0, -1.0 - 1e-12, 3.2 + 1e-12, 10.0])
     left, right = curve(lambda x: spline(x, XS, YS, kind), [XS[0], XS[-1]])[1]
-    end, slope, way = np.array([YS[0]] * 2 + [YS[-1]] * 2), np.array([left] * 2 + [right] * 2), beyond - [-1, -1, 3.2, 3.2]
+    end, slope = YS[[0, 0, -1, -1]], np.array([left, left, right, right])
+    way = beyond - XS[[0, 0, -1, -1]]
     found = curve(lambda x: spline(x, XS, YS, kind, "constant"), beyond)
     np.testing.assert_array_equal(found, [end, 0 * end, 0 * end])
     found = curve(lambda x: spline(x, XS, YS, kind, "linear"), beyond)
@@ -290,7 +290,8 @@ def test_spline_of_a_vector_of_symbols():
     expression = spline(x, XS, YS)
     assert expression.shape == (2, 2)
     points = np.array([[0.0, 0.5], [1.0, 2.0]])
-    np.testing.assert_allclose(ca.Function("f", [x], [expression])(points).full(), CubicSpline(XS, YS)(points))
+    found = ca.Function("f", [x], [expression])(points).full()
+    np.testing.assert_allclose(found, CubicSpline(XS, YS)(points), rtol=1e-12)
 
 
 def test_spline_grows_with_its_points_only():
@@ -311,10 +312,10 @@ def test_spline_grows_with_its_points_only():
         ([0, 1, 2], [0, 1, 2], {}, r"kind 'cubic' takes at least 4 points, got 3"),
         ([0], [0], {"kind": "linear"}, r"kind 'linear' takes at least 2 points, got 1"),
         ([0, 1], [0, 1], {"kind": "akima"}, r"kind must be one of cubic, monotone, linear, got 'akima'"),
-        ([0, 1], [0, 1], {"outside": "clamp"}, r"outside must be one of error, constant, linear, periodic, got 'clamp'"),
+        ([0, 1], [0, 1], {"outside": "clamp"}, r"one of error, constant, linear, periodic, got 'clamp'"),
         ([0, 1, 2, 3], [0, 1, 2, 3], {"outside": "periodic"}, r"got ys\[0\] = 0\.0 and ys\[-1\] = 3\.0"),
         ([0, 1, 2, 3], ["a", 1, 2, 3], {}, r"ys must be a sequence of numbers"),
-        ([[0, 1], [2, 3]], [0, 1], {}, r"xs must be a sequence of numbers, got an array of shape \(2, 2\)"),
+        ([[0, 1], [2, 3]], [0, 1], {}, r"xs must be a sequence of numbers, got shape \(2, 2\)"),
         ([0, 1, 2, 3], [ca.SX.sym("y"), 1, 2, 3], {}, r"ys must be a sequence of numbers"),
     ],
 )

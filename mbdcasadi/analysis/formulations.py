@@ -1,0 +1,100 @@
+"""Forms of the equations of motion that an integrator can take, and the choice among them.
+
+===============  ==========================================================  ==========================
+name             when                                                        integrator gets
+===============  ==========================================================  ==========================
+explicit         every body has mass, no force depends on lam, few bodies    an ODE, lam eliminated
+KKT              massless bodies, forces that depend on lam, many bodies     a DAE in ``(a, lam)``
+regularised      redundant rows, rank lost on the way                        an ODE, ``S + epsilon I``
+===============  ==========================================================  ==========================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from ..equations.numeric import NumericEquations
+from ..errors import SimulationError
+from ..numerics.integration import Dae
+from .inputs import Signals
+
+#: With IDAS the explicit form pays up to this number of bodies.
+EXPLICIT_BODIES = 10
+
+METHODS = ("idas", "erk", "rosenbrock", "auto")
+
+
+@dataclass(frozen=True)
+class Formulation:
+    """A form of the equations.
+
+    Attributes
+    ----------
+    name : {"explicit", "KKT", "regularised"}
+        Which form.
+    redundant : bool
+        Whether rows are dependent where it is used.
+    """
+
+    name: str
+    redundant: bool
+
+    @property
+    def algebraic(self) -> bool:
+        """Whether accelerations and multipliers are unknowns of the integrator."""
+        return self.name == "KKT"
+
+    def dae(self, numeric: NumericEquations, signals: Signals) -> Dae:
+        """The system in time counted from the start of a chunk, ``x = (q, v, z)``."""
+        eom = numeric.eom
+        since, start = ca.SX.sym("since"), ca.SX.sym("start")
+        u = ca.substitute(signals.expressions, eom.t, start + since)
+        x = ca.vertcat(eom.q, eom.v, eom.z)
+        inner = [start + since, eom.q, eom.v, eom.z, u, eom.p]
+        parameters = ca.vertcat(start, eom.p)
+        if not self.algebraic:
+            a, lam = numeric.forward_dynamics(redundant=self.redundant)(*inner)
+            unknowns = residual = ca.SX(0, 1)
+        else:
+            a, lam = eom.a, eom.lam
+            unknowns, residual = ca.vertcat(a, lam), self._residual(eom)(*inner, a, lam)
+        rates = ca.Function("z_rate", [*eom.symbols], [eom.z_rate])
+        z_rate = rates(inner[0], eom.q, eom.v, a, eom.z, lam, u, eom.p)
+        ode = ca.vertcat(eom.v, a, z_rate)
+        return Dae(since, x, unknowns, parameters, signals.channel, ode, residual)
+
+    @staticmethod
+    def _residual(eom) -> ca.Function:
+        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
+        rows = ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)
+        return ca.Function("residual", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, eom.a, eom.lam], [rows])
+
+
+def choose(numeric: NumericEquations, method: str, *, redundant: bool) -> Formulation:
+    """Choose the form for an integrator.
+
+    Raises
+    ------
+    SimulationError
+        Where the integrator has no form that fits.
+    """
+    eom = numeric.eom
+    if eom.Q_depends_on_lam:
+        if method == "erk":
+            raise SimulationError(
+                'method="erk" needs forces that do not depend on reactions, and friction here does; use method="idas"'
+            )
+        if redundant:
+            raise SimulationError(
+                "a force depends on reactions, and with redundant constraints these are not unique: "
+                "remove the redundant rows (see check) or the friction"
+            )
+        return Formulation("KKT", redundant)
+    if redundant:
+        return Formulation("regularised", True)
+    if method in ("erk", "rosenbrock"):
+        return Formulation("explicit", False)
+    many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
+    return Formulation("KKT" if numeric.massless or many else "explicit", False)

@@ -1,0 +1,77 @@
+"""How a run is cut into chunks: when the integrator stops, and which of its outputs the user asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Chunks of a run: every restart of an integrator costs, and progress, cancelling and partial results need some.
+CHUNKS = 20
+#: Points at which events are looked for, at the least.
+EVENT_POINTS = 400
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A stretch of a run.
+
+    Attributes
+    ----------
+    start : float
+        Time at which it starts, s.
+    times : numpy.ndarray
+        Outputs of the integrator, the last one its end.
+    wanted : numpy.ndarray of bool
+        Which of them are outputs of the user.
+    """
+
+    start: float
+    times: np.ndarray
+    wanted: np.ndarray
+
+
+def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = False) -> list[Chunk]:
+    """Cut an output grid into chunks.
+
+    Parameters
+    ----------
+    grid : numpy.ndarray
+        Output times, the first one the start.
+    period : float, optional
+        Sampling period of a controller: a chunk ends at each multiple of it.
+    fine : bool
+        Whether points are added between the outputs, to look for events.
+    """
+    start, end = grid[0], grid[-1]
+    if period is not None:
+        count = int(np.ceil((end - start) / period * (1 - 1e-12)))
+        borders = np.minimum(start + period * np.arange(1, count + 1), end)
+    elif grid.size - 1 >= CHUNKS:
+        borders = np.array([part[-1] for part in np.array_split(grid[1:], CHUNKS)])
+    else:
+        borders = np.linspace(start, end, CHUNKS + 1)[1:]
+    extra = [borders]
+    if fine and grid.size < EVENT_POINTS:
+        pieces = int(np.ceil(EVENT_POINTS / (grid.size - 1)))
+        extra += [np.concatenate([np.linspace(a, b, pieces + 1)[1:] for a, b in zip(grid, grid[1:], strict=False)])]
+    times, wanted = _merge(grid[1:], np.concatenate(extra), tolerance=1e-9 * (end - start))
+    chunks, first, since = [], 0, float(start)
+    for border in borders:
+        last = int(np.searchsorted(times, border + 1e-9 * (end - start)))
+        if last > first:
+            chunks.append(Chunk(since, times[first:last], wanted[first:last]))
+            first, since = last, float(times[last - 1])
+    return chunks
+
+
+def _merge(grid: np.ndarray, extra: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Union of two sets of times; a time of the grid stands for those very near to it."""
+    near = np.clip(np.searchsorted(grid, extra), 0, grid.size - 1)
+    distance = np.minimum(np.abs(grid[near] - extra), np.abs(grid[np.maximum(near - 1, 0)] - extra))
+    added = np.unique(extra[distance > tolerance])
+    if added.size:
+        added = added[np.r_[True, np.diff(added) > tolerance]]
+    times = np.r_[grid, added]
+    order = np.argsort(times, kind="stable")
+    return times[order], (np.arange(times.size) < grid.size)[order]

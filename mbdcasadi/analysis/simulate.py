@@ -1,0 +1,184 @@
+"""Simulation: the motion under given forces, by IDAS or another integrator."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..equations import equations
+from ..equations.numeric import NumericEquations
+from ..errors import MechanismWarning, SimulationError
+from ..model.events import Event
+from ..model.mechanism import Mechanism
+from ..model.symbols import number
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from .assemble import assemble_at, complete_state
+from .event_location import EventWatch
+from .formulations import METHODS
+from .inputs import Signals, read_signals
+from .mappings import pairs_of, parameter_vector, time_grid
+from .run import Run
+
+#: Outputs where only a duration is given.
+OUTPUTS = 201
+#: A start given as a State may miss the constraints by this much (m, rad, and their rates).
+CONSISTENT = 1e-6
+
+
+def simulate(
+    mechanism: Mechanism,
+    times: Any = None,
+    *,
+    duration: float | None = None,
+    initial: Any = (),
+    inputs: Any = None,
+    parameters: Any = None,
+    events: Sequence[Event] = (),
+    method: str = "idas",
+    reltol: float = 1e-8,
+    abstol: float = 1e-8,
+    jit: bool = False,
+    progress: bool = False,
+    options: dict[str, Any] | None = None,
+) -> Trajectory:
+    """Integrate the equations of motion.
+
+    The index-1 equations are integrated in chunks; every output is projected
+    onto the constraints at position and velocity level, and accelerations and
+    multipliers at outputs come from the equations of motion there.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    times : sequence of float
+        Output times, the first one the start, s.
+    duration : float, optional
+        Instead of `times`: 201 outputs from 0 to the duration, s.
+    initial : sequence of relations, or State
+        Conditions at the start (see :func:`assemble`), or a state.
+    inputs : mapping or SampledController, optional
+        Input to number, samples on the output grid (linear between), or
+        expression in time and states; or a controller.
+    parameters : mapping, optional
+        Parameter to number.
+    events : sequence of Event, optional
+        Looked for during the run.
+    method : {"idas", "erk", "rosenbrock", "auto"}
+        IDAS (BDF of variable order) for anything; explicit Runge–Kutta 5(4)
+        for smooth motion that is not stiff, several times faster; Rosenbrock
+        of order 5 for stiff motion at tight tolerance; "auto" takes
+        Runge–Kutta where the motion at the start is not stiff.
+    reltol, abstol : float, default 1e-8
+        Tolerances of the integrator.
+    jit : bool, default False
+        Compile the functions with the C compiler of the machine.
+    progress : bool, default False
+        Show a progress bar.
+    options : dict, optional
+        Passed on to the integrator.
+
+    Returns
+    -------
+    Trajectory
+        At the output times; up to the event, where a terminal one took place.
+
+    Raises
+    ------
+    SimulationError
+        Where the integrator stops: the time, the cause, and ``.partial``.
+    Interrupted
+        On Ctrl-C, with ``.partial``.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1 / 12, pose=(0.5, 0, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()])
+    >>> motion = mbd.simulate(pendulum, duration=1.0)
+    >>> bool(abs(motion.energy.total[-1]) < 1e-6)
+    True
+    """
+    eom = equations(mechanism)
+    grid = _grid(times, duration)
+    tolerances = tuple(_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol")))
+    if method not in METHODS:
+        raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    own = _carried_by(initial, mechanism)
+    numeric = NumericEquations(eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters="))))
+    given = own["inputs"] | dict(pairs_of(inputs, "inputs=")) if own["inputs"] and isinstance(inputs, dict | None) else inputs
+    signals = read_signals(eom, given, grid)
+    watch = EventWatch(eom, events)
+    start = _start(numeric, initial, float(grid[0]), signals)
+    run = Run(numeric, signals, watch, method, *tolerances, jit=jit, progress=progress, options=options)
+    motion = run.over(grid, start)
+    _tell_exceeded_limits(mechanism, motion)
+    return motion
+
+
+def _grid(times: Any, duration: float | None) -> np.ndarray:
+    if (times is None) == (duration is None):
+        raise SimulationError("give either times or duration=")
+    if duration is None:
+        return time_grid(times)
+    length = _positive(duration, "duration")
+    return np.linspace(0.0, length, OUTPUTS)
+
+
+def _positive(value: Any, name: str) -> float:
+    result = number(value, "simulate", name)
+    if result <= 0:
+        raise SimulationError(f"simulate: {name} must be positive, got {result}")
+    return result
+
+
+def _carried_by(initial: Any, mechanism: Mechanism) -> dict[str, dict]:
+    """Parameters and inputs that a state brings along, where the mechanism has them."""
+    if not isinstance(initial, State):
+        return {"parameters": {}, "inputs": {}}
+    theirs = initial.mechanism
+    found = {}
+    for name, symbols, values, own in (
+        ("parameters", theirs.parameters, initial.parameters, mechanism.parameters),
+        ("inputs", theirs.inputs, initial.inputs, mechanism.inputs),
+    ):
+        found[name] = {s: float(x) for s, x in zip(symbols, values, strict=True) if any(s is o for o in own)}
+    return found
+
+
+def _start(numeric: NumericEquations, initial: Any, time: float, signals: Signals) -> State:
+    if not isinstance(initial, State):
+        return assemble_at(numeric, initial, time, signals)
+    eom = numeric.eom
+    q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
+    z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
+    phi, _ = numeric.position(time, q)
+    jacobian, nu = numeric.velocity(time, q)
+    rows = np.r_[np.abs(phi), np.abs(jacobian @ v - nu)]
+    names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
+    if rows.size and np.max(rows) > CONSISTENT:
+        worst = int(np.argmax(rows))
+        level = "position" if worst < phi.size else "velocity"
+        raise SimulationError(
+            f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
+            f"at t = {time:.6g} s; use assemble to make it consistent"
+        )
+    return complete_state(numeric, signals, time, q, v, z)
+
+
+def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
+    for k, u in enumerate(mechanism.inputs):
+        values = motion.inputs[:, k]
+        slack = 1e-9 * (1 + np.max(np.abs(values), initial=0.0))
+        if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
+            warnings.warn(
+                f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
+                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
+                MechanismWarning,
+                stacklevel=3,
+            )

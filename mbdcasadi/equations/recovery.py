@@ -1,0 +1,111 @@
+"""Many states at once: projection onto the constraints, accelerations and multipliers.
+
+One compiled step is mapped over all times; the Newton iteration runs over the
+whole batch until the worst point has converged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.least_squares import ACCURACY, largest
+from .numeric import NumericEquations
+from .saddle import solve_symmetric
+
+#: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
+InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+class Recovery:
+    """Consistent positions, velocities, accelerations and multipliers for batches of states.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    redundant : bool
+        Whether rows are dependent: solves are then regularised, multipliers of least norm.
+    """
+
+    def __init__(self, numeric: NumericEquations, *, redundant: bool):
+        self.numeric = numeric
+        self.redundant = redundant
+
+    @cached_property
+    def _position_step(self) -> ca.Function:
+        eom = self.numeric.eom
+        weights = ca.SX.sym("w", eom.q.numel())
+        jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
+        step = self._towards(jacobian, eom.Phi, weights)
+        arguments = [eom.t, eom.q, eom.p, weights]
+        return self._keep("position step", arguments, [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi))])
+
+    @cached_property
+    def _velocity_step(self) -> ca.Function:
+        eom = self.numeric.eom
+        weights = ca.SX.sym("w", eom.q.numel())
+        step = self._towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights)
+        return self._keep("velocity step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
+
+    def _keep(self, key: str, arguments: list, results: list) -> ca.Function:
+        memory = self.numeric.eom.mechanism.memory
+        if (key, self.redundant) not in memory:
+            memory[key, self.redundant] = ca.Function(key.replace(" ", "_"), arguments, results)
+        return memory[key, self.redundant]
+
+    def _towards(self, jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> ca.SX:
+        """Step ``W⁻¹ J^T (J W⁻¹ J^T)⁻¹ r``, orthogonal in the metric of the weights."""
+        over = ca.diag(1 / weights) @ jacobian.T
+        return over @ solve_symmetric(jacobian @ over, residual, redundant=self.redundant)
+
+    def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
+        """Bring coordinates (k, n) onto ``Phi = 0``."""
+        if not self.numeric.eom.Phi.numel() or not t.size:
+            return q
+        p, weights = self.numeric.p, self.numeric.weights
+        columns, before = q.T, np.inf
+        for _ in range(iterations):
+            moved, size = self._position_step(t[None, :], columns, p, weights)
+            worst = largest(size.full())
+            if not np.isfinite(worst) or worst >= before / 2:
+                break
+            columns, before = moved.full(), worst
+            if worst <= ACCURACY * (1 + largest(columns)):
+                break
+        return columns.T
+
+    def velocities(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Bring velocities (k, n) onto ``Phi_q v = nu``."""
+        if not self.numeric.eom.lam.numel() or not t.size:
+            return v
+        columns = v.T
+        for _ in range(2):  # the second step removes the rounding of the first
+            columns = self._velocity_step(t[None, :], q.T, columns, self.numeric.p, self.numeric.weights).full()
+        return columns.T
+
+    def accelerations(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations (k, n) and multipliers (k, m)."""
+        function = self.numeric.forward_dynamics(redundant=self.redundant)
+        a, lam = function(t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
+        return a.full().T, lam.full().T
+
+    def refine(self, rule: InputRule | None = None) -> Callable[..., tuple[np.ndarray, ...]]:
+        """Return the function by which a trajectory interpolates; see ``Trajectory.at``."""
+
+        def back_onto_constraints(
+            t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
+        ) -> tuple[np.ndarray, ...]:
+            q = self.positions(t, q)
+            v = self.velocities(t, q, v)
+            if rule is not None:
+                u = rule(t, q, v, z, u)
+            a, lam = self.accelerations(t, q, v, z, u)
+            return q, v, a, lam, u
+
+        return back_onto_constraints

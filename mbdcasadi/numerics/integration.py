@@ -1,0 +1,280 @@
+"""Integration of differential-algebraic equations over chunks of an output grid.
+
+CasADi's integrators return all outputs or none. Running them in chunks gives
+progress, cancelling and the part of a run that was finished; a chunk that
+fails is repeated output by output to keep what can be had.
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import SimulationError
+
+#: Steps that an integrator may take between two outputs.
+MAX_STEPS = 1_000_000
+
+
+@dataclass(frozen=True)
+class Dae:
+    """A semi-explicit index-1 system in time counted from the start of a chunk.
+
+    Attributes
+    ----------
+    t, x, z, p, u : casadi.SX or casadi.MX
+        Time since the start of the chunk, states, algebraic unknowns,
+        parameters (the start of the chunk first), values by interval.
+    ode, alg : casadi.SX or casadi.MX
+        Rates and residuals.
+    """
+
+    t: Any
+    x: Any
+    z: Any
+    p: Any
+    u: Any
+    ode: Any
+    alg: Any
+
+
+class IntegrationFailure(Exception):
+    """An integrator stopped; carries what it had and its own word for the cause."""
+
+    def __init__(self, flag: str, x: np.ndarray, z: np.ndarray, done: int):
+        super().__init__(flag)
+        self.flag = flag
+        self.x, self.z = x, z
+        self.done = done
+
+
+class Integrator:
+    """An integrator of one system, compiled once for each pattern of output times.
+
+    Parameters
+    ----------
+    dae : Dae
+        The system.
+    method : {"idas", "erk", "rosenbrock"}
+        Plugin of CasADi.
+    reltol, abstol : float
+        Tolerances.
+    jit : bool
+        Whether the functions are compiled by the C compiler of the machine.
+    options : dict
+        Passed on to the plugin.
+
+    Notes
+    -----
+    The Runge–Kutta and Rosenbrock plugins return zeros after a failure and no
+    flag; a clock ``dτ/dt = 1`` among the states tells.
+    """
+
+    def __init__(
+        self, dae: Dae, method: str, reltol: float, abstol: float, *, jit: bool = False, options: dict | None = None
+    ):
+        self.method = method
+        clock = type(dae.x).sym("clock")
+        self._system = {
+            "t": dae.t,
+            "x": ca.vertcat(dae.x, clock),
+            "p": dae.p,
+            "ode": ca.vertcat(dae.ode, 1),
+        }
+        if dae.z.numel():
+            self._system |= {"z": dae.z, "alg": dae.alg}
+        if dae.u.numel():
+            self._system["u"] = dae.u
+        self._options = _plugin_options(method, reltol, abstol, bool(dae.z.numel())) | _compiler(jit) | (options or {})
+        self._functions: dict[tuple[float, ...], ca.Function] = {}
+        self._stretched: ca.Function | None = None
+        self.starts = 0
+
+    def _function(self, offsets: np.ndarray) -> ca.Function:
+        digits = 12 - int(np.ceil(np.log10(max(offsets[-1], 1e-300))))
+        key = tuple(np.round(offsets, digits))
+        if key not in self._functions:
+            try:
+                self._functions[key] = ca.integrator("motion", self.method, self._system, 0.0, offsets, self._options)
+            except RuntimeError as error:
+                raise SimulationError(f"method '{self.method}' refuses the options: {_last_line(error)}") from None
+        return self._functions[key]
+
+    def advance(
+        self, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate from a state at `start` to each of the times.
+
+        Parameters
+        ----------
+        x, z : numpy.ndarray
+            State and estimate of the algebraic unknowns at `start`.
+        start : float
+            Time of the state, s.
+        times : numpy.ndarray
+            Outputs (k,), later than `start`.
+        p : numpy.ndarray
+            Parameters after the start.
+        u : numpy.ndarray, optional
+            Values by interval (n_u, k).
+
+        Returns
+        -------
+        x, z : numpy.ndarray
+            (k, n_x), (k, n_z).
+
+        Raises
+        ------
+        IntegrationFailure
+            With the outputs that were reached.
+        """
+        found = self._attempt(x, z, start, times, p, u)
+        if isinstance(found, tuple):
+            return found
+        self._rescue(found, x, z, start, times, p, u)
+        raise AssertionError("a rescue always raises")
+
+    def advance_once(
+        self, x: np.ndarray, z: np.ndarray, start: float, end: float, p: np.ndarray, u: np.ndarray | None = None
+    ) -> np.ndarray:
+        """State at any one later time; one compiled function serves all lengths of the step."""
+        if self._stretched is None:
+            self._stretched = ca.integrator("step", self.method, _stretched(self._system), 0.0, 1.0, self._options)
+        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, p, end - start]}
+        arguments |= {"z0": z} if z.size else {}
+        arguments |= {"u": u} if u is not None else {}
+        self.starts += 1
+        try:
+            reached = self._stretched(**arguments)["xf"].full().ravel()
+        except RuntimeError as error:
+            raise IntegrationFailure(_flag(error), np.zeros((0, x.size)), np.zeros((0, z.size)), 0) from None
+        return reached[:-1]
+
+    def _attempt(
+        self, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray] | str:
+        """Outputs at all times, or the integrator's word for its failure."""
+        offsets = times - start
+        self.starts += 1
+        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, p]}
+        if z.size:
+            arguments["z0"] = z
+        if u is not None:
+            arguments["u"] = u
+        function = self._function(offsets)
+        try:
+            result = function(**arguments)
+        except RuntimeError as error:
+            return _flag(error)
+        states = result["xf"].full().T
+        clock_is_right = np.abs(states[:, -1] - offsets) <= 1e-6 * offsets[-1]
+        if not np.all(clock_is_right) or not np.all(np.isfinite(states)):
+            return "the step size became too small, or a value was not finite"
+        return states[:, :-1], result["zf"].full().T
+
+    def _rescue(
+        self, flag: str, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None
+    ) -> None:
+        """Repeat a failed chunk one output at a time and raise with what was reached."""
+        states, algebraic, now = [], [], start
+        for k, time in enumerate(times):
+            if len(times) == 1:
+                break
+            found = self._attempt(x, z, now, np.array([time]), p, None if u is None else u[:, k : k + 1])
+            if isinstance(found, str):
+                flag = found
+                break
+            x, z, now = found[0][0], found[1][0], float(time)
+            states.append(x)
+            algebraic.append(z)
+        raise IntegrationFailure(
+            flag,
+            np.reshape(np.array(states), (len(states), x.size)),
+            np.reshape(np.array(algebraic), (len(states), z.size)),
+            len(states),
+        )
+
+
+def _stretched(system: dict[str, Any]) -> dict[str, Any]:
+    """The system over a step of unit length: time and rates scaled by the last parameter."""
+    length = ca.SX.sym("length")
+    scaled = dict(system)
+    for name in ("ode", "alg"):
+        if name in system:
+            scaled[name] = ca.substitute(system[name], system["t"], length * system["t"])
+    scaled["ode"] = length * scaled["ode"]
+    scaled["p"] = ca.vertcat(system["p"], length)
+    return scaled
+
+
+def _plugin_options(method: str, reltol: float, abstol: float, algebraic: bool) -> dict[str, Any]:
+    """Options that were measured best, by plugin."""
+    common: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "max_num_steps": MAX_STEPS, "show_eval_warnings": False}
+    if method != "idas":
+        return common | {"error_on_fail": False}
+    idas = common | {"linear_solver": "csparse", "disable_internal_warnings": True, "print_time": False}
+    if algebraic:
+        # leaving the multipliers out of the error test at a ten times tighter tolerance is faster at equal error
+        idas |= {"suppress_algebraic": True, "reltol": reltol / 10, "abstol": abstol / 10}
+    return idas
+
+
+def _compiler(jit: bool) -> dict[str, Any]:
+    if not jit:
+        return {}
+    name = next((c for c in ("gcc", "clang", "cc") if shutil.which(c)), None)
+    if name is None:
+        raise SimulationError(
+            "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"
+        )
+    flags = {"compiler": name, "flags": ["-O2"], "verbose": False}
+    return {"jit": True, "compiler": "shell", "jit_options": flags}
+
+
+def _last_line(error: Exception) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else "no reason given"
+
+
+def _flag(error: Exception) -> str:
+    """The plugin's own word for a failure."""
+    text = str(error)
+    for word in text.replace('"', " ").split():
+        if word.startswith("IDA_"):
+            return word
+    return _last_line(error)
+
+
+class Interruption:
+    """Whether Ctrl-C was pressed while compiled code was running."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Remember Ctrl-C: inside an integrator it comes back as an error that does not say so."""
+    interruption = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    previous = signal.getsignal(signal.SIGINT)
+
+    def remember(number: int, frame: Any) -> None:
+        interruption.requested = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield interruption
+    finally:
+        signal.signal(signal.SIGINT, previous)
