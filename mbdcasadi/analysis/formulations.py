@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from ..equations.numeric import NumericEquations
+from ..equations.saddle import REFINEMENTS
 from ..errors import SimulationError
 from ..numerics.integration import Dae
 from .inputs import Signals
@@ -55,7 +56,7 @@ class Formulation:
         inner = [start + since, eom.q, eom.v, eom.z, u, eom.p]
         parameters = ca.vertcat(start, eom.p)
         if not self.algebraic:
-            a, lam = numeric.forward_dynamics(redundant=self.redundant)(*inner)
+            a, lam = numeric.forward_dynamics(redundant=self.redundant, refinements=REFINEMENTS)(*inner)
             unknowns = residual = ca.SX(0, 1)
         else:
             a, lam = eom.a, eom.lam

@@ -11,7 +11,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import Interrupted, SimulationError
-from ..numerics.integration import IntegrationFailure, Integrator, interruptible
+from ..numerics.integration import FEW_STEPS, MAX_STEPS, IntegrationFailure, Integrator, interruptible
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .causes import cause_of_failure
@@ -145,31 +145,35 @@ class Run:
         return ended
 
     # --- integrating -------------------------------------------------------------------------
-    def _integrator(self) -> Integrator:
-        if self.formulation not in self._integrators:
-            dae = self.formulation.dae(self.numeric, self.signals)
-            self._integrators[self.formulation] = Integrator(
-                dae, self.method, *self._settings, jit=self._jit, options=self._options
-            )
-        return self._integrators[self.formulation]
+    def _integrator(self, form: Formulation) -> Integrator:
+        if form not in self._integrators:
+            dae = form.dae(self.numeric, self.signals)
+            self._integrators[form] = Integrator(dae, self.method, *self._settings, jit=self._jit, options=self._options)
+        return self._integrators[form]
 
     def _advance(self, chunk: Chunk, channel: np.ndarray | None) -> np.ndarray:
-        """States at the outputs of a chunk; a failure is tried again in the regularised form."""
-        z = self._z if self.formulation.algebraic else np.zeros(0)
-        try:
-            return self._integrator().advance(self._x, z, chunk.start, chunk.times, self.numeric.p, channel)[0]
-        except IntegrationFailure as first:
-            if self.formulation.name == "regularised" or self.numeric.eom.Q_depends_on_lam:
-                raise
-            usual, self.formulation = self.formulation, Formulation("regularised", True)
+        """States at the outputs of a chunk.
+
+        Where the usual form fails the regularised one is tried, which passes
+        singular poses; then the usual one with all the steps it may take.
+        """
+        usual, flag = self.formulation, ""
+        attempts = [(usual, FEW_STEPS), (usual, MAX_STEPS)]
+        if usual.name != "regularised" and not self.numeric.eom.Q_depends_on_lam:
+            attempts.insert(1, (Formulation("regularised", True), FEW_STEPS))
+        for k, (form, steps) in enumerate(attempts):
+            if k > 0 and form == usual and flag != "IDA_TOO_MUCH_WORK":
+                break
+            integrator = self._integrator(form)
             try:
-                return self._integrator().advance(
-                    self._x, np.zeros(0), chunk.start, chunk.times, self.numeric.p, channel
-                )[0]
-            except IntegrationFailure as second:
-                raise (second if second.done >= first.done else first) from None
-            finally:
-                self.formulation = usual
+                return integrator.advance(*self._begin(form, chunk), chunk.times, self.numeric.p, channel, steps)[0]
+            except IntegrationFailure as failure:
+                flag = failure.flag if form == usual else flag
+        x, z, start = self._begin(usual, chunk)
+        raise self._integrator(usual).rescue(flag, x, z, start, chunk.times, self.numeric.p, channel)
+
+    def _begin(self, form: Formulation, chunk: Chunk) -> tuple[np.ndarray, np.ndarray, float]:
+        return self._x, self._z if form.algebraic else np.zeros(0), chunk.start
 
     def _recovery(self, redundant: bool) -> Recovery:
         if redundant not in self._recoveries:
@@ -312,7 +316,7 @@ class Run:
             u = self._input_values(np.array([low]), x[None, :], channel)
             a, lam = self._recovery(self.formulation.redundant).accelerations(np.array([low]), q, v, first, u)
             z = np.r_[a[0], lam[0]]
-        reached = self._integrator().advance_once(x, z, low, time, self.numeric.p, channel)
+        reached = self._integrator(self.formulation).advance_once(x, z, low, time, self.numeric.p, channel)
         return self._projected(np.array([time]), reached[None, :])[0]
 
     def _as_state(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> State:

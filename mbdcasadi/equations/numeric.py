@@ -11,7 +11,7 @@ from ..errors import SingularityError
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank
 from .derivation import Equations
-from .saddle import forward_dynamics
+from .saddle import REPORT_REFINEMENTS, forward_dynamics
 
 
 class NumericEquations:
@@ -90,12 +90,14 @@ class NumericEquations:
         return analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0))
 
     # --- accelerations and multipliers ---------------------------------------------------
-    def forward_dynamics(self, *, redundant: bool) -> ca.Function:
+    def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
-        key = ("forward dynamics", self.massless, redundant)
+        key = ("forward dynamics", self.massless, redundant, refinements)
         memory = self.eom.mechanism.memory
         if key not in memory:
-            memory[key] = forward_dynamics(self.eom, massless=self.massless, redundant=redundant)
+            memory[key] = forward_dynamics(
+                self.eom, massless=self.massless, redundant=redundant, refinements=refinements
+            )
         return memory[key]
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:

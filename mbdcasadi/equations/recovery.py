@@ -14,7 +14,7 @@ import numpy as np
 
 from ..numerics.least_squares import ACCURACY, largest
 from .numeric import NumericEquations
-from .saddle import solve_symmetric
+from .saddle import shifted
 
 #: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
 InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -53,14 +53,20 @@ class Recovery:
 
     def _keep(self, key: str, arguments: list, results: list) -> ca.Function:
         memory = self.numeric.eom.mechanism.memory
-        if (key, self.redundant) not in memory:
-            memory[key, self.redundant] = ca.Function(key.replace(" ", "_"), arguments, results)
-        return memory[key, self.redundant]
+        if key not in memory:
+            memory[key] = ca.Function(key.replace(" ", "_"), arguments, results)
+        return memory[key]
 
-    def _towards(self, jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> ca.SX:
-        """Step ``W⁻¹ J^T (J W⁻¹ J^T)⁻¹ r``, orthogonal in the metric of the weights."""
+    @staticmethod
+    def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> ca.SX:
+        """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights.
+
+        The shift keeps the step short where the pose is nearly singular: there
+        a residual of rounding size would else throw the state onto another
+        branch. Repeated steps converge all the same.
+        """
         over = ca.diag(1 / weights) @ jacobian.T
-        return over @ solve_symmetric(jacobian @ over, residual, redundant=self.redundant)
+        return over @ ca.ldl_solve(ca.densify(residual), *shifted(jacobian @ over))
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""

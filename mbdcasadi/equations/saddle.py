@@ -21,10 +21,13 @@ import casadi as ca
 if TYPE_CHECKING:
     from .derivation import Equations
 
-#: Regularisation of S, relative to the mean of its diagonal.
-REGULARISATION = 1e-9
-#: Refinement steps of the regularised solve.
-REFINEMENTS = 2
+#: Regularisation of S, relative to the mean of its diagonal. With one refinement step the energy error of a
+#: parallelogram that passes its flat, singular pose ten times is least between 1e-8 and 1e-6.
+REGULARISATION = 1e-7
+#: Refinement steps of the regularised solve inside an integrator.
+REFINEMENTS = 1
+#: Refinement steps where multipliers are reported: there the least-norm solution is wanted to rounding.
+REPORT_REFINEMENTS = 4
 
 
 class SaddlePoint:
@@ -46,7 +49,9 @@ class SaddlePoint:
         self.force = force
         self.gamma = gamma
 
-    def solution(self, *, massless: bool = False, redundant: bool = False) -> tuple[ca.SX, ca.SX]:
+    def solution(
+        self, *, massless: bool = False, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
+    ) -> tuple[ca.SX, ca.SX]:
         """Return ``(a, lam)`` as expressions.
 
         Parameters
@@ -55,6 +60,8 @@ class SaddlePoint:
             Whether some masses or inertias are zero.
         redundant : bool
             Whether the rows are dependent; the multipliers are then those of least norm.
+        refinements : int
+            Refinement steps where they are.
         """
         jacobian, force = self.jacobian, self.force
         if massless:
@@ -75,24 +82,31 @@ class SaddlePoint:
             return over_mass(force), ca.SX(0, 1)
         schur = jacobian @ over_mass(jacobian.T)
         right = jacobian @ over_mass(force) - self.gamma
-        lam = solve_symmetric(schur, right, redundant=redundant)
+        lam = solve_symmetric(schur, right, redundant=redundant, refinements=refinements)
         return over_mass(force - jacobian.T @ lam), lam
 
 
-def solve_symmetric(matrix: ca.SX, right: ca.SX, *, redundant: bool) -> ca.SX:
+def shifted(matrix: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
+    """LDL factors of ``S + epsilon I``, epsilon relative to the mean of the diagonal."""
+    size = matrix.size1()
+    epsilon = REGULARISATION * ca.trace(matrix) / size
+    return ca.ldl(matrix + epsilon * ca.SX.eye(size))
+
+
+def solve_symmetric(matrix: ca.SX, right: ca.SX, *, redundant: bool, refinements: int) -> ca.SX:
     """Solve a symmetric positive (semi-)definite system by LDL, regularised where rows are redundant."""
     if not redundant:
         return ca.ldl_solve(right, *ca.ldl(matrix))
-    size = matrix.size1()
-    epsilon = REGULARISATION * ca.trace(matrix) / size
-    factors = ca.ldl(matrix + epsilon * ca.SX.eye(size))
+    factors = shifted(matrix)
     solution = ca.ldl_solve(right, *factors)
-    for _ in range(REFINEMENTS):
+    for _ in range(refinements):
         solution += ca.ldl_solve(right - matrix @ solution, *factors)
     return solution
 
 
-def forward_dynamics(eom: Equations, *, massless: bool = False, redundant: bool = False) -> ca.Function:
+def forward_dynamics(
+    eom: Equations, *, massless: bool = False, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
+) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
     Where a force depends on the multipliers (friction) the system is not
@@ -101,7 +115,7 @@ def forward_dynamics(eom: Equations, *, massless: bool = False, redundant: bool 
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
     if not eom.Q_depends_on_lam:
-        a, lam = eom.saddle_point.solution(massless=massless, redundant=redundant)
+        a, lam = eom.saddle_point.solution(massless=massless, redundant=redundant, refinements=refinements)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(

@@ -48,11 +48,11 @@ _BINARY: dict[type, Callable[[Any, Any], ca.SX]] = {
 _UNARY: dict[type, Callable[[Any], ca.SX]] = {ast.UAdd: lambda a: a, ast.USub: lambda a: -a}
 
 #: Powers as in Matlab, and its operations by element, which are the ordinary ones for numbers.
-_SPELLINGS = re.compile(r"\.?\^|\.\*\*?|\./|\.\\")
+_SPELLINGS = re.compile(r"\.?\^|\.\*|\./")
 _FOREIGN = re.compile(r"[^0-9A-Za-z_.+\-*/^(), \t\r\n]")
 
 
-def parse(text: str, what: str) -> ca.SX:
+def parse_arithmetic(text: str, what: str) -> ca.SX:
     """Read arithmetic in ``t`` as an expression.
 
     Numbers, ``t``, ``pi``, ``+ - * /``, powers as ``^`` or ``**``, parentheses
@@ -65,7 +65,7 @@ def parse(text: str, what: str) -> ca.SX:
     text : str
         The arithmetic.
     what : str
-        Where it stands, for messages.
+        What holds it, for messages: ``"constraint 'driver': fun"``.
 
     Returns
     -------
@@ -79,8 +79,8 @@ def parse(text: str, what: str) -> ca.SX:
 
     Examples
     --------
-    >>> parse("2*t^2 + sin(pi*t)", "an example")
-    SX((2*sq(t))+sin((3.14159*t))))
+    >>> parse_arithmetic("2*t^2 + sin(pi*t)", "an example")
+    SX(((2*sq(t))+sin((3.14159*t))))
     """
     return _Reader(text, what).expression()
 
@@ -97,7 +97,7 @@ class _Reader:
         shown = self.text if len(self.text) <= 200 else self.text[:200] + "…"
         where = "" if place is None else f" at character {place + 1}"
         return FileError(
-            f"{self.what}: {shown!r} is no arithmetic in t: {reason}{where}; it takes numbers, t, pi, + - * / ^, "
+            f"{self.what} = {shown!r}: {reason}{where}; it must be arithmetic in t: numbers, t, pi, + - * / ^, "
             f"parentheses and {', '.join(FUNCTIONS)}"
         )
 
@@ -160,7 +160,7 @@ class _Reader:
                 raise self.refuse(f"{name} takes one argument", self.place(node))
             case ast.Name(id=name) | ast.Call(func=ast.Name(id=name)):
                 raise self.refuse(f"{name!r} is not known", self.place(node))
-        raise self.refuse("that is no arithmetic", self.place(node))
+        raise self.refuse("this is no arithmetic", self.place(node))
 
     def number(self, value: float, node: ast.AST) -> ca.SX:
         try:

@@ -7,11 +7,12 @@ fails is repeated output by output to keep what can be had.
 
 from __future__ import annotations
 
+import io
 import shutil
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,8 +21,8 @@ import numpy as np
 
 from ..errors import SimulationError
 
-#: Steps that an integrator may take between two outputs.
-MAX_STEPS = 1_000_000
+#: Steps that an integrator may take between two outputs, at first and at the most.
+FEW_STEPS, MAX_STEPS = 20_000, 1_000_000
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,10 @@ class Dae:
 class IntegrationFailure(Exception):
     """An integrator stopped; carries what it had and its own word for the cause."""
 
-    def __init__(self, flag: str, x: np.ndarray, z: np.ndarray, done: int):
+    def __init__(self, flag: str, x: np.ndarray, z: np.ndarray):
         super().__init__(flag)
         self.flag = flag
         self.x, self.z = x, z
-        self.done = done
 
 
 class Integrator:
@@ -94,22 +94,30 @@ class Integrator:
         if dae.u.numel():
             self._system["u"] = dae.u
         self._options = _plugin_options(method, reltol, abstol, bool(dae.z.numel())) | _compiler(jit) | (options or {})
-        self._functions: dict[tuple[float, ...], ca.Function] = {}
+        self._functions: dict[tuple[Any, ...], ca.Function] = {}
         self._stretched: ca.Function | None = None
         self.starts = 0
 
-    def _function(self, offsets: np.ndarray) -> ca.Function:
+    def _function(self, offsets: np.ndarray, steps: int) -> ca.Function:
         digits = 12 - int(np.ceil(np.log10(max(offsets[-1], 1e-300))))
-        key = tuple(np.round(offsets, digits))
+        key = (steps, *np.round(offsets, digits))
         if key not in self._functions:
+            options = {"max_num_steps": steps} | self._options
             try:
-                self._functions[key] = ca.integrator("motion", self.method, self._system, 0.0, offsets, self._options)
+                self._functions[key] = ca.integrator("motion", self.method, self._system, 0.0, offsets, options)
             except RuntimeError as error:
                 raise SimulationError(f"method '{self.method}' refuses the options: {_last_line(error)}") from None
         return self._functions[key]
 
     def advance(
-        self, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None = None
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None = None,
+        steps: int = MAX_STEPS,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Integrate from a state at `start` to each of the times.
 
@@ -125,6 +133,8 @@ class Integrator:
             Parameters after the start.
         u : numpy.ndarray, optional
             Values by interval (n_u, k).
+        steps : int
+            Steps that may be taken between two outputs.
 
         Returns
         -------
@@ -134,32 +144,39 @@ class Integrator:
         Raises
         ------
         IntegrationFailure
-            With the outputs that were reached.
+            With nothing reached; :meth:`rescue` finds what can be had.
         """
-        found = self._attempt(x, z, start, times, p, u)
-        if isinstance(found, tuple):
-            return found
-        self._rescue(found, x, z, start, times, p, u)
-        raise AssertionError("a rescue always raises")
+        found = self._attempt(x, z, start, times, p, u, steps)
+        if isinstance(found, str):
+            raise IntegrationFailure(found, np.zeros((0, x.size)), np.zeros((0, z.size)))
+        return found
 
     def advance_once(
         self, x: np.ndarray, z: np.ndarray, start: float, end: float, p: np.ndarray, u: np.ndarray | None = None
     ) -> np.ndarray:
         """State at any one later time; one compiled function serves all lengths of the step."""
         if self._stretched is None:
-            self._stretched = ca.integrator("step", self.method, _stretched(self._system), 0.0, 1.0, self._options)
+            self._stretched = ca.integrator("step", self.method, _stretched(self._system), 0.0, 1.0, {"max_num_steps": MAX_STEPS} | self._options)
         arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, p, end - start]}
         arguments |= {"z0": z} if z.size else {}
         arguments |= {"u": u} if u is not None else {}
         self.starts += 1
         try:
-            reached = self._stretched(**arguments)["xf"].full().ravel()
+            with quiet():
+                reached = self._stretched(**arguments)["xf"].full().ravel()
         except RuntimeError as error:
-            raise IntegrationFailure(_flag(error), np.zeros((0, x.size)), np.zeros((0, z.size)), 0) from None
+            raise IntegrationFailure(_flag(error), np.zeros((0, x.size)), np.zeros((0, z.size))) from None
         return reached[:-1]
 
     def _attempt(
-        self, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        steps: int,
     ) -> tuple[np.ndarray, np.ndarray] | str:
         """Outputs at all times, or the integrator's word for its failure."""
         offsets = times - start
@@ -169,9 +186,10 @@ class Integrator:
             arguments["z0"] = z
         if u is not None:
             arguments["u"] = u
-        function = self._function(offsets)
+        function = self._function(offsets, steps)
         try:
-            result = function(**arguments)
+            with quiet():
+                result = function(**arguments)
         except RuntimeError as error:
             return _flag(error)
         states = result["xf"].full().T
@@ -180,26 +198,22 @@ class Integrator:
             return "the step size became too small, or a value was not finite"
         return states[:, :-1], result["zf"].full().T
 
-    def _rescue(
+    def rescue(
         self, flag: str, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None
-    ) -> None:
-        """Repeat a failed chunk one output at a time and raise with what was reached."""
+    ) -> IntegrationFailure:
+        """Repeat a chunk that failed one output at a time: the failure with what was reached."""
         states, algebraic, now = [], [], start
         for k, time in enumerate(times):
-            if len(times) == 1:
-                break
-            found = self._attempt(x, z, now, np.array([time]), p, None if u is None else u[:, k : k + 1])
+            found = self._attempt(x, z, now, np.array([time]), p, None if u is None else u[:, k : k + 1], FEW_STEPS)
             if isinstance(found, str):
                 flag = found
                 break
             x, z, now = found[0][0], found[1][0], float(time)
             states.append(x)
             algebraic.append(z)
-        raise IntegrationFailure(
-            flag,
-            np.reshape(np.array(states), (len(states), x.size)),
-            np.reshape(np.array(algebraic), (len(states), z.size)),
-            len(states),
+        reached = len(states)
+        return IntegrationFailure(
+            flag, np.reshape(np.array(states), (reached, x.size)), np.reshape(np.array(algebraic), (reached, z.size))
         )
 
 
@@ -217,7 +231,7 @@ def _stretched(system: dict[str, Any]) -> dict[str, Any]:
 
 def _plugin_options(method: str, reltol: float, abstol: float, algebraic: bool) -> dict[str, Any]:
     """Options that were measured best, by plugin."""
-    common: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "max_num_steps": MAX_STEPS, "show_eval_warnings": False}
+    common: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "show_eval_warnings": False}
     if method != "idas":
         return common | {"error_on_fail": False}
     idas = common | {"linear_solver": "csparse", "disable_internal_warnings": True, "print_time": False}
@@ -251,6 +265,16 @@ def _flag(error: Exception) -> str:
         if word.startswith("IDA_"):
             return word
     return _last_line(error)
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep CasADi's remarks on a failing integrator off standard error: the error that is raised says more."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    with redirect_stderr(io.StringIO()):
+        yield
 
 
 class Interruption:

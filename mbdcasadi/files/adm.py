@@ -1,0 +1,164 @@
+"""Mechanisms from the JSON model files of the ME451 course (``.adm``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import FileError, MechanismError
+from ..model.bodies import Body
+from ..model.drivers import Driver
+from ..model.elements import Element
+from ..model.forces.gravity import Gravity
+from ..model.mechanism import Mechanism
+from ..model.shapes import Rectangle, Shape
+from .elements import CONSTRAINTS, FORCES, OTHER_TYPES, Bodies, Builder, Part
+from .fields import Fields, objects
+from .text import JsonObject, read_json
+
+#: What holds when a file gives no gravity.
+GRAVITY = (0.0, -9.81)
+
+
+def read_adm(path: str | Path) -> Mechanism:
+    """Read a mechanism from a model file.
+
+    A model file is a JSON object with ``name``, ``gravity`` ``[gx, gy]`` and
+    the lists ``bodies`` (``name, id, mass, jbar, q0, qd0``), ``constraints``
+    and ``forces`` (``name, type, body1, sP1, …``). Bodies are referred to by
+    ``id``; 0, or no id, is the ground. ``fun`` is arithmetic in ``t``; an
+    absolute or relative constraint whose ``fun`` depends on ``t`` becomes a
+    :class:`~mbdcasadi.Driver` of the same name. A ``RackPinion`` becomes two
+    constraints: the rolling, under its name, and ``… centre distance``.
+    Errors in the drawing part ``vis`` do no harm.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Mechanism
+        The poses ``q0`` and velocities ``qd0`` are its estimates.
+
+    Raises
+    ------
+    FileError
+        With the file, the element, the field and its value.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> mbd.read_adm("examples/models/slider_crank.adm")
+    Mechanism(slider crank: 3 bodies, 6 joints, 3 forces)
+    """
+    data = read_json(path)
+    file = Path(path).name
+    model = Fields(data, file, "")
+    name = model.text("name", Path(path).stem)
+    _refuse_other_parts(model)
+    try:
+        bodies = _read_bodies(data, file)
+        constraints = list(_read_elements(data, file, "constraint", CONSTRAINTS, bodies))
+        forces = list(_read_elements(data, file, "force", FORCES, bodies))
+        if any(gravity := model.numbers("gravity", 2, GRAVITY)):
+            forces.insert(0, Gravity(gravity, name=_free_name("gravity", [*constraints, *forces])))
+        return Mechanism(
+            bodies=list(bodies.values()),
+            joints=[c for c in constraints if not isinstance(c, Driver)],
+            drivers=[c for c in constraints if isinstance(c, Driver)],
+            forces=forces,
+            name=name,
+        )
+    except FileError:
+        raise
+    except MechanismError as error:
+        raise FileError(f"{file}: {error}") from error
+
+
+def _refuse_other_parts(model: Fields) -> None:
+    if objects(model.data, "contacts", model.file):
+        raise model.refuse("'contacts' are not supported yet; take them out, or write the model in Python")
+    known = ("name", "gravity", "bodies", "constraints", "forces", "contacts", "vis", "comment")
+    unknown = [key for key in model.data if key not in known]
+    if unknown:
+        raise model.refuse(f"unknown part {', '.join(map(repr, unknown))}; a model holds {', '.join(known)}")
+
+
+def _free_name(name: str, elements: list[Element]) -> str:
+    taken = {element.name for element in elements}
+    return name if name not in taken else next(n for k in range(2, 1000) if (n := f"{name} {k}") not in taken)
+
+
+# --- bodies --------------------------------------------------------------------------
+def _read_bodies(data: JsonObject, file: str) -> dict[int, Body]:
+    bodies: dict[int, Body] = {}
+    for number, entry in enumerate(objects(data, "bodies", file), 1):
+        fields = _named(entry, file, "body", number)
+        identity = fields.whole("id")
+        if identity == 0:
+            raise fields.refuse("id = 0 is the ground; give it another one")
+        if identity in bodies:
+            raise fields.refuse(f"id = {identity} is already that of body '{bodies[identity].name}'")
+        try:
+            bodies[identity] = Body(
+                fields.text("name", f"body {identity}"),
+                mass=fields.number("mass", at_least=0.0),
+                inertia=fields.number("jbar", at_least=0.0),
+                pose=fields.numbers("q0", 3),
+                velocity=fields.numbers("qd0", 3, (0.0, 0.0, 0.0)),
+                shape=_shape(fields.get("vis", None)),
+            )
+        except FileError:
+            raise
+        except MechanismError as error:
+            raise FileError(f"{file}: {error}") from error
+        fields.done()
+    if not bodies:
+        raise FileError(f"{file}: the model has no bodies; 'bodies' must be a list with at least one")
+    return bodies
+
+
+def _shape(drawing: Any) -> Shape | None:
+    """Rectangles of the drawing part that make sense, as one outline."""
+    shape: Shape | None = None
+    shapes = drawing.get("shapes", []) if isinstance(drawing, dict) else []
+    for entry in shapes if isinstance(shapes, list) else [shapes]:
+        try:
+            rectangle: Shape = Rectangle(*map(float, entry["size"]), center=tuple(map(float, entry.get("loc", (0, 0)))))
+        except (MechanismError, TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):
+            continue
+        shape = rectangle if shape is None else shape + rectangle
+    return shape
+
+
+def _named(entry: Any, file: str, word: str, number: int) -> Fields:
+    """Fields of an element, which is named by its name or else by its place in the list."""
+    name = entry.get("name") if isinstance(entry, dict) else None
+    return Fields(entry, file, f"{word} '{name}'" if name else f"{word} number {number}")
+
+
+def _read_elements(
+    data: JsonObject, file: str, word: str, builders: Mapping[str, Builder], bodies: Bodies
+) -> Iterator[Element]:
+    seen: set[str] = set()
+    for number, entry in enumerate(objects(data, f"{word}s", file), 1):
+        fields = _named(entry, file, word, number)
+        kind = fields.text("type")
+        if kind not in builders:
+            other = f"; {OTHER_TYPES[kind]}" if kind in OTHER_TYPES else ""
+            raise fields.refuse(f"the type '{kind}' is not known{other}; known are {', '.join(builders)}")
+        name = fields.text("name", f"{kind} {number}")
+        if name in seen:
+            raise fields.refuse("the name occurs twice; each needs a name of its own")
+        seen.add(name)
+        try:
+            elements = builders[kind](Part(fields, name, bodies))
+        except FileError:
+            raise
+        except MechanismError as error:
+            raise FileError(f"{file}: {error}") from error
+        fields.done()
+        yield from elements

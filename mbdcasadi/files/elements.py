@@ -1,0 +1,208 @@
+"""Constraints and forces of a model file: one function builds each type."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..model.bodies import Body, Marker, ground
+from ..model.drivers import Driver
+from ..model.elements import Element, at_poses
+from ..model.forces.applied import Force, Torque
+from ..model.forces.springs import RSDA, TSDA
+from ..model.joints.base import Joint, pair
+from ..model.joints.composite import Distance, PointOnLine
+from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
+from ..model.joints.gears import RackAndPinion
+from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.symbols import symbols_of, t
+from .fields import Fields
+
+Bodies = Mapping[int, Body]
+_FRAMES = {"GRF": "global", "LRF": "body"}
+
+
+class Part:
+    """Fields of a constraint or force, with the bodies that it refers to."""
+
+    def __init__(self, fields: Fields, name: str, bodies: Bodies):
+        self.fields = fields
+        self.name = name
+        self.bodies = bodies
+
+    @property
+    def _known_ids(self) -> str:
+        return f"known ids are {', '.join(map(str, self.bodies))}"
+
+    def body(self, key: str) -> Body:
+        """Body by its id; the ground for 0 or none."""
+        identity = self.fields.get(key, None)
+        if identity is None or (identity == 0 and not isinstance(identity, bool)):
+            return ground
+        identity = self.fields.whole(key)
+        if identity not in self.bodies:
+            raise self.fields.refuse(f"{key} = {identity}, but no body has that id; {self._known_ids} (0: the ground)")
+        return self.bodies[identity]
+
+    def moving(self, key: str = "body1") -> Body:
+        """Body by its id, not the ground."""
+        body = self.body(key)
+        if body.is_ground:
+            given = f"{key} = {self.fields.get(key)}" if self.fields.has(key) else f"the field '{key}' is missing"
+            raise self.fields.refuse(f"{given}, but it acts on a moving body; {self._known_ids}")
+        return body
+
+    def marker(self, number: int, angle: float = 0.0) -> Marker:
+        """Point ``sP1`` of ``body1``, or ``sP2`` of ``body2``."""
+        return self.body(f"body{number}").at(*self.fields.numbers(f"sP{number}", 2), angle)
+
+    def angle_marker(self, number: int) -> Marker:
+        """Marker whose angle counts; its point may be given, but does not matter."""
+        return self.body(f"body{number}").at(*self.fields.numbers(f"sP{number}", 2, (0.0, 0.0)))
+
+
+Builder = Callable[[Part], list[Element]]
+
+
+def _depends_on_time(value: ca.SX) -> bool:
+    return any(symbol.element_hash() == t.element_hash() for symbol in symbols_of(value))
+
+
+def _absolute(kind: Any, coordinate: Callable[[Marker], ca.SX]) -> Builder:
+    def build(part: Part) -> list[Element]:
+        part.moving()
+        marker = part.angle_marker(1) if kind is AbsoluteAngle else part.marker(1)
+        value = part.fields.function()
+        if _depends_on_time(value):
+            return [Driver(part.name, coordinate(marker), value)]
+        return [kind(part.name, marker, value)]
+
+    return build
+
+
+def _relative(kind: Any, coordinate: Callable[[Marker], ca.SX]) -> Builder:
+    def build(part: Part) -> list[Element]:
+        a, b = (part.angle_marker(k) if kind is RelativeAngle else part.marker(k) for k in (1, 2))
+        value = part.fields.function()
+        if _depends_on_time(value):
+            return [Driver(part.name, coordinate(b) - coordinate(a), value)]
+        return [kind(part.name, a, b, value)]
+
+    return build
+
+
+def _relative_distance(part: Part) -> list[Element]:
+    a, b, value = part.marker(1), part.marker(2), part.fields.function()
+    return [Distance(part.name, a, b, value)]
+
+
+def _revolute(part: Part) -> list[Element]:
+    part.fields.no_function()
+    return [Revolute(part.name, part.marker(1), part.marker(2))]
+
+
+def _translational(part: Part) -> list[Element]:
+    part.fields.no_function()
+    angles = [part.fields.direction(f"vP{k}") for k in (1, 2)]
+    first, second = part.body("body1"), part.body("body2")
+    apart = second.pose_estimate[2] + angles[1] - first.pose_estimate[2] - angles[0]
+    if math.cos(apart) < 0:  # the file asks for parallel directions, and these point opposite ways
+        angles[1] += math.pi
+    return [Translational(part.name, part.marker(1, angles[0]), part.marker(2, angles[1]))]
+
+
+def _rack_and_pinion(part: Part) -> list[Element]:
+    fields = part.fields
+    fields.no_function()
+    start, end = (np.array(fields.numbers(key, 2)) for key in ("sP1", "sQ1"))
+    along = end - start
+    if not np.any(along):
+        raise fields.refuse(f"sP1 and sQ1 are both {start.tolist()}; the rack needs a direction")
+    rack = part.marker(1, math.atan2(along[1], along[0]))
+    pinion, radius = part.marker(2), fields.number("R2", above=0.0)
+    rolling: Joint
+    if fields.has("theta1") or fields.has("theta2"):
+        turn = fields.number("theta1") - fields.number("theta2") + 1.5 * math.pi
+        rolling = _RackAndPinion(part.name, rack, pinion, radius, float(np.hypot(*along)) + radius * turn)
+    else:
+        rolling = RackAndPinion(part.name, rack, pinion, radius)
+    return [rolling, PointOnLine(f"{part.name} centre distance", rack, pinion, radius)]
+
+
+class _RackAndPinion(RackAndPinion):
+    """Rack and pinion with the phase that the file states, up to whole turns of the pinion.
+
+    With the marks Q on the rack and theta_1, theta_2 of the file:
+    ``x_a · (r^b - r^Q) = R (phi_a + theta_1 - phi_b - theta_2 + 3π/2)``, and so
+    ``x_a · d + R (phi_b - phi_a) = phase`` with ``phase = |PQ| + R (theta_1 - theta_2 + 3π/2)``.
+    """
+
+    def __init__(self, name: str, rack: Marker, pinion: Marker, radius: float, phase: float):
+        a, b = pair(name, rack, pinion)
+        self.radius = radius
+        rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.body.phi - a.body.phi)
+        turn = 2 * math.pi * radius
+        phase += turn * round((float(at_poses(rolled, [a.body, b.body])) - phase) / turn)
+        Joint.__init__(self, name, a, b, rolled - phase)
+
+
+def _point_force(part: Part) -> list[Element]:
+    frame = part.fields.text("frame")
+    if frame.upper() not in _FRAMES:
+        raise part.fields.refuse(f"frame must be GRF (global) or LRF (local), got '{frame}'")
+    part.moving()
+    vector = [part.fields.function(key) for key in ("funX", "funY")]
+    return [Force(part.name, part.marker(1), vector, frame=_FRAMES[frame.upper()])]
+
+
+def _torque(part: Part) -> list[Element]:
+    return [Torque(part.name, part.moving(), part.fields.function())]
+
+
+def _spring_law(part: Part) -> dict[str, Any]:
+    return {
+        "stiffness": part.fields.number("k"),
+        "damping": part.fields.number("c"),
+        "actuator": part.fields.function(default=0) if part.fields.get("fun", "NONE") != "NONE" else 0.0,
+    }
+
+
+def _rotational_spring(to_ground: bool) -> Builder:
+    def build(part: Part) -> list[Element]:
+        pair = (ground, part.moving()) if to_ground else (part.body("body1"), part.body("body2"))
+        a, b = (body.at(0.0, 0.0) for body in pair)
+        return [RSDA(part.name, a, b, free_angle=part.fields.number("theta0"), **_spring_law(part))]
+
+    return build
+
+
+def _translational_spring(part: Part) -> list[Element]:
+    free_length = part.fields.number("l0")
+    return [TSDA(part.name, part.marker(1), part.marker(2), free_length=free_length, **_spring_law(part))]
+
+
+CONSTRAINTS: dict[str, Builder] = {
+    "AbsoluteX": _absolute(AbsoluteX, lambda marker: marker.x),
+    "AbsoluteY": _absolute(AbsoluteY, lambda marker: marker.y),
+    "AbsoluteAngle": _absolute(AbsoluteAngle, lambda marker: marker.angle),
+    "RelativeX": _relative(RelativeX, lambda marker: marker.x),
+    "RelativeY": _relative(RelativeY, lambda marker: marker.y),
+    "RelativeAngle": _relative(RelativeAngle, lambda marker: marker.angle),
+    "RelativeDistance": _relative_distance,
+    "RevoluteJoint": _revolute,
+    "TranslationalJoint": _translational,
+    "RackPinion": _rack_and_pinion,
+}
+FORCES: dict[str, Builder] = {
+    "PointForce": _point_force,
+    "Torque": _torque,
+    "RSDA1": _rotational_spring(to_ground=True),
+    "RSDA2": _rotational_spring(to_ground=False),
+    "TSDA": _translational_spring,
+}
+#: Types of the course that cannot be read, and why.
+OTHER_TYPES = {"PointForceFile": "its force is Matlab code, which is never run; write funX and funY in a PointForce"}

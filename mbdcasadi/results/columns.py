@@ -1,0 +1,116 @@
+"""A motion as named columns: what tables, files and plots are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import MechanismError
+from ..model.bodies import Body
+from ..model.mechanism import Mechanism
+from .trajectory import Trajectory
+
+_LEVELS = ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha")
+
+
+def reaction_body(element: Any) -> Body | None:
+    """Body on which the reaction of a joint is reported.
+
+    The second marker's body; where that is the ground, the body that moves.
+    """
+    candidates = [marker.body for marker in reversed(element.markers)] + list(reversed(element.bodies))
+    return next((body for body in candidates if not body.is_ground), None)
+
+
+def joints_of(mechanism: Mechanism) -> list[Any]:
+    """Constraints that are no drivers and say what they exert on a body."""
+    drivers = {id(driver) for driver in mechanism.drivers}
+    return [c for c in mechanism.constraints if id(c) not in drivers and hasattr(c, "reaction_on")]
+
+
+def has_multipliers(motion: Trajectory) -> bool:
+    """Whether reactions and efforts were computed with the motion."""
+    return bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))
+
+
+def default_expressions(motion: Trajectory) -> dict[str, ca.SX]:
+    """Coordinates and rates by body, reactions by joint, efforts by driver, inputs and states."""
+    mechanism = motion.mechanism
+    found: dict[str, ca.SX] = {}
+
+    def add(name: str, value: Any) -> None:
+        if name in found or name == "t":
+            raise MechanismError(f"two columns would be called '{name}'; give the expressions with names of your own")
+        found[name] = ca.SX(value)
+
+    for body in mechanism.bodies:
+        for level in _LEVELS:
+            add(f"{body.name}.{level}", getattr(body, level))
+    for coordinate in mechanism.coordinates:
+        add(coordinate.label, coordinate)
+        add(f"{coordinate.label}.velocity", coordinate.velocity)
+        add(f"{coordinate.label}.acceleration", coordinate.acceleration)
+    if has_multipliers(motion):
+        for joint in joints_of(mechanism):
+            reaction = joint.reaction_on(reaction_body(joint))
+            add(f"{joint.name}.fx", reaction.force[0])
+            add(f"{joint.name}.fy", reaction.force[1])
+            add(f"{joint.name}.torque", reaction.torque)
+        for driver in mechanism.drivers:
+            for name, effort in zip(driver.row_names, ca.vertsplit(-driver.multipliers), strict=True):
+                add(f"{name}.effort", effort)
+    for symbol in (*mechanism.inputs, *mechanism.states):
+        add(symbol.label, symbol)
+    return found
+
+
+def read_expressions(expressions: Any) -> dict[str, ca.SX]:
+    """Check a mapping {name: expression}."""
+    if not isinstance(expressions, Mapping):
+        raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
+    found: dict[str, ca.SX] = {}
+    for name, expression in expressions.items():
+        if not isinstance(name, str):
+            raise MechanismError(f"the name of an expression must be a text, got {name!r}")
+        try:
+            found[name] = ca.SX(expression)
+        except (NotImplementedError, TypeError):
+            raise MechanismError(f"'{name}' must be an expression, got {expression!r}") from None
+    return found
+
+
+def component_names(name: str, shape: tuple[int, int]) -> list[str]:
+    """Names of the entries of an expression, row by row."""
+    rows, columns = shape
+    if rows * columns == 1:
+        return [name]
+    if min(rows, columns) != 1:
+        return [f"{name}[{i},{j}]" for i in range(rows) for j in range(columns)]
+    count = rows * columns
+    return [f"{name}.{axis}" for axis in "xy"] if count == 2 else [f"{name}[{k}]" for k in range(count)]
+
+
+def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray]:
+    """Values over time by name, each (n_t,).
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    expressions : dict of str to expression, optional
+        A vector of two gives ``name.x`` and ``name.y``, others ``name[0]``
+        and so on. Without, the columns of ``Trajectory.to_csv``.
+    """
+    found = default_expressions(motion) if expressions is None else read_expressions(expressions)
+    names = [part for name, expression in found.items() for part in component_names(name, expression.shape)]
+    repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
+    if repeated:
+        raise MechanismError(f"two columns would be called '{repeated[0]}'; give the expressions other names")
+    if not names:
+        return {}
+    stacked = ca.veccat(*[expression.T for expression in found.values()])  # CasADi stacks by column, names run by row
+    values = motion[stacked].reshape(len(motion), len(names))
+    return dict(zip(names, values.T, strict=True))
