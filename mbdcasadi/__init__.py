@@ -9,7 +9,10 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
 from .analysis.assemble import assemble
+from .analysis.check import Report, check
 from .analysis.inputs import SampledController
+from .analysis.inverse_dynamics import inverse_dynamics
+from .analysis.kinematics import kinematics
 from .analysis.simulate import simulate
 from .equations import Equations, equations
 from .errors import (
@@ -24,6 +27,8 @@ from .errors import (
     SimulationError,
     SingularityError,
 )
+from .files.acf import read_acf
+from .files.adm import read_adm
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
 from .model.drivers import Driver
@@ -46,6 +51,10 @@ from .model.joints.gears import RackAndPinion
 from .model.joints.general import Constraint
 from .model.joints.lower_pairs import Revolute, Translational, Weld
 from .model.mechanism import Mechanism
+from .model.shaking import ShakingForce, shaking_force
+from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative
+from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .visual.plots import plot

@@ -16,6 +16,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
+from ..numerics.console import quiet
 from ..numerics.least_squares import Outcome, largest, nearest, solve
 
 #: Largest turn of a body in one step of the continuation, rad.
@@ -94,10 +95,11 @@ class PoseProblem:
         rows = [eom.Phi, *[c.expression for c in equalities], *[c.expression for c in inequalities]]
         bound = ca.substitute(ca.vertcat(*rows), ca.vertcat(eom.t, eom.z, eom.p), ca.vertcat(self.t, self.z, numeric.p))
         lower = np.r_[np.zeros(eom.Phi.numel() + len(equalities)), np.full(len(inequalities), -np.inf)]
-        quiet = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "expand": True}
+        silent = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "expand": True}
         options = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-10}
-        solver = ca.nlpsol("pose", "ipopt", {"x": eom.q, "f": distance, "g": bound}, quiet | {"ipopt": options})
-        q = solver(x0=estimate, lbg=lower, ubg=0)["x"].full().ravel()
+        with quiet():
+            solver = ca.nlpsol("pose", "ipopt", {"x": eom.q, "f": distance, "g": bound}, silent | {"ipopt": options})
+            q = solver(x0=estimate, lbg=lower, ubg=0)["x"].full().ravel()
         outcome = solve(self._with(equalities, np.zeros(len(equalities))), q, numeric.weights, iterations=20)
         met = all(self._values([c], outcome.x)[0] <= 1e-8 for c in inequalities)
         return outcome.x if outcome.converged and met else None

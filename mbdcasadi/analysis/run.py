@@ -11,7 +11,8 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import Interrupted, SimulationError
-from ..numerics.integration import FEW_STEPS, MAX_STEPS, IntegrationFailure, Integrator, interruptible
+from ..numerics.console import interruptible
+from ..numerics.integration import FEW_STEPS, MAX_STEPS, IntegrationFailure, Integrator
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .causes import cause_of_failure

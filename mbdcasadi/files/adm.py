@@ -127,7 +127,9 @@ def _shape(drawing: Any) -> Shape | None:
     shapes = drawing.get("shapes", []) if isinstance(drawing, dict) else []
     for entry in shapes if isinstance(shapes, list) else [shapes]:
         try:
-            rectangle: Shape = Rectangle(*map(float, entry["size"]), center=tuple(map(float, entry.get("loc", (0, 0)))))
+            width, height = map(float, entry["size"])
+            x, y = map(float, entry.get("loc", (0, 0)))
+            rectangle: Shape = Rectangle(width, height, center=(x, y))
         except (MechanismError, TypeError, KeyError, ValueError, AttributeError, IndexError, OverflowError):
             continue
         shape = rectangle if shape is None else shape + rectangle

@@ -58,11 +58,13 @@ class Part:
 
     def marker(self, number: int, angle: float = 0.0) -> Marker:
         """Point ``sP1`` of ``body1``, or ``sP2`` of ``body2``."""
-        return self.body(f"body{number}").at(*self.fields.numbers(f"sP{number}", 2), angle)
+        x, y = self.fields.numbers(f"sP{number}", 2)
+        return self.body(f"body{number}").at(x, y, angle)
 
     def angle_marker(self, number: int) -> Marker:
         """Marker whose angle counts; its point may be given, but does not matter."""
-        return self.body(f"body{number}").at(*self.fields.numbers(f"sP{number}", 2, (0.0, 0.0)))
+        x, y = self.fields.numbers(f"sP{number}", 2, (0.0, 0.0))
+        return self.body(f"body{number}").at(x, y)
 
 
 Builder = Callable[[Part], list[Element]]

@@ -11,7 +11,6 @@ import casadi as ca
 
 from ..errors import FileError, MechanismWarning
 from .arithmetic import parse_arithmetic
-from .text import JsonObject
 
 #: Fields that any object may have: what it is, and what no analysis needs.
 COMMON = ("name", "id", "type", "vis", "comment")
@@ -23,8 +22,8 @@ class Fields:
 
     Parameters
     ----------
-    data : JsonObject
-        The object.
+    data : dict
+        The object, as :func:`~mbdcasadi.files.text.read_json` gives it.
     file : str
         Name of the file.
     what : str
@@ -123,7 +122,7 @@ class Fields:
             warnings.warn(f"{self.file}: {self.what}: {_quoted(unused)} is not used", MechanismWarning, stacklevel=4)
 
 
-def objects(data: JsonObject, name: str, file: str) -> list[Any]:
+def objects(data: dict[str, Any], name: str, file: str) -> list[Any]:
     """The list of a file's bodies, constraints or forces; an object without fields stands for nothing."""
     value = data.get(name, [])
     if isinstance(value, dict):

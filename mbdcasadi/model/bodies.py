@@ -154,6 +154,16 @@ class Body(Immutable):
     Haug, *Computer Aided Kinematics and Dynamics of Mechanical Systems*, 1989, sections 2.4 and 6.1.
     """
 
+    x: ca.SX
+    y: ca.SX
+    phi: ca.SX
+    vx: ca.SX
+    vy: ca.SX
+    omega: ca.SX
+    ax: ca.SX
+    ay: ca.SX
+    alpha: ca.SX
+
     def __init__(
         self,
         name: str,

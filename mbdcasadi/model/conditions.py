@@ -7,6 +7,7 @@ operation is the comparison; this module reads both sides off it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -116,7 +117,9 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
     if isinstance(entry, Condition):
         return [entry]
     if isinstance(entry, Bounded):
-        return [*_relation(entry.lower <= entry.expression, position), *_relation(entry.expression <= entry.upper, position)]
+        sides = (entry.lower <= entry.expression, entry.expression <= entry.upper)
+        # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1
+        return [c for side in sides if not side.is_one() for c in _relation(side, position)]
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
     raise ConditionError(
@@ -138,6 +141,9 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
             f"condition {position} ({to_text(relation)}) is no relation; write {to_text(relation)} == value"
         )
     left, right = relation.dep(0), relation.dep(1)
+    for side in (left, right):
+        if side.is_constant() and not math.isfinite(float(side)):
+            raise ConditionError(f"condition {position} ({to_text(relation)}): the value {float(side)} is not finite")
     if left.is_constant() and not right.is_constant() and sign == "==":
         left, right = right, left
     return [Condition(left - right, sign == "==", f"{to_text(left)} {sign} {to_text(right)}")]

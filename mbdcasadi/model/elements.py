@@ -123,6 +123,8 @@ class ConstraintElement(Element):
     ):
         super().__init__(name)
         self.rows = ca.vec(rows)
+        others = ("velocity", "acceleration", "input", "state")
+        refuse_kinds(self.rows, others, self.what, "position constraints hold coordinates, parameters and time only")
         if velocity_rows is not None:
             self.velocity_rows = ca.vec(velocity_rows)
         self.row_labels = row_labels

@@ -12,7 +12,7 @@ from ..errors import ModelError
 from .symbols import Parameter, number
 
 
-def _known_value(value: Any) -> float | None:
+def known_value(value: Any) -> float | None:
     """Number behind a constant, a parameter or a plain number; None for other expressions."""
     if isinstance(value, Parameter):
         return value.value
@@ -49,13 +49,14 @@ def quantity(
         raise ModelError(f"{what}: {name} is a casadi.MX; the model is written in casadi.SX")
     if not isinstance(value, ca.SX):
         if isinstance(value, ca.DM | np.ndarray):
-            if np.size(value) != 1:
-                raise ModelError(f"{what}: {name} must be a scalar, got an array of {np.size(value)} values")
-            value = np.asarray(value).reshape(-1)[0]
+            array = value.full() if isinstance(value, ca.DM) else value
+            if array.size != 1:
+                raise ModelError(f"{what}: {name} must be a scalar, got an array of {array.size} values")
+            value = array.reshape(-1)[0]
         value = number(value, what, name)
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
-    known = _known_value(value)
+    known = known_value(value)
     if known is not None:
         if not math.isfinite(known):
             raise ModelError(f"{what}: {name} must be finite, got {known}")

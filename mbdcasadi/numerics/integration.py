@@ -7,12 +7,7 @@ fails is repeated output by output to keep what can be had.
 
 from __future__ import annotations
 
-import io
 import shutil
-import signal
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import SimulationError
+from .console import quiet
 
 #: Steps that an integrator may take between two outputs, at first and at the most.
 FEW_STEPS, MAX_STEPS = 20_000, 1_000_000
@@ -265,40 +261,3 @@ def _flag(error: Exception) -> str:
         if word.startswith("IDA_"):
             return word
     return _last_line(error)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Keep CasADi's remarks on a failing integrator off standard error: the error that is raised says more."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    with redirect_stderr(io.StringIO()):
-        yield
-
-
-class Interruption:
-    """Whether Ctrl-C was pressed while compiled code was running."""
-
-    def __init__(self) -> None:
-        self.requested = False
-
-
-@contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Remember Ctrl-C: inside an integrator it comes back as an error that does not say so."""
-    interruption = Interruption()
-    if threading.current_thread() is not threading.main_thread():
-        yield interruption
-        return
-    previous = signal.getsignal(signal.SIGINT)
-
-    def remember(number: int, frame: Any) -> None:
-        interruption.requested = True
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGINT, remember)
-    try:
-        yield interruption
-    finally:
-        signal.signal(signal.SIGINT, previous)

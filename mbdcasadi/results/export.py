@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     import xarray
 
 _FORMAT = "mbdcasadi trajectory 1"
-_ARRAYS = ("q", "v", "a", "z", "lam", "inputs")
+#: Arrays by time, and what their columns belong to.
+_ARRAYS = {"q": "coordinate", "v": "coordinate", "a": "coordinate", "z": "state", "lam": "row", "inputs": "input"}
 
 
 def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
@@ -59,13 +60,13 @@ def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
         ``coordinate``, ``lam`` by ``row``, ``z`` by ``state`` and ``inputs`` by ``input``.
     """
     xr = _imported("xarray", "to_xarray")
-    time = ("t", motion.t, {"units": "s"})
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {"t": ("t", motion.t, {"units": "s"})}
     if expressions is None:
         names = _names(motion.equations)
-        dimension = {"q": "coordinate", "v": "coordinate", "a": "coordinate", "z": "state", "lam": "row"}
-        variables = {name: (("t", dimension.get(name, "input")), getattr(motion, name)) for name in _ARRAYS}
-        return xr.Dataset(variables, coords={"t": time} | {k: list(names[k]) for k in set(dimension.values()) | {"input"}})
-    variables, coordinates = {}, {"t": time}
+        coordinates |= {kind: list(names[kind]) for kind in _ARRAYS.values()}
+        variables = {name: (("t", kind), getattr(motion, name)) for name, kind in _ARRAYS.items()}
+        return xr.Dataset(variables, coords=coordinates)
     for name, expression in read_expressions(expressions).items():
         values = motion[expression]
         if values.ndim == 2 and values.shape[1] == 2:
@@ -116,6 +117,7 @@ def save(motion: Trajectory, path: str | Path) -> None:
     content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
     content |= {name: getattr(motion, name) for name in _ARRAYS}
     content |= {f"{kind} names": np.array(names, dtype=str) for kind, names in _names(motion.equations).items()}
+    content["missing multipliers"] = motion._missing_multipliers
     content["statistics"] = json.dumps(asdict(motion.statistics))
     content["event names"] = np.array([event.name for event in motion.events], dtype=str)
     content["event t"] = np.array([event.t for event in motion.events])
@@ -159,22 +161,29 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
     for kind, names in _names(eom).items():
         _check_names(path, kind, content[f"{kind} names"].tolist(), names)
     parameters = content["parameters"]
-    events = [
-        EventOccurrence(
-            str(name),
-            float(content["event t"][k]),
-            State(mechanism, content["event t"][k], *(content[f"event {x}"][k] for x in _ARRAYS), parameters),
-        )
-        for k, name in enumerate(content["event names"])
-    ]
+    q, v, a, z, lam, u = (content[name] for name in _ARRAYS)
     return Trajectory(
         mechanism,
         content["t"],
-        *(content[name] for name in _ARRAYS),
+        q,
+        v,
+        a,
+        z,
+        lam,
+        u,
         parameters,
-        events=events,
+        events=[_event(mechanism, content, k) for k in range(content["event t"].size)],
         statistics=Statistics(**json.loads(str(content["statistics"]))),
         refine=_refine(eom, content),
+        missing_multipliers=str(content["missing multipliers"]),
+    )
+
+
+def _event(mechanism: Mechanism, content: dict[str, np.ndarray], k: int) -> EventOccurrence:
+    q, v, a, z, lam, u = (content[f"event {name}"][k] for name in _ARRAYS)
+    time = float(content["event t"][k])
+    return EventOccurrence(
+        str(content["event names"][k]), time, State(mechanism, time, q, v, a, z, lam, u, content["parameters"])
     )
 
 

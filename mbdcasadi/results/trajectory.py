@@ -122,6 +122,8 @@ class Trajectory:
     refine : callable, optional
         ``refine(t, q, v, z, u) -> (q, v, a, lam, u)`` brings interpolated values
         back onto the constraints; see :meth:`at`.
+    missing_multipliers : str, optional
+        Why there are no multipliers, where there are none.
     """
 
     def __init__(
@@ -139,6 +141,7 @@ class Trajectory:
         events: Sequence[EventOccurrence] = (),
         statistics: Statistics | None = None,
         refine: Callable[..., tuple[np.ndarray, ...]] | None = None,
+        missing_multipliers: str = "",
     ):
         self.mechanism = mechanism
         self.t = np.asarray(t, float)
@@ -149,6 +152,7 @@ class Trajectory:
         self.events = tuple(events)
         self.statistics = statistics or Statistics()
         self._refine = refine
+        self._missing_multipliers = missing_multipliers
 
     # --- evaluation ------------------------------------------------------------------
     @property
@@ -163,6 +167,8 @@ class Trajectory:
         """Values of an expression over time: (n_t,), (n_t, k), or (n_t, i, j) for a matrix."""
         expression = ca.SX(expression)
         function = self.equations.function(expression)
+        if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
+            raise MechanismError(self._missing_multipliers)
         rows, columns = expression.shape
         count = self.t.size
         if count == 0:
@@ -190,6 +196,7 @@ class Trajectory:
             self.lam[k],
             self.inputs[k],
             self.parameters,
+            obstacle=MechanismError(self._missing_multipliers) if self._missing_multipliers else None,
         )
 
     @property
@@ -233,7 +240,19 @@ class Trajectory:
         z = _linear(self.t, self.z, wanted)
         u = _linear(self.t, self.inputs, wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
-        return Trajectory(self.mechanism, wanted, q, v, a, z, lam, u, self.parameters, refine=self._refine)
+        return Trajectory(
+            self.mechanism,
+            wanted,
+            q,
+            v,
+            a,
+            z,
+            lam,
+            u,
+            self.parameters,
+            refine=self._refine,
+            missing_multipliers=self._missing_multipliers,
+        )
 
     # --- quantities of the whole motion ---------------------------------------------------
     @property

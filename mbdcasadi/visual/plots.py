@@ -54,7 +54,7 @@ def plot(motion: Trajectory, expressions: Mapping[str, Any]) -> Figure:
     if not len(motion):
         raise MechanismError("plot: the trajectory holds no times")
     figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(found)), layout="constrained")
-    stack = figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0]
+    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
     for axes, (label, expression) in zip(stack, found.items(), strict=True):
         names = component_names("", expression.shape)
         values = motion[expression].reshape(len(motion), -1)
@@ -131,10 +131,10 @@ def _loads(motion: Trajectory) -> Panels:
 
 def _lines(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
     """Draw named lines into axes; a single one needs no legend."""
-    single = {"marker": "o", "markersize": 4} if len(motion) == 1 else {}
+    marker = "o" if len(motion) == 1 else ""
     for k, (name, values) in enumerate(lines.items()):
-        style = _STYLES[(k // len(COLOURS)) % len(_STYLES)]
-        axes.plot(motion.t, values, color=COLOURS[k % len(COLOURS)], linestyle=style, linewidth=1.5, label=name, **single)
+        colour, style = COLOURS[k % len(COLOURS)], _STYLES[(k // len(COLOURS)) % len(_STYLES)]
+        axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker, label=name)
     axes.set_ylabel(label)
     axes.grid(True, color="#d8dce0", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -150,9 +150,8 @@ def _lines(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], labe
     if len(motion) > 1:
         axes.set_xlim(motion.t[0], motion.t[-1])
     if len(lines) > 1:
-        axes.legend(
-            loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0, frameon=False, fontsize="small", handlelength=1.4
-        )
+        legend = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", handlelength=1.4)
+        legend.set_frame_on(False)
 
 
 def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:

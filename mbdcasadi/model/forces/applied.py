@@ -139,4 +139,5 @@ class GeneralizedForce(Element):
         if not checked:
             raise ModelError(f"{self.what}: takes at least one pair (expression, force)")
         self.virtual_work = tuple(checked)
-        self.__dict__["bodies"] = tuple(dict.fromkeys(b for e, _ in checked for b in owners(e)))
+        # what such a force leans on is the ground: a motor's housing, a belt's bearings
+        self.__dict__["bodies"] = (*dict.fromkeys(b for e, _ in checked for b in owners(e)), ground)

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..quantities import quantity
+from ..quantities import known_value, quantity
 from ..symbols import time_derivative
 from .base import AlongLine, Joint, pair
 
@@ -16,7 +16,7 @@ from .base import AlongLine, Joint, pair
 def distance_row(what: str, d: ca.SX, distance: Any) -> ca.SX:
     """Row ``(d·d - C²) / (2 C)``: smooth at any pose, in metres, with a multiplier in newtons."""
     length = quantity(distance, what, "distance", at_least=0.0)
-    if not isinstance(length, ca.SX) and length == 0:
+    if known_value(length) == 0:
         raise ModelError(f"{what}: the distance is zero, where the constraint is singular; use a Revolute")
     return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length))
 

@@ -1,0 +1,168 @@
+"""The command line: ``python -m mbdcasadi run MODEL.adm ANALYSIS.acf`` and ``check MODEL.adm``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import mbdcasadi as mbd
+
+from .files.acf import Analysis
+from .results.summary import summary
+from .results.writing import whole_file
+
+#: Exit status of a wrong model or a run that stops, and of Ctrl-C.
+WRONG, STOPPED = 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status: 0, 2 after an error, 130 after Ctrl-C."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.command(options)
+    except (mbd.MechanismError, OSError) as error:
+        return _failed(error, options, WRONG)
+    except KeyboardInterrupt as error:
+        return _failed(error, options, STOPPED)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="mbdcasadi", description="Planar mechanisms from model files.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    run = commands.add_parser("run", help="run an analysis of a model", description="Run an analysis of a model.")
+    run.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    run.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="the analysis")
+    run.add_argument("--csv", metavar="FILE", type=Path, help="write motion, reactions and efforts as a table")
+    run.add_argument("--plot", metavar="FILE", type=Path, help="draw them over time (.png, .pdf, .svg, …)")
+    run.add_argument("--save", metavar="FILE", type=Path, help="write the trajectory for mbd.read_trajectory (.npz)")
+    run.add_argument("--method", metavar="NAME", help="integrator for dynamics: idas (default), erk, rosenbrock, auto")
+    run.add_argument("--tolerance", metavar="X", type=float, help="its relative and absolute tolerance (default 1e-8)")
+    run.add_argument("--quiet", action="store_true", help="print neither progress nor summary")
+    run.set_defaults(command=_run)
+    check = commands.add_parser("check", help="check a model", description="Check a model: freedom, redundancy, names.")
+    check.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    check.set_defaults(command=_check)
+    return parser
+
+
+def _failed(error: BaseException, options: argparse.Namespace, status: int) -> int:
+    """Say in one sentence what went wrong, and that no file was written where some were asked for."""
+    reason = " ".join(str(error).split()) or "stopped by the user"
+    if isinstance(error, OSError) and not isinstance(error, mbd.MechanismError):
+        reason = f"{error.filename}: {error.strerror}" if error.filename else reason
+    reason = reason.replace("; what was computed is in .partial", "")
+    wanted = [str(path) for path in _outputs(options).values()]
+    if getattr(error, "partial", None) is not None and wanted:
+        reason += f"; {', '.join(wanted)} {'was' if len(wanted) == 1 else 'were'} not written"
+    print(f"mbdcasadi: {reason}", file=sys.stderr)
+    return status
+
+
+# --- run -----------------------------------------------------------------------------
+def _outputs(options: argparse.Namespace) -> dict[str, Path]:
+    kinds = ("csv", "plot", "save")
+    return {kind: path for kind in kinds if (path := getattr(options, kind, None)) is not None}
+
+
+def _run(options: argparse.Namespace) -> None:
+    _check_outputs(_outputs(options))
+    with _notes() as notes:
+        mechanism = mbd.read_adm(options.model)
+        analysis = mbd.read_acf(options.analysis)
+        motion = _analyse(mechanism, analysis, options)
+        _write(motion, _outputs(options))
+        freedom = None if options.quiet else mbd.check(mechanism).degrees_of_freedom
+    if not options.quiet:
+        print(summary(motion, {"degrees of freedom": str(freedom), "analysis": analysis.kind}))
+        for note in notes:
+            print(f"{'note':20}{note}")
+        for path in _outputs(options).values():
+            print(f"{'written':20}{path}")
+
+
+def _analyse(mechanism: mbd.Mechanism, analysis: Analysis, options: argparse.Namespace) -> mbd.Trajectory:
+    # a bar for people only: in a log or a pipe, standard error holds what went wrong and nothing else
+    progress = not options.quiet and sys.stderr.isatty()
+    if analysis.kind == "dynamics":
+        settings: dict[str, Any] = {} if options.method is None else {"method": options.method}
+        if options.tolerance is not None:
+            settings |= {"reltol": options.tolerance, "abstol": options.tolerance}
+        return mbd.simulate(mechanism, analysis.times, progress=progress, **settings)
+    for name in ("method", "tolerance"):
+        if getattr(options, name) is not None:
+            raise mbd.MechanismError(f"--{name} is for dynamics; {options.analysis} asks for {analysis.kind}")
+    return mbd.inverse_dynamics(mechanism, analysis.times, progress=progress)
+
+
+def _check_outputs(outputs: dict[str, Path]) -> None:
+    """Find what would keep a file from being written before the run, not after it."""
+    seen: set[Path] = set()
+    for kind, path in outputs.items():
+        if not path.resolve().parent.is_dir():
+            raise mbd.MechanismError(f"--{kind} {path}: the folder {path.resolve().parent} does not exist")
+        if path.is_dir():
+            raise mbd.MechanismError(f"--{kind} {path}: this is a folder; name a file in it")
+        if path.resolve() in seen:
+            raise mbd.MechanismError(f"--{kind} {path}: another output goes to the same file")
+        seen.add(path.resolve())
+    if "plot" in outputs:
+        from matplotlib.figure import Figure
+
+        formats = sorted(Figure().canvas.get_supported_filetypes())
+        if outputs["plot"].suffix.lower().lstrip(".") not in formats:
+            raise mbd.MechanismError(f"--plot {outputs['plot']}: the name must end in one of .{', .'.join(formats)}")
+
+
+def _write(motion: mbd.Trajectory, outputs: dict[str, Path]) -> None:
+    """Write all outputs, or none of them."""
+    writers: dict[str, Callable[[Path, Path], None]] = {
+        "csv": lambda temporary, _: motion.to_csv(temporary),
+        "plot": lambda temporary, path: _draw(motion, temporary, path.suffix.lower().lstrip(".")),
+        "save": lambda temporary, _: motion.save(temporary),
+    }
+    with ExitStack() as stack:
+        for kind, path in outputs.items():
+            writers[kind](stack.enter_context(whole_file(path)), path)
+
+
+def _draw(motion: mbd.Trajectory, path: Path, kind: str) -> None:
+    from .visual.plots import overview
+
+    overview(motion).savefig(path, format=kind, dpi=150)
+
+
+@contextmanager
+def _notes() -> Iterator[list[str]]:
+    """Collect the package's warnings, which the summary prints; others go their usual way."""
+    notes: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", mbd.MechanismWarning)
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, mbd.MechanismWarning):
+                notes.append(str(message))
+            else:
+                usual(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield notes
+
+
+# --- check ---------------------------------------------------------------------------
+def _check(options: argparse.Namespace) -> None:
+    with _notes() as notes:
+        report = mbd.check(mbd.read_adm(options.model))
+    print(report)
+    for note in notes:
+        print(f"note: {note}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""A driven motion followed in time, step by step, on one branch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..equations.driven import driven_equations
+from ..equations.numeric import NumericEquations
+from ..errors import Interrupted, SingularityError
+from ..numerics.console import interruptible
+from ..numerics.least_squares import largest
+from .singular import SingularPose, describe_singularity
+
+#: Points that are solved by one call of the compiled recursion.
+BATCH = 500
+#: Largest share of a step's own motion by which the prediction may be off, and the least motion that counts.
+TRUST, SMALL = 0.5, 1e-3
+#: Last Newton step that counts as converged, relative to the size of the coordinates.
+CONVERGED = 1e-10
+#: Steps are divided down to this share of the span.
+SMALLEST = 1e-12
+
+
+@dataclass
+class DrivenMotion:
+    """Positions, velocities and accelerations over time, each (k, n)."""
+
+    t: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    seconds: float = 0.0
+
+
+class Continuation:
+    """Follows the pose of a driven mechanism.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Its equations.
+    progress : bool
+        Show a progress bar.
+    wrap : callable, optional
+        Makes the partial result that an error carries.
+    """
+
+    def __init__(
+        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
+    ):
+        self.numeric = numeric
+        self.driven = driven_equations(numeric.eom)
+        self._progress = progress
+        self._wrap = wrap or (lambda motion: motion)
+
+    # --- the motion -------------------------------------------------------------------
+    def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Follow the motion over a grid from the pose at its first time."""
+        zero = np.zeros_like(q)
+        first = self._one(q, zero, zero, float(grid[0]), float(grid[0]))
+        if first is None:
+            raise self._singular(float(grid[0]), q, DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0]))
+        blocks = [tuple(x[None, :] for x in first)]
+        done = 1
+        with interruptible(), _bar(grid.size - 1, self._progress) as bar:
+            while done < grid.size:
+                try:
+                    block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
+                    if not len(block[0]):
+                        block = self._carefully(grid, done, blocks)
+                except KeyboardInterrupt:
+                    raise self._interrupted(grid, blocks) from None
+                blocks.append(block)
+                done += len(block[0])
+                bar.update(len(block[0]))
+        return self._motion(grid, blocks)
+
+    def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Solve at scattered times from good estimates (k, n)."""
+        zero = np.zeros_like(q.T)
+        found = self.driven.step(q.T, zero, zero, t[None, :], t[None, :], self.numeric.p)
+        q, v, a = (x.full().T for x in found[:3])
+        return DrivenMotion(t, q, v, a)
+
+    def _batch(self, before: float, times: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple:
+        """As many of the times as the compiled recursion solves on the branch."""
+        function = self._recursion(times.size)
+        p = np.tile(self.numeric.p[:, None], (1, times.size))
+        try:
+            found = function(q, v, a, before, times[None, :], p)
+        except RuntimeError:  # a singular matrix on the way: step by step then
+            return q[None, :][:0], v[None, :][:0], a[None, :][:0]
+        qs, vs, accelerations = (x.full().T for x in found[:3])
+        correction, remainder = (x.full().ravel() for x in found[4:])
+        motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
+        good = (correction <= TRUST * motion + SMALL * (1 + motion)) & (remainder <= CONVERGED * (1 + largest(q)))
+        good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
+        count = int(np.argmin(good)) if not np.all(good) else times.size
+        return qs[:count], vs[:count], accelerations[:count]
+
+    def _recursion(self, count: int) -> Any:
+        memory = self.numeric.eom.mechanism.memory
+        key = ("kinematic recursion", count)
+        if key not in memory:
+            names = ["q0", "v0", "a0", "t0"]
+            memory[key] = self.driven.step.mapaccum("kinematics", count, names, ["q", "v", "a", "t_now"])
+        return memory[key]
+
+    # --- one difficult step -----------------------------------------------------------------
+    def _carefully(self, grid: np.ndarray, done: int, blocks: list[tuple]) -> tuple:
+        """Reach the next time in divided steps, or raise where the mechanism locks."""
+        q, v, a = (x[-1] for x in blocks[-1])
+        now, goal = float(grid[done - 1]), float(grid[done])
+        step, smallest = (goal - now) / 2, SMALLEST * max(float(grid[-1] - grid[0]), abs(goal))
+        while now < goal:
+            ahead = min(now + step, goal)
+            found = self._one(q, v, a, now, ahead)
+            if found is not None and self._on_branch(q, v, a, ahead - now, found[0]):
+                q, v, a = found
+                now, step = ahead, 2 * step
+            else:
+                step /= 2
+                if step < smallest:
+                    raise self._singular(now, q, self._motion(grid, blocks))
+        return q[None, :], v[None, :], a[None, :]
+
+    def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
+        """Pose, velocity and acceleration at one time, or None where Newton's method does not settle."""
+        try:
+            found = self.driven.step(q, v, a, before, now, self.numeric.p)
+        except RuntimeError:
+            return None
+        qn, vn, an = (x.full().ravel() for x in found[:3])
+        remainder = float(found[5])
+        settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn))
+        return (qn, vn, an) if settled else None
+
+    @staticmethod
+    def _on_branch(q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, found: np.ndarray) -> bool:
+        """Whether the pose is the continuation of the one before, not a jump."""
+        predicted = q + h * v + h**2 / 2 * a
+        return largest(found - predicted) <= TRUST * largest(found - q) + 1e-12 * (1 + largest(q))
+
+    # --- messages ---------------------------------------------------------------------------
+    @staticmethod
+    def _motion(grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
+        q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        return DrivenMotion(grid[: len(q)], q, v, a)
+
+    def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
+        pose: SingularPose = describe_singularity(self.numeric, t, q)
+        return SingularityError(
+            f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
+            "what was computed is in .partial",
+            time=t,
+            partial=self._wrap(motion),
+        )
+
+    def _interrupted(self, grid: np.ndarray, blocks: list[tuple]) -> Interrupted:
+        motion = self._motion(grid, blocks)
+        reached = float(motion.t[-1])
+        return Interrupted(
+            f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
+            time=reached,
+            partial=self._wrap(motion),
+        )
+
+
+class _NoBar:
+    def __enter__(self) -> _NoBar:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        return None
+
+    def update(self, _count: int) -> None:
+        """Nothing to show."""
+
+
+def _bar(total: int, show: bool) -> Any:
+    if not show:
+        return _NoBar()
+    from tqdm.auto import tqdm
+
+    return tqdm(total=total, unit=" times", desc="kinematics")

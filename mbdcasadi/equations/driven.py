@@ -1,0 +1,99 @@
+"""Compiled solves for a motion that constraints determine: positions, velocities, accelerations, multipliers.
+
+As many independent rows as coordinates. The Jacobian is square, or has
+redundant rows; then the normal equations take its place.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from .derivation import Equations
+
+#: Newton steps at each time; the predictor is good to third order.
+NEWTON_STEPS = 3
+_SOLVER = "csparse"
+
+
+class DrivenEquations:
+    """Functions of a driven mechanism.
+
+    Parameters
+    ----------
+    eom : Equations
+        Its equations.
+
+    Attributes
+    ----------
+    step : casadi.Function
+        ``(q, v, a, t before, t, p) -> (q, v, a, t, correction, remainder)``:
+        predict, correct by Newton's method, then velocity and acceleration.
+        `correction` is how far the pose was moved from the prediction,
+        `remainder` the last Newton step.
+    multipliers : casadi.Function
+        ``(t, q, v, a, z, u, p) -> lam`` from ``Phi_q^T lam = Q - M a``, of
+        least norm where rows are redundant.
+    """
+
+    def __init__(self, eom: Equations):
+        self.square = eom.lam.numel() == eom.q.numel()
+        self._eom = eom
+        self.step = self._step()
+        self.multipliers = self._multipliers()
+
+    def _least_squares(self, jacobian: ca.MX, right: ca.MX) -> ca.MX:
+        """Solve ``J x = right`` for a square J, or one with redundant rows."""
+        if self.square:
+            return ca.solve(jacobian, right, _SOLVER)
+        return ca.solve(jacobian.T @ jacobian, jacobian.T @ right, _SOLVER)
+
+    def _step(self) -> ca.Function:
+        eom = self._eom
+        n, k = eom.q.numel(), eom.p.numel()
+        position = ca.Function("position", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, ca.densify(eom.nu)])
+        acceleration = ca.Function("gamma", [eom.t, eom.q, eom.v, eom.p], [ca.densify(eom.gamma)])
+        before, rate, second = ca.MX.sym("q", n), ca.MX.sym("v", n), ca.MX.sym("a", n)
+        earlier, now, p = ca.MX.sym("t0"), ca.MX.sym("t"), ca.MX.sym("p", k)
+        h = now - earlier
+        predicted = before + h * rate + h**2 / 2 * second
+        q, change = predicted, ca.MX.zeros(n)
+        for _ in range(NEWTON_STEPS):
+            phi, jacobian, _ = position(now, q, p)
+            change = self._least_squares(jacobian, phi)
+            q = q - change
+        _, jacobian, nu = position(now, q, p)
+        v = self._least_squares(jacobian, nu)
+        a = self._least_squares(jacobian, acceleration(now, q, v, p))
+        moved = ca.norm_inf(q - predicted)
+        return ca.Function(
+            "kinematic_step",
+            [before, rate, second, earlier, now, p],
+            [q, v, a, now, moved, ca.norm_inf(change)],
+            ["q0", "v0", "a0", "t0", "t", "p"],
+            ["q", "v", "a", "t_now", "correction", "remainder"],
+        )
+
+    def _multipliers(self) -> ca.Function:
+        eom = self._eom
+        shapes = (eom.t, eom.q, eom.v, eom.a, eom.z, eom.u, eom.p)
+        given = [ca.MX.sym(name, *s.shape) for name, s in zip(("t", "q", "v", "a", "z", "u", "p"), shapes, strict=True)]
+        load = eom.Q - eom.mass_diagonal * eom.a
+        terms = ca.Function("terms", [*shapes, eom.lam], [eom.Phi_q, ca.densify(load), ca.jacobian(load, eom.lam)])
+        lam = ca.MX.zeros(eom.lam.numel())
+        # forces that depend on the multipliers take a few Newton steps; without them the first one is exact
+        for _ in range(8 if eom.Q_depends_on_lam else 1):
+            jacobian, right, slope = terms(*given, lam)
+            residual = right - jacobian.T @ lam
+            if self.square:
+                lam = lam + ca.solve(jacobian.T - slope, residual, _SOLVER)
+            else:
+                lam = lam + jacobian @ ca.solve(jacobian.T @ jacobian, residual, _SOLVER)
+        return ca.Function("multipliers", given, [lam])
+
+
+def driven_equations(eom: Equations) -> DrivenEquations:
+    """Compiled solves of a driven mechanism, made once and kept."""
+    memory = eom.mechanism.memory
+    if "driven" not in memory:
+        memory["driven"] = DrivenEquations(eom)
+    return memory["driven"]

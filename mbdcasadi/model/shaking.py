@@ -1,0 +1,81 @@
+"""What a mechanism does to its foundation."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from .elements import ConstraintElement, Element, cross
+from .mechanism import Mechanism
+from .quantities import vector2
+
+
+class ShakingForce:
+    """Force and moment of a whole mechanism on the ground, as expressions.
+
+    The sum of what joints, drivers, springs and couples exert on the ground.
+    Gravity and point forces without an opposite body come from outside and do
+    not count; what a mechanism of joints alone exerts is then
+    ``Σ m (g - a)``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    point : (float, float), default (0, 0)
+        Point about which the moment is taken, m.
+
+    Attributes
+    ----------
+    force : casadi.SX
+        (2,), global axes, N.
+    moment : casadi.SX
+        About the point, N m.
+    """
+
+    def __init__(self, mechanism: Mechanism, point: Any = (0.0, 0.0)):
+        self.mechanism = mechanism
+        self.point = vector2(point, "shaking_force", "point")
+
+    @cached_property
+    def _wrench(self) -> tuple[ca.SX, ca.SX]:
+        force, moment = ca.SX(2, 1), ca.SX(0)
+        for element in self.mechanism.elements:
+            if element.multipliers.numel() or any(body.is_ground for body in element.bodies):
+                load = self._generalised(element)
+                for k, body in enumerate(self.mechanism.bodies):
+                    on_body = load[3 * k : 3 * k + 3]
+                    force -= on_body[:2]
+                    moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
+        return force, moment
+
+    def _generalised(self, element: Element) -> ca.SX:
+        """Generalised force of an element on the moving bodies."""
+        q = ca.vertcat(*[body.q for body in self.mechanism.bodies])
+        v = ca.vertcat(*[body.v for body in self.mechanism.bodies])
+        load = ca.SX(q.numel(), 1)
+        if isinstance(element, ConstraintElement) or element.multipliers.numel():
+            count = element.rows.numel()
+            load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
+            if element.velocity_rows.numel():
+                load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
+        for displacement, effort in element.virtual_work:
+            load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
+        return load
+
+    @property
+    def force(self) -> ca.SX:
+        """Force on the ground (2,), N."""
+        return self._wrench[0]
+
+    @property
+    def moment(self) -> ca.SX:
+        """Moment on the ground about the point, N m."""
+        return self._wrench[1]
+
+
+def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce:
+    """Return the force and moment of a mechanism on the ground; see :class:`ShakingForce`."""
+    return ShakingForce(mechanism, point)

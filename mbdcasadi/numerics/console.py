@@ -1,0 +1,47 @@
+"""What compiled code does to the terminal: remarks on standard error, and Ctrl-C."""
+
+from __future__ import annotations
+
+import io
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr
+from typing import Any
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep CasADi's remarks on a failing integrator off standard error: the error that is raised says more."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    with redirect_stderr(io.StringIO()):
+        yield
+
+
+class Interruption:
+    """Whether Ctrl-C was pressed while compiled code was running."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+
+@contextmanager
+def interruptible() -> Iterator[Interruption]:
+    """Remember Ctrl-C: inside an integrator it comes back as an error that does not say so."""
+    interruption = Interruption()
+    if threading.current_thread() is not threading.main_thread():
+        yield interruption
+        return
+    previous = signal.getsignal(signal.SIGINT)
+
+    def remember(number: int, frame: Any) -> None:
+        interruption.requested = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, remember)
+    try:
+        yield interruption
+    finally:
+        signal.signal(signal.SIGINT, previous)

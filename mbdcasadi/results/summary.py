@@ -1,0 +1,93 @@
+"""What a motion came to, in a few lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..model.expressions import norm
+from .columns import columns, has_multipliers, joints_of, reaction_body
+from .trajectory import Trajectory
+
+_WIDTH = 20
+#: Loads below this are rounding, N or N m.
+_NOTHING = 1e-9
+
+
+def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
+    """Return a table of what a motion came to.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    facts : dict of str to str, optional
+        Lines to put behind the name of the model.
+
+    Returns
+    -------
+    str
+        Outputs, wall time, drift, energy, range of each driver's effort, largest reaction of each joint, notes.
+    """
+    mechanism, run, drift, energy = motion.mechanism, motion.statistics, motion.drift, motion.energy.total
+    lines = [("model", mechanism.name or "without a name"), ("", _parts(motion)), *(facts or {}).items()]
+    lines.append(("outputs", f"{len(motion)}, t = {motion.t[0]:g} … {motion.t[-1]:g} s"))
+    method = run.method + (f", {run.formulation}" if run.formulation else "")
+    lines.append(("wall time", f"{run.seconds:.3g} s" + (f" ({method})" if method else "")))
+    lines.append(("largest |Phi|", f"{drift.position:.1e} m or rad; of its rate {drift.velocity:.1e}"))
+    lines.append(("energy", f"{energy[0]:.6g} J → {energy[-1]:.6g} J, change {energy[-1] - energy[0]:+.3g} J"))
+    if has_multipliers(motion):
+        lines += _table("driver effort", _efforts(motion)) + _table("largest reaction", _reactions(motion))
+    lines += [("event", f"'{event.name}' at t = {event.t:.6g} s") for event in motion.events]
+    lines += [("note", note) for note in run.notes]
+    return "\n".join(f"{name:{_WIDTH}}{text}".rstrip() for name, text in lines)
+
+
+def _parts(motion: Trajectory) -> str:
+    mechanism = motion.mechanism
+    counts = {
+        "body bodies": mechanism.bodies,
+        "joint joints": mechanism.joints,
+        "driver drivers": mechanism.drivers,
+        "force forces": mechanism.forces,
+    }
+    return ", ".join(f"{len(parts)} {words.split()[len(parts) != 1]}" for words, parts in counts.items() if parts)
+
+
+def _table(title: str, entries: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Entries under one title, which stands beside the first of them."""
+    width = max(map(len, entries), default=0) + 2
+    return [(title if k == 0 else "", f"{name:{width}}{text}") for k, (name, text) in enumerate(entries.items())]
+
+
+def _efforts(motion: Trajectory) -> dict[str, str]:
+    found = {}
+    for driver in motion.mechanism.drivers:
+        unit = effort_unit(driver)
+        for name, values in columns(motion, {driver.name: -driver.multipliers}).items():
+            found[name] = f"{_rounded(np.nanmin(values))} … {_rounded(np.nanmax(values))} {unit}"
+    return found
+
+
+def effort_unit(driver: Any) -> str:
+    """N m for a driver that moves angles only, else N."""
+    places = ca.vertcat(*[body.position for body in driver.bodies if not body.is_ground])
+    return "N" if ca.depends_on(driver.rows, places) else "N m"
+
+
+def _reactions(motion: Trajectory) -> dict[str, str]:
+    found = {}
+    for joint in joints_of(motion.mechanism):
+        reaction = joint.reaction_on(reaction_body(joint))
+        sizes = columns(motion, {"N": norm(reaction.force), "N m": norm(reaction.torque)})
+        largest = {unit: int(np.nanargmax(size)) for unit, size in sizes.items() if np.nanmax(size) > _NOTHING}
+        parts = [f"{_rounded(sizes[unit][k])} {unit} at t = {motion.t[k]:.4g} s" for unit, k in largest.items()]
+        found[joint.name] = ", ".join(parts) or "none"
+    return found
+
+
+def _rounded(value: float) -> str:
+    return f"{0.0 if abs(value) < _NOTHING else value:.4g}"
