@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -40,6 +41,7 @@ def random_mechanism(seed: int, driven: bool = False) -> mbd.Mechanism:
     return random_case(seed, driven).mechanism
 
 
+@cache
 def random_case(seed: int, driven: bool = False) -> RandomCase:
     """A random mechanism with at least one degree of freedom, or none where it is driven."""
     return _Builder(seed).build(driven)

@@ -113,7 +113,7 @@ class Fields:
             return
         function = self.function()
         if not (function.is_constant() and float(function) == 0):
-            raise self.refuse(f"fun = {_shown(value)}, but a {self.data.get('type')} takes no function; write \"NONE\"")
+            raise self.refuse(f'fun = {_shown(value)}, but a {self.data.get("type")} takes no function; write "NONE"')
 
     def done(self) -> None:
         """Warn of fields that were given and not used."""

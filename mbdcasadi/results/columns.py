@@ -31,6 +31,12 @@ def joints_of(mechanism: Mechanism) -> list[Any]:
     return [c for c in mechanism.constraints if id(c) not in drivers and hasattr(c, "reaction_on")]
 
 
+def effort_unit(driver: Any) -> str:
+    """N m for a driver that moves angles only, else N."""
+    places = ca.vertcat(*[body.position for body in driver.bodies if not body.is_ground])
+    return "N" if ca.depends_on(driver.rows, places) else "N m"
+
+
 def has_multipliers(motion: Trajectory) -> bool:
     """Whether reactions and efforts were computed with the motion."""
     return bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..model.expressions import norm
-from .columns import columns, has_multipliers, joints_of, reaction_body
+from .columns import columns, effort_unit, has_multipliers, joints_of, reaction_body
 from .trajectory import Trajectory
 
 _WIDTH = 20
@@ -70,12 +68,6 @@ def _efforts(motion: Trajectory) -> dict[str, str]:
         for name, values in columns(motion, {driver.name: -driver.multipliers}).items():
             found[name] = f"{_rounded(np.nanmin(values))} … {_rounded(np.nanmax(values))} {unit}"
     return found
-
-
-def effort_unit(driver: Any) -> str:
-    """N m for a driver that moves angles only, else N."""
-    places = ca.vertcat(*[body.position for body in driver.bodies if not body.is_ground])
-    return "N" if ca.depends_on(driver.rows, places) else "N m"
 
 
 def _reactions(motion: Trajectory) -> dict[str, str]:

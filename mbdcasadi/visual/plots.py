@@ -9,7 +9,15 @@ import numpy as np
 
 from ..errors import MechanismError
 from ..model.expressions import norm
-from ..results.columns import columns, component_names, has_multipliers, joints_of, reaction_body, read_expressions
+from ..results.columns import (
+    columns,
+    component_names,
+    effort_unit,
+    has_multipliers,
+    joints_of,
+    reaction_body,
+    read_expressions,
+)
 from ..results.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -122,7 +130,10 @@ def _loads(motion: Trajectory) -> Panels:
         sizes = columns(motion, forces)
         # what never pushes, such as the angle of a slider that is held, would only fill the legend
         panels["reaction, N"] = {name: size for name, size in sizes.items() if np.any(size > 1e-9)}
-        panels["driver effort, N or N m"] = columns(motion, {d.name: -d.multipliers for d in mechanism.drivers})
+        for unit in ("N", "N m"):
+            drivers = [driver for driver in mechanism.drivers if effort_unit(driver) == unit]
+            label = f"{drivers[0].name}, {unit}" if len(drivers) == 1 else f"driver effort, {unit}"
+            panels[label] = columns(motion, {driver.name: -driver.multipliers for driver in drivers})
     panels["input"] = columns(motion, {u.label: u for u in mechanism.inputs})
     energy = motion.energy
     panels["energy, J"] = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}

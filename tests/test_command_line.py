@@ -1,0 +1,204 @@
+"""The command line from outside: exit status, what is printed where, and which files are left."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+from mbdcasadi.__main__ import main
+
+ROOT = Path(__file__).resolve().parents[1]
+MODELS = ROOT / "examples" / "models"
+FREE = (MODELS / "slider_crank.adm", MODELS / "slider_crank.acf")
+DRIVEN = (MODELS / "slider_crank_driven.adm", MODELS / "slider_crank_driven.acf")
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
+
+
+def outside(*arguments, **more):
+    """Run in a process of its own."""
+    command = [sys.executable, "-m", "mbdcasadi", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False, **more)
+
+
+def written(path, change):
+    """A model that differs from the example."""
+    content = json.loads(FREE[0].read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def analysis(path, **fields):
+    """An analysis file."""
+    path.write_text(json.dumps({"simulation": "Dynamics", "tend": 0.2, "outputSteps": 20} | fields))
+    return path
+
+
+def test_a_run_from_outside(tmp_path):
+    """Summary on standard output, nothing on standard error, and the files that were asked for."""
+    out = {kind: tmp_path / f"out.{kind}" for kind in ("csv", "png", "npz")}
+    done = outside("run", *FREE, "--csv", out["csv"], "--plot", out["png"], "--save", out["npz"])
+    assert (done.returncode, done.stderr) == (0, "")
+    for word in (
+        "slider crank",
+        "degrees of freedom  1",
+        "dynamics",
+        "401",
+        "wall time",
+        "|Phi|",
+        "energy",
+        "crank pin",
+    ):
+        assert word in done.stdout, word
+    assert out["png"].read_bytes()[:4] == b"\x89PNG"
+    assert set(tmp_path.iterdir()) == set(out.values())
+    model = mbd.read_adm(FREE[0])
+    motion = mbd.read_trajectory(out["npz"], model)
+    with open(out["csv"], newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 401
+    assert [float(row["slider.x"]) for row in rows] == motion[model.body("slider").x].tolist()
+
+
+def test_a_kinematic_run_gives_reactions_and_efforts(tmp_path, capsys):
+    """The course's kinematics, with the torque that it takes."""
+    assert main(["run", *map(str, DRIVEN), "--csv", str(tmp_path / "out.csv")]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == "" and "kinematics" in printed.out and "crank drive" in printed.out and "N m" in printed.out
+    with open(tmp_path / "out.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {"crank drive.effort", "crank pin.fx", "guide y.fy", "rod.alpha"} <= set(rows[0])
+    # over a whole turn the motor's work is that of the load, which returns to where it was: none
+    effort = np.array([float(row["crank drive.effort"]) for row in rows])
+    assert abs(np.mean(effort[:-1])) < 1e-6 * np.max(np.abs(effort))
+
+
+def test_quiet(capsys):
+    """Not a word."""
+    assert main(["run", *map(str, DRIVEN), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("extra", [("--method", "erk"), ("--tolerance", "1e-5")])
+def test_settings_of_the_integrator(tmp_path, capsys, extra):
+    """They reach it; what it is, the summary says."""
+    assert main(["run", str(FREE[0]), str(analysis(tmp_path / "a.acf")), *extra]) == 0
+    assert ("erk" in capsys.readouterr().out) == ("erk" in extra)
+
+
+def test_check(capsys):
+    """The report as a table."""
+    assert main(["check", str(FREE[0])]) == 0
+    assert "degrees of freedom" in capsys.readouterr().out
+
+
+def test_warnings_become_notes(tmp_path, capsys):
+    """On standard output, in the summary."""
+    model = written(tmp_path / "m.adm", lambda m: m["bodies"][0].update(qdO=[0, 0, 0]))
+    assert main(["run", str(model), str(analysis(tmp_path / "a.acf"))]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == "" and "'qdO' is not used" in printed.out
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda m: m["constraints"][2].update(body2=9), ["crank pin", "body2 = 9", "1, 2, 3"]),
+        (lambda m: m["forces"][0].update(fun="__import__('os')"), ["motor", "fun", "__import__"]),
+        (lambda m: m["bodies"][1].update(mass=-3), ["rod", "mass", "-3"]),
+        (lambda m: m["constraints"][0].update(fun="5"), ["assemble", "main bearing x"]),
+    ],
+)
+def test_a_wrong_model(tmp_path, change, says):
+    """Status 2, one sentence on standard error with the place and the reason, and no file."""
+    model = written(tmp_path / "m.adm", change)
+    done = outside("run", model, FREE[1], "--csv", tmp_path / "out.csv", "--plot", tmp_path / "out.png")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+    assert all(word in done.stderr for word in says), done.stderr
+    assert list(tmp_path.iterdir()) == [model]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["check", "absent.adm"], "absent.adm"),
+        (["run", str(FREE[0]), "absent.acf"], "absent.acf"),
+        (["run", str(FREE[0]), str(DRIVEN[1])], "degree"),
+        (["run", *map(str, FREE), "--csv", "absent/out.csv"], "does not exist"),
+        (["run", *map(str, FREE), "--csv", "."], "folder"),
+        (["run", *map(str, FREE), "--plot", "out.xyz"], ".png"),
+        (["run", *map(str, FREE), "--csv", "out", "--save", "out"], "same file"),
+        (["run", *map(str, FREE), "--method", "magic"], "magic"),
+        (["run", *map(str, FREE), "--tolerance", "-1"], "-1"),
+        (["run", *map(str, DRIVEN), "--method", "erk"], "--method is for dynamics"),
+    ],
+)
+def test_a_wrong_call(tmp_path, monkeypatch, capsys, arguments, says):
+    """One sentence, before anything is written."""
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and printed.err.count("\n") == 1 and says in printed.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_usage(capsys):
+    """argparse's own messages and status."""
+    for arguments in ([], ["run"], ["dance"]):
+        with pytest.raises(SystemExit) as caught:
+            main(arguments)
+        assert caught.value.code == 2
+    assert "usage: mbdcasadi" in capsys.readouterr().err
+
+
+def test_outputs_are_all_or_none(tmp_path, monkeypatch, capsys):
+    """Where the plot fails, the table that was ready is not left behind."""
+
+    def broken(_motion):
+        raise OSError(28, "No space left on device", "out.png")
+
+    monkeypatch.setattr("mbdcasadi.visual.plots.overview", broken)
+    arguments = ["run", *map(str, DRIVEN), "--csv", str(tmp_path / "o.csv"), "--plot", str(tmp_path / "o.png")]
+    assert main(arguments) == 2
+    assert capsys.readouterr().err == "mbdcasadi: out.png: No space left on device\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_stops_part_way(tmp_path):
+    """The time that was reached, why, and that the table was not written."""
+    model = written(
+        tmp_path / "m.adm",
+        lambda m: m["constraints"].append(
+            {"name": "reach", "id": 7, "type": "AbsoluteX", "body1": 3, "sP1": [0, 0], "fun": "0.663103 + t/10"}
+        ),
+    )
+    times = analysis(tmp_path / "a.acf", simulation="Kinematics", tend=1.0, outputSteps=100)
+    done = outside("run", model, times, "--csv", tmp_path / "out.csv")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+    # the slider cannot go beyond 0.2 + 0.5, which it would reach at t = 0.369
+    assert "t = 0.3" in done.stderr and "reach" in done.stderr and "out.csv was not written" in done.stderr
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+def test_interruption(tmp_path):
+    """Ctrl-C: status 130, one sentence, no file."""
+    times = analysis(tmp_path / "a.acf", tend=2000.0, outputSteps=400_000)
+    command = [sys.executable, "-m", "mbdcasadi", "run", FREE[0], times, "--csv", tmp_path / "out.csv"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT) as run:
+        time.sleep(3.0)
+        assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and "Traceback" not in err
+    assert out == "" and err.count("\n") == 1 and "stopped by the user" in err
+    assert not (tmp_path / "out.csv").exists()

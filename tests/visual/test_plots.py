@@ -1,0 +1,114 @@
+"""Plots: what is in the figures, and that nothing else in Matplotlib is touched."""
+
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+from mbdcasadi.results.trajectory import EventOccurrence, Trajectory
+from mbdcasadi.visual.plots import overview, plot
+
+TIMES = np.linspace(0, 1, 21)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A rod."""
+    return mbd.Body("arm", mass=1, inertia=1 / 12, pose=(0.5, 0, 0))
+
+
+@pytest.fixture(scope="module")
+def motion(arm):
+    """A pendulum that falls."""
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    model = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()], name="pendulum")
+    return mbd.simulate(model, TIMES)
+
+
+def test_each_expression_has_axes_of_its_own(motion, arm):
+    """Labels, values, a legend for vectors only, one time axis in seconds."""
+    figure = plot(motion, {"angle, rad": arm.phi, "tip, m": arm.at(0.5, 0).position, "q": arm.q})
+    first, second, third = figure.axes
+    assert [axes.get_ylabel() for axes in figure.axes] == ["angle, rad", "tip, m", "q"]
+    assert first.lines[0].get_xydata() == pytest.approx(np.column_stack([TIMES, motion[arm.phi]]))
+    assert first.get_legend() is None
+    assert [text.get_text() for text in second.get_legend().get_texts()] == ["x", "y"]
+    assert [text.get_text() for text in third.get_legend().get_texts()] == ["[0]", "[1]", "[2]"]
+    assert third.get_xlabel() == "t, s" and first.get_xlabel() == ""
+    assert first.get_shared_x_axes().joined(first, third)
+
+
+def test_figures_are_written(motion, arm, tmp_path):
+    """As any Matplotlib figure."""
+    plot(motion, {"angle": arm.phi}).savefig(tmp_path / "plot.png")
+    overview(motion).savefig(tmp_path / "overview.svg")
+    assert (tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert "<svg" in (tmp_path / "overview.svg").read_text()
+
+
+def test_overview_shows_bodies_reactions_and_energy(motion):
+    """Panels that have something to show, and no others."""
+    labels = [axes.get_ylabel() for axes in overview(motion).axes]
+    assert labels == ["x, m", "y, m", "phi, rad", "reaction, N", "energy, J"]
+
+
+def test_overview_of_a_driven_mechanism(motion, arm):
+    """A single driver is named with its unit, several share their axes by unit."""
+    model = motion.mechanism
+    run = mbd.inverse_dynamics(model.replace(drivers=[mbd.Driver("drive", arm.phi, mbd.t)]), TIMES)
+    assert "drive, N m" in [axes.get_ylabel() for axes in overview(run).axes]
+    free = model.replace(joints=[], drivers=[mbd.Driver(axis, getattr(arm, axis), mbd.t) for axis in ("x", "y", "phi")])
+    labels = [axes.get_ylabel() for axes in overview(mbd.inverse_dynamics(free, TIMES)).axes]
+    assert "driver effort, N" in labels and "phi, N m" in labels
+    kinematic = mbd.kinematics(free, TIMES)
+    assert [axes.get_ylabel() for axes in overview(kinematic).axes][3:] == ["energy, J"]
+
+
+def test_a_quantity_that_rests_does_not_show_its_rounding(motion, arm):
+    """The axis spans more than the last digits."""
+    low, high = plot(motion, {"length": mbd.norm(arm.position)}).axes[0].get_ylim()
+    assert high - low > 0.01
+
+
+def test_events_are_marked(motion, arm):
+    """A line at the time, and the name."""
+    event = EventOccurrence("lowest", 0.5, motion.state(10))
+    marked = Trajectory(
+        motion.mechanism, motion.t, motion.q, motion.v, motion.a, motion.z, motion.lam, motion.inputs,
+        motion.parameters, events=[event],
+    )  # fmt: skip
+    axes = plot(marked, {"angle": arm.phi}).axes[0]
+    assert [text.get_text() for text in axes.texts] == ["lowest"] and len(axes.lines) == 2
+
+
+def test_one_time_is_a_point(motion, arm):
+    """A line through one point cannot be seen."""
+    axes = plot(motion.at([0.5]), {"angle": arm.phi}).axes[0]
+    assert axes.lines[0].get_marker() == "o"
+
+
+def test_wrong_expressions_are_named(motion):
+    """Nothing to draw, or nothing that can be drawn."""
+    with pytest.raises(mbd.MechanismError, match="nothing to draw"):
+        plot(motion, {})
+    with pytest.raises(mbd.MechanismError, match="name: expression"):
+        plot(motion, [1])
+    with pytest.raises(mbd.MechanismError, match="stranger"):
+        plot(motion, {"x": mbd.Body("stranger", 1, 1).x})
+
+
+def test_global_settings_are_left_alone(motion, arm):
+    """Neither rcParams nor the figures of pyplot."""
+    before = dict(matplotlib.rcParams)
+    plot(motion, {"angle": arm.phi})
+    overview(motion)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_importing_the_package_imports_no_matplotlib():
+    """It takes longer than the rest, and batch jobs do not need it."""
+    code = "import sys, mbdcasadi; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
