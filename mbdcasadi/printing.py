@@ -198,7 +198,9 @@ class _Latex(_Text):
         # Iverson's bracket: 1 where the condition holds, else 0.
         parts = [(condition, a), (self.negation(condition), b)]
         terms = [self._bracket(c, value) for c, value in parts if value.text != "0"]
-        return _Term("0") if not terms else terms[0] if len(terms) == 1 else self.sum(*terms, minus=False)
+        if len(terms) < 2:
+            return terms[0] if terms else _Term("0")
+        return self.sum(terms[0], terms[1], minus=False)
 
     def _bracket(self, condition: _Term, value: _Term) -> _Term:
         factor = self.unsigned(value)

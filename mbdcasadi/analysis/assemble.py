@@ -121,7 +121,9 @@ def _levels(
             )
         for symbol in symbols_of(row.expression):
             if symbol.element_hash() not in known:
-                raise ConditionError(f"condition {row.label} holds {describe(symbol)}, which the mechanism does not have")
+                raise ConditionError(
+                    f"condition {row.label} holds {describe(symbol)}, which the mechanism does not have"
+                )
         if row.depends_on("velocity"):
             levels[1].append(row)
         elif row.depends_on("position"):

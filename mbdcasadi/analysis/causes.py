@@ -8,7 +8,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 
 _FLAGS = {
-    "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs (options={'max_num_steps': …})",
+    "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
     "IDA_ERR_FAIL": "the error test failed again and again at the smallest step",
     "IDA_CONV_FAIL": "Newton's method did not converge at the smallest step",
     "IDA_LSETUP_FAIL": "the linear system of a step is singular",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,8 +11,8 @@ import numpy as np
 
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
-from ..errors import Interrupted, SingularityError
-from ..numerics.console import interruptible
+from ..errors import Interrupted, MechanismWarning, SingularityError
+from ..numerics.console import interruptible, quiet
 from ..numerics.least_squares import largest
 from .singular import SingularPose, describe_singularity
 
@@ -21,6 +22,8 @@ BATCH = 500
 TRUST, SMALL = 0.5, 1e-3
 #: Last Newton step that counts as converged, relative to the size of the coordinates.
 CONVERGED = 1e-10
+#: Size of a Jacobian and number of points up to which the sign of its determinant is watched.
+LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
 #: Steps are divided down to this share of the span.
 SMALLEST = 1e-12
 
@@ -61,9 +64,12 @@ class Continuation:
     def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
         zero = np.zeros_like(q)
-        first = self._one(q, zero, zero, float(grid[0]), float(grid[0]))
+        singular = self.numeric.rank(float(grid[0]), q).rank < q.size
+        first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
         if first is None:
-            raise self._singular(float(grid[0]), q, DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0]))
+            raise self._singular(
+                float(grid[0]), q, DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0])
+            )
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
         with interruptible(), _bar(grid.size - 1, self._progress) as bar:
@@ -77,7 +83,9 @@ class Continuation:
                 blocks.append(block)
                 done += len(block[0])
                 bar.update(len(block[0]))
-        return self._motion(grid, blocks)
+        motion = self._motion(grid, blocks)
+        self._watch_branch(motion)
+        return motion
 
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Solve at scattered times from good estimates (k, n)."""
@@ -91,13 +99,15 @@ class Continuation:
         function = self._recursion(times.size)
         p = np.tile(self.numeric.p[:, None], (1, times.size))
         try:
-            found = function(q, v, a, before, times[None, :], p)
+            with quiet():
+                found = function(q, v, a, before, times[None, :], p)
         except RuntimeError:  # a singular matrix on the way: step by step then
             return q[None, :][:0], v[None, :][:0], a[None, :][:0]
         qs, vs, accelerations = (x.full().T for x in found[:3])
         correction, remainder = (x.full().ravel() for x in found[4:])
         motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
         good = (correction <= TRUST * motion + SMALL * (1 + motion)) & (remainder <= CONVERGED * (1 + largest(q)))
+        good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
         good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
         count = int(np.argmin(good)) if not np.all(good) else times.size
         return qs[:count], vs[:count], accelerations[:count]
@@ -110,6 +120,27 @@ class Continuation:
             memory[key] = self.driven.step.mapaccum("kinematics", count, names, ["q", "v", "a", "t_now"])
         return memory[key]
 
+    def _watch_branch(self, motion: DrivenMotion) -> None:
+        """Tell where the determinant of the Jacobian changes its sign: a singular pose was passed, or a branch left."""
+        eom = self.numeric.eom
+        if not self.driven.square or eom.q.numel() > LARGEST_DETERMINANT:
+            return
+        every = slice(None, None, max(1, motion.t.size // WATCHED_POINTS))
+        jacobian = self.numeric.velocity_function(motion.t[every][None, :], motion.q[every].T, self.numeric.p)[0].full()
+        n = eom.q.numel()
+        stacked = jacobian.reshape(n, -1, n).transpose(1, 0, 2)
+        signs = np.linalg.slogdet(stacked)[0]
+        flips = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+        if flips.size:
+            k = int(flips[0])
+            times = motion.t[every]
+            warnings.warn(
+                f"the motion passes a singular pose between t = {times[k]:.6g} and {times[k + 1]:.6g} s (the "
+                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it",
+                MechanismWarning,
+                stacklevel=5,
+            )
+
     # --- one difficult step -----------------------------------------------------------------
     def _carefully(self, grid: np.ndarray, done: int, blocks: list[tuple]) -> tuple:
         """Reach the next time in divided steps, or raise where the mechanism locks."""
@@ -119,7 +150,7 @@ class Continuation:
         while now < goal:
             ahead = min(now + step, goal)
             found = self._one(q, v, a, now, ahead)
-            if found is not None and self._on_branch(q, v, a, ahead - now, found[0]):
+            if found is not None and self._on_branch(q, v, a, ahead - now, found):
                 q, v, a = found
                 now, step = ahead, 2 * step
             else:
@@ -131,7 +162,8 @@ class Continuation:
     def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
         """Pose, velocity and acceleration at one time, or None where Newton's method does not settle."""
         try:
-            found = self.driven.step(q, v, a, before, now, self.numeric.p)
+            with quiet():
+                found = self.driven.step(q, v, a, before, now, self.numeric.p)
         except RuntimeError:
             return None
         qn, vn, an = (x.full().ravel() for x in found[:3])
@@ -139,11 +171,20 @@ class Continuation:
         settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn))
         return (qn, vn, an) if settled else None
 
-    @staticmethod
-    def _on_branch(q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, found: np.ndarray) -> bool:
+    @classmethod
+    def _on_branch(cls, q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, found: tuple) -> bool:
         """Whether the pose is the continuation of the one before, not a jump."""
         predicted = q + h * v + h**2 / 2 * a
-        return largest(found - predicted) <= TRUST * largest(found - q) + 1e-12 * (1 + largest(q))
+        near = largest(found[0] - predicted) <= TRUST * largest(found[0] - q) + 1e-12 * (1 + largest(q))
+        return near and bool(cls._rates_fit(np.array([0.0, h]), np.vstack([q, found[0]]), np.vstack([v, found[1]]))[0])
+
+    @staticmethod
+    def _rates_fit(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Whether velocities agree with the motion by the trapezoidal rule; in a singular pose they are anything."""
+        h = np.diff(t)[:, None]
+        rise, mean = np.diff(q, axis=0), h * (v[1:] + v[:-1]) / 2
+        size = np.max(np.abs(rise), axis=1) + np.max(np.abs(h * v[:-1]), axis=1)
+        return np.max(np.abs(rise - mean), axis=1) <= TRUST * size + SMALL * (1 + np.max(np.abs(q[:-1]), axis=1))
 
     # --- messages ---------------------------------------------------------------------------
     @staticmethod

@@ -129,7 +129,9 @@ def _check_feedback(eom: Equations, expression: ca.SX, what: str) -> None:
 
 def _check_samples(value: Any, times: np.ndarray | None, what: str) -> np.ndarray:
     if callable(value):
-        raise ModelError(f"{what}: a Python function cannot be differentiated; use an expression or a SampledController")
+        raise ModelError(
+            f"{what}: a Python function cannot be differentiated; use an expression or a SampledController"
+        )
     try:
         samples = np.asarray(value, float).ravel()
     except (TypeError, ValueError):

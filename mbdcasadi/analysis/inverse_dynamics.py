@@ -167,7 +167,11 @@ def _course(mechanism: Mechanism, times: Any, motion: Any, parameters: Any, prog
         if times is None:
             return motion
         grid = time_grid(times, least=1)
-        return motion if grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12) else motion.at(grid)
+        return (
+            motion
+            if grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
+            else motion.at(grid)
+        )
     drivers = [_as_driver(k, expression, value) for k, (expression, value) in enumerate(pairs_of(motion, "motion="))]
     if not drivers:
         raise MechanismError("inverse_dynamics: motion= prescribes nothing")

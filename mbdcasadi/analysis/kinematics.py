@@ -99,7 +99,9 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
 def _refine(numeric: NumericEquations):
     """Interpolated poses are corrected, and their rates solved anew."""
 
-    def corrected(t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
+    def corrected(
+        t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         found = Continuation(numeric).correct(t, q)
         return found.q, found.v, found.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
 

@@ -59,7 +59,14 @@ class PoseProblem:
             if not broken:
                 break
             active += broken
-            q = self._meet(active, q, estimate)
+            try:
+                q = self._meet(active, q, estimate)
+            except AssemblyError:
+                # on the way to the limit the linkage locks: look for a pose on the right side of it at once
+                found = self._by_optimisation(estimate, self.equalities, self.inequalities)
+                if found is None:
+                    raise
+                return found
         return q
 
     # --- closing the linkage -------------------------------------------------------------
@@ -71,9 +78,11 @@ class PoseProblem:
         first = solve(self._rows, estimate, weights, step_limit=1.0)
         if first.converged:
             return nearest(self._rows, first.x, estimate, weights)
-        best = self._by_optimisation(estimate, [], []) or self._from_other_starts(self._rows, estimate)
+        best = self._by_optimisation(estimate, [], [])
         if best is None:
-            self._refuse_parts(first)
+            best = self._from_other_starts(self._rows, estimate)
+        if best is None:
+            raise self._parts_apart(first)
         return nearest(self._rows, best, estimate, weights)
 
     def _from_other_starts(self, rows, estimate: np.ndarray) -> np.ndarray | None:
@@ -81,7 +90,9 @@ class PoseProblem:
         generator = np.random.default_rng(0)
         found = []
         for _ in range(12):
-            outcome = solve(rows, estimate + generator.uniform(-1, 1, estimate.size), self.numeric.weights, step_limit=1.0)
+            outcome = solve(
+                rows, estimate + generator.uniform(-1, 1, estimate.size), self.numeric.weights, step_limit=1.0
+            )
             if outcome.converged:
                 found.append(outcome.x)
         return min(found, key=lambda q: float(np.sum(self.numeric.weights * (q - estimate) ** 2)), default=None)
@@ -161,7 +172,7 @@ class PoseProblem:
         if q is None:
             q = self._from_other_starts(target, estimate)
         if q is None:
-            self._refuse_conditions(conditions, min(outcomes, key=lambda o: float(o.residual @ o.residual)))
+            raise self._conditions_missed(conditions, min(outcomes, key=lambda o: float(o.residual @ o.residual)))
         warnings.warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
             "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
@@ -171,23 +182,23 @@ class PoseProblem:
         return q
 
     # --- messages --------------------------------------------------------------------------------
-    def _refuse_parts(self, outcome: Outcome) -> None:
+    def _parts_apart(self, outcome: Outcome) -> AssemblyError:
         residuals = self._residuals(outcome.residual)
         parts = ", ".join(f"'{name}' ({value:.3g})" for name, value in residuals.items() if value > OPEN)
-        raise AssemblyError(
+        return AssemblyError(
             f"cannot assemble the mechanism at t = {self.t:.6g} s: the parts do not reach each other, or constraints "
             f"contradict each other; left open (m or rad) are {parts}; check lengths, points and angles of these",
             residuals=residuals,
             time=self.t,
         )
 
-    def _refuse_conditions(self, conditions: list[Condition], outcome: Outcome) -> None:
+    def _conditions_missed(self, conditions: list[Condition], outcome: Outcome) -> AssemblyError:
         rows = self.numeric.eom.Phi.numel()
         residuals = self._residuals(outcome.residual[:rows])
         missed = {c.label: abs(float(value)) for c, value in zip(conditions, outcome.residual[rows:], strict=True)}
         shown = {name: value for name, value in (missed | residuals).items() if value > OPEN}
         parts = ", ".join(f"{name} ({value:.3g})" for name, value in shown.items())
-        raise _ConditionsNotMet(
+        return _ConditionsNotMet(
             f"cannot assemble the mechanism at t = {self.t:.6g} s so that {', '.join(c.label for c in conditions)}: "
             f"left open (m or rad) are {parts}; the linkage does not reach there, or the conditions contradict "
             "the joints or each other",

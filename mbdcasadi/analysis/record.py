@@ -42,7 +42,18 @@ class Record:
 
     def trajectory(self) -> Trajectory:
         """Everything so far."""
-        joined = [np.concatenate(parts) for parts in zip(*self._blocks, strict=True)]
+        t, q, v, a, z, lam, u = (np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
         return Trajectory(
-            self.mechanism, *joined, self.p, events=self.events, statistics=self.statistics, refine=self.refine
+            self.mechanism,
+            t,
+            q,
+            v,
+            a,
+            z,
+            lam,
+            u,
+            self.p,
+            events=self.events,
+            statistics=self.statistics,
+            refine=self.refine,
         )

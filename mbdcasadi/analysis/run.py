@@ -84,7 +84,9 @@ class Run:
         record.statistics.method = self.method
         record.statistics.formulation = self.formulation.name
         if redundant:
-            record.statistics.notes.append("the constraints are redundant: multipliers and reactions are those of least norm")
+            record.statistics.notes.append(
+                "the constraints are redundant: multipliers and reactions are those of least norm"
+            )
         self._grid = grid
         self._hold(start)
         self._x = np.r_[start.q, start.v, start.z]
@@ -149,7 +151,9 @@ class Run:
     def _integrator(self, form: Formulation) -> Integrator:
         if form not in self._integrators:
             dae = form.dae(self.numeric, self.signals)
-            self._integrators[form] = Integrator(dae, self.method, *self._settings, jit=self._jit, options=self._options)
+            self._integrators[form] = Integrator(
+                dae, self.method, *self._settings, jit=self._jit, options=self._options
+            )
         return self._integrators[form]
 
     def _advance(self, chunk: Chunk, channel: np.ndarray | None) -> np.ndarray:
@@ -263,7 +267,9 @@ class Run:
             k = position_in(inputs, key, "the controller's answer")
             values[k] = float(value)
             if not np.isfinite(values[k]):
-                raise SimulationError(f"the controller gives {values[k]} for input '{inputs[k].label}' at t = {state.t:.6g} s")
+                raise SimulationError(
+                    f"the controller gives {values[k]} for input '{inputs[k].label}' at t = {state.t:.6g} s"
+                )
         return values
 
     # --- events ---------------------------------------------------------------------------------

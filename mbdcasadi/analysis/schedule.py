@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = Fal
     extra = [borders]
     if fine and grid.size < EVENT_POINTS:
         pieces = int(np.ceil(EVENT_POINTS / (grid.size - 1)))
-        extra += [np.concatenate([np.linspace(a, b, pieces + 1)[1:] for a, b in zip(grid, grid[1:], strict=False)])]
+        extra += [np.concatenate([np.linspace(a, b, pieces + 1)[1:] for a, b in pairwise(grid)])]
     times, wanted = _merge(grid[1:], np.concatenate(extra), tolerance=1e-9 * (end - start))
     chunks, first, since = [], 0, float(start)
     for border in borders:

@@ -110,8 +110,14 @@ def simulate(
     if method not in METHODS:
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     own = _carried_by(initial, mechanism)
-    numeric = NumericEquations(eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters="))))
-    given = own["inputs"] | dict(pairs_of(inputs, "inputs=")) if own["inputs"] and isinstance(inputs, dict | None) else inputs
+    numeric = NumericEquations(
+        eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    )
+    given = (
+        own["inputs"] | dict(pairs_of(inputs, "inputs="))
+        if own["inputs"] and isinstance(inputs, dict | None)
+        else inputs
+    )
     signals = read_signals(eom, given, grid)
     watch = EventWatch(eom, events)
     start = _start(numeric, initial, float(grid[0]), signals)

@@ -120,9 +120,7 @@ class Equations:
         rows = [int(k) for k in order]
         self.Phi_q = ca.vertcat(jacobian_q, jacobian_v)[rows, :] if rows else ca.SX(0, self.q.numel())
         self.nu = ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[rows]
-        rate = ca.vertcat(
-            ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t), velocity_rows
-        )[rows]
+        rate = ca.vertcat(ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t), velocity_rows)[rows]
         self.gamma = -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
 
     def _collect_forces(self, elements: Sequence[Any]) -> None:

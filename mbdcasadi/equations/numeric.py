@@ -44,7 +44,8 @@ class NumericEquations:
         return eom._compiled("position", [eom.t, eom.q, eom.p], [ca.densify(eom.Phi), eom.Phi_q[rows, :]])
 
     @cached_property
-    def _velocity(self) -> ca.Function:
+    def velocity_function(self) -> ca.Function:
+        """``(t, q, p) -> (Phi_q, nu)``."""
         eom = self.eom
         return eom._compiled("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
 
@@ -61,7 +62,7 @@ class NumericEquations:
 
     def velocity(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi_q`` and ``nu``, all rows."""
-        jacobian, nu = self._velocity(t, q, self.p)
+        jacobian, nu = self.velocity_function(t, q, self.p)
         return jacobian.full(), nu.full().ravel()
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -118,9 +118,7 @@ def forward_dynamics(
         a, lam = eom.saddle_point.solution(massless=massless, redundant=redundant, refinements=refinements)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
-    residual = ca.vertcat(
-        eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma
-    )
+    residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
     root = ca.rootfinder(
         "newton", "newton", ca.Function("r", [unknowns, *arguments], [residual]), {"linear_solver": "csparse"}
     )

@@ -134,7 +134,9 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
             f"condition {position} is a relation between numbers that {truth}; a condition holds a symbol of the model"
         )
     if relation.op() == ca.OP_NE:
-        raise ConditionError(f"condition {position} ({to_text(relation)}) uses !=, which no solver can meet; use == or <=")
+        raise ConditionError(
+            f"condition {position} ({to_text(relation)}) uses !=, which no solver can meet; use == or <="
+        )
     sign = _RELATIONS.get(relation.op())
     if sign is None:
         raise ConditionError(

@@ -184,8 +184,7 @@ def _pair(a: Any, b: Any, where: str) -> tuple[Any, Any]:
     first, second = _column(a, where), _column(b, where)
     if first.numel() != second.numel():
         raise ModelError(
-            f"{where}: both vectors must have the same size, "
-            f"got {first.numel()} and {second.numel()} components"
+            f"{where}: both vectors must have the same size, got {first.numel()} and {second.numel()} components"
         )
     return first, second
 

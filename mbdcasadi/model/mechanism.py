@@ -152,7 +152,9 @@ class Mechanism(Immutable):
                 for symbol in symbols_of(value):
                     role = role_of(symbol)
                     if role is None or role.kind != "parameter":
-                        raise ExpressionError(f"body '{body.name}': {name} may hold parameters only, not {describe(symbol)}")
+                        raise ExpressionError(
+                            f"body '{body.name}': {name} may hold parameters only, not {describe(symbol)}"
+                        )
 
     @staticmethod
     def _stray(symbol: ca.SX, what: str) -> str:
@@ -208,7 +210,9 @@ class Mechanism(Immutable):
         }
         unknown = set(changes) - set(arguments)
         if unknown:
-            raise ModelError(f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}")
+            raise ModelError(
+                f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
+            )
         return Mechanism(**(arguments | changes))
 
     def __repr__(self) -> str:

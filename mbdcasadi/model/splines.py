@@ -111,9 +111,7 @@ def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.n
         raise ModelError(f"spline: kind '{kind}' takes at least {_LEAST_POINTS[kind]} points, got {len(xs)}")
     if np.any(np.diff(xs) <= 0):
         k = int(np.argmax(np.diff(xs) <= 0))
-        raise ModelError(
-            f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}"
-        )
+        raise ModelError(f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}")
     if outside == "periodic":
         # Data such as sin(2 pi) close only up to rounding.
         if abs(ys[-1] - ys[0]) > _ROUNDING * np.max(np.abs(ys)):

@@ -155,7 +155,9 @@ class Integrator:
     ) -> np.ndarray:
         """State at any one later time; one compiled function serves all lengths of the step."""
         if self._stretched is None:
-            self._stretched = ca.integrator("step", self.method, _stretched(self._system), 0.0, 1.0, {"max_num_steps": MAX_STEPS} | self._options)
+            self._stretched = ca.integrator(
+                "step", self.method, _stretched(self._system), 0.0, 1.0, {"max_num_steps": MAX_STEPS} | self._options
+            )
         arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, p, end - start]}
         arguments |= {"z0": z} if z.size else {}
         arguments |= {"u": u} if u is not None else {}

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations, equations
-from ..errors import MechanismError, ModelError
+from ..errors import MechanismError
 from ..model.mechanism import Mechanism
 from .state import State
 
@@ -234,7 +234,9 @@ class Trajectory:
                 f"the trajectory covers t = {self.t[0]:.6g} … {self.t[-1]:.6g} s, not t = {wanted[outside][0]:.6g} s"
             )
         if self._refine is None:
-            raise MechanismError("this trajectory was read from arrays and knows no way to interpolate between its times")
+            raise MechanismError(
+                "this trajectory was read from arrays and knows no way to interpolate between its times"
+            )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
         q, v = _hermite(self.t, self.q, self.v, self.a, wanted)
         z = _linear(self.t, self.z, wanted)
@@ -341,5 +343,3 @@ def _linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray
     if t.size == 1 or values.shape[1] == 0:
         return values[k]
     return values[k] + s * (values[k + 1] - values[k])
-
-

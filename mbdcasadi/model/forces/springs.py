@@ -57,7 +57,7 @@ class _SpringDamper(Element):
         return self.stiffness * (self._coordinate - self.free) + self.damping * self.rate + self.actuator
 
     @cached_property
-    def potential(self) -> ca.SX:  # type: ignore[override]
+    def potential(self) -> ca.SX:
         """Energy stored in the linear spring, J; zero where a law of its own is given."""
         if self.law is not None:
             return ca.SX(0)
@@ -183,5 +183,3 @@ class RSDA(_SpringDamper):
     def torque(self) -> ca.SX:
         """Couple that pulls b back towards a, N m."""
         return self._effort
-
-

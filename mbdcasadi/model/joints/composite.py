@@ -83,5 +83,3 @@ class PointOnLine(AlongLine, Joint):
     def speed(self) -> ca.SX:
         """Rate of :attr:`displacement`, m/s."""
         return time_derivative(self.displacement)
-
-

@@ -1,0 +1,724 @@
+"""Assembly: consistent to rounding, nearest in the mass metric, on the branch of the estimate, honest where it fails."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from random_mechanisms import random_case
+from scipy.optimize import minimize
+
+import mbdcasadi as mbd
+
+QUICK = range(40)
+ALL = [pytest.param(s, marks=() if s in QUICK else pytest.mark.slow) for s in range(200)]
+G = 9.81
+
+
+# --- linkages with known poses ---------------------------------------------------------------
+def rod_pose(start, end) -> np.ndarray:
+    """Pose of a rod between two points."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    return np.array([*(start + end) / 2, np.arctan2(*(end - start)[::-1])])
+
+
+def bars(names, lengths, poses, off):
+    """Uniform rods at poses that are off."""
+    return [
+        mbd.Body(n, mass=length, inertia=length**3 / 12, pose=p + o)
+        for n, length, p, o in zip(names, lengths, poses, off, strict=True)
+    ]
+
+
+def four_bar(off=np.zeros((3, 3)), angle=1.0, **more):
+    """Crank-rocker 0.3, 1.0, 0.8 on a base of 1.0 m, elbow up at the true pose."""
+    a, b, c, base = 0.3, 1.0, 0.8, 1.0
+    crank_pin = a * np.array([np.cos(angle), np.sin(angle)])
+    rocker_pin = elbow(crank_pin, [base, 0], b, c)
+    poses = [rod_pose((0, 0), crank_pin), rod_pose(crank_pin, rocker_pin), rod_pose((base, 0), rocker_pin)]
+    crank, coupler, rocker = bars(("crank", "coupler", "rocker"), (a, b, c), poses, off)
+    joints = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-a / 2, 0)),
+        mbd.Revolute("B", crank.at(a / 2, 0), coupler.at(-b / 2, 0)),
+        mbd.Revolute("C", coupler.at(b / 2, 0), rocker.at(c / 2, 0)),
+        mbd.Revolute("D", mbd.ground.at(base, 0), rocker.at(-c / 2, 0)),
+    ]
+    return mbd.Mechanism(bodies=[crank, coupler, rocker], joints=joints, forces=[mbd.Gravity()], **more)
+
+
+def elbow(start, end, first, second) -> np.ndarray:
+    """Point at two distances from two points, to the left of the way between them."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    way = end - start
+    length = np.hypot(*way)
+    along = (first**2 - second**2 + length**2) / (2 * length)
+    height = np.sqrt(first**2 - along**2)
+    e = way / length
+    return start + along * e + height * np.array([-e[1], e[0]])
+
+
+def slider_crank(off=np.zeros((3, 3)), angle=0.6):
+    """Crank 0.3, rod 0.8 m, slider to the right at the true pose."""
+    r, length = 0.3, 0.8
+    pin = r * np.array([np.cos(angle), np.sin(angle)])
+    wrist = np.array([pin[0] + np.sqrt(length**2 - pin[1] ** 2), 0])
+    poses = [rod_pose((0, 0), pin), rod_pose(pin, wrist), np.array([wrist[0], 0, 0])]
+    crank, rod = bars(("crank", "rod"), (r, length), poses[:2], off[:2])
+    slider = mbd.Body("slider", mass=2.0, inertia=0.02, pose=poses[2] + off[2])
+    joints = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-r / 2, 0)),
+        mbd.Revolute("B", crank.at(r / 2, 0), rod.at(-length / 2, 0)),
+        mbd.Revolute("C", rod.at(length / 2, 0), slider.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0)),
+    ]
+    return mbd.Mechanism(bodies=[crank, rod, slider], joints=joints, forces=[mbd.Gravity()])
+
+
+def pendulum(**more):
+    """A rod of a metre on a pin."""
+    arm = mbd.Body("arm", mass=1.2, inertia=0.1, **({"pose": (0.27, 0.42, 1.0)} | more))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    return arm, mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()])
+
+
+def free_body(**more):
+    """One body that nothing holds."""
+    body = mbd.Body("body", mass=2.0, inertia=0.5, **more)
+    return body, mbd.Mechanism(bodies=[body])
+
+
+def residuals(state) -> tuple[float, float, float, float]:
+    """Largest ``Phi``, ``Phi_q v - nu``, ``Phi_q a - gamma`` and ``M a + Phi_q^T lam - Q``, the last two relative."""
+    eom = state.equations
+    size = 1 + np.max(np.abs(np.r_[state.a, state.lam]))
+    parts = (
+        eom.Phi,
+        eom.Phi_q @ eom.v - eom.nu,
+        eom.Phi_q @ eom.a - eom.gamma,
+        eom.M @ eom.a + eom.Phi_q.T @ eom.lam - eom.Q,
+    )
+    position, velocity, acceleration, force = (np.max(np.abs(state[part]), initial=0.0) for part in parts)
+    return position, velocity, acceleration / size, force / size
+
+
+# --- consistent --------------------------------------------------------------------------------
+@pytest.mark.parametrize("seed", ALL)
+def test_the_state_is_consistent(seed):
+    """Position and velocity to 1e-12, accelerations and multipliers solve the equations of motion; also redundant."""
+    case = random_case(seed, driven=seed % 3 == 2)
+    position, velocity, acceleration, force = residuals(mbd.assemble(case.mechanism))
+    assert position <= 1e-12
+    assert velocity <= 1e-11
+    assert acceleration <= (1e-6 if case.redundant else 1e-11)
+    assert force <= 1e-11
+
+
+def test_rows_that_depend_on_time_hold_at_that_time():
+    """Drivers and constraints at t = 0.3."""
+    case = random_case(3, driven=True)
+    state = mbd.assemble(case.mechanism, t=0.3)
+    assert state.t == 0.3
+    assert max(residuals(state)) <= 1e-11
+    driver = case.mechanism.drivers[0]
+    assert state[driver.expression] == pytest.approx(state[driver.value], abs=1e-12)
+    assert state[mbd.time_derivative(driver.expression - driver.value)] == pytest.approx(0, abs=1e-11)
+
+
+def test_an_angle_of_many_turns_is_as_exact():
+    """|Phi| to 1e-12 whatever the number of turns."""
+    arm, model = pendulum(pose=(0.3, 0.4, 1.0 + 40 * np.pi))
+    state = mbd.assemble(model)
+    assert residuals(state)[0] <= 1e-12
+    assert abs(state[arm.phi] - 40 * np.pi) < np.pi
+
+
+def test_the_same_call_gives_the_same_state():
+    """Nothing random is left in the answer."""
+    first, second = (mbd.assemble(four_bar(np.full((3, 3), 0.4))) for _ in range(2))
+    np.testing.assert_array_equal(first.q, second.q)
+
+
+# --- nearest --------------------------------------------------------------------------------------
+def nearest_by_scipy(model, guess, conditions=()) -> np.ndarray:
+    """The nearest pose by an optimiser that is no part of the package; conditions as (kind, expression)."""
+    eom = mbd.equations(model)
+    zero = [np.zeros(x.numel()) for x in (eom.v, eom.a, eom.z, eom.lam, eom.u)]
+    q0, weights = eom.estimate[0], eom.masses(eom.parameter_values)
+    weights = np.where(weights > 0, weights, 1.0)
+
+    def evaluate(expression):
+        function = eom.function(expression)
+        return lambda q: function(0.0, q, *zero, eom.parameter_values).full().ravel()
+
+    constraints = [{"type": "eq", "fun": evaluate(eom.Phi)}]
+    constraints += [{"type": kind, "fun": evaluate(expression)} for kind, expression in conditions]
+    found = minimize(
+        lambda q: 0.5 * (q - q0) @ (weights * (q - q0)),
+        guess,
+        jac=lambda q: weights * (q - q0),
+        constraints=constraints,
+        method="SLSQP",
+        options={"ftol": 1e-15, "maxiter": 500},
+    )
+    assert found.success, found.message
+    return found.x
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("make", [four_bar, slider_crank], ids=["four-bar", "slider-crank"])
+def test_the_pose_is_the_nearest_in_the_mass_metric(make, seed):
+    """The same as SciPy's SLSQP finds for ``(q - q0)·M (q - q0)``."""
+    model = make(np.random.default_rng(seed).uniform(-0.2, 0.2, (3, 3)))
+    state = mbd.assemble(model)
+    np.testing.assert_allclose(state.q, nearest_by_scipy(model, state.q + 0.01), atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_pose_is_the_nearest_among_those_that_meet_a_condition(seed):
+    """A condition takes one degree of freedom; a loop with two more remains to be placed."""
+    rng = np.random.default_rng(seed)
+    model = four_bar(rng.uniform(-0.1, 0.1, (3, 3)))
+    loose = model.replace(joints=model.joints[:3])
+    tip = model.body("rocker").at(0.4, 0)
+    state = mbd.assemble(loose, [tip.y == 0.5])
+    assert state[tip.y] == pytest.approx(0.5, abs=1e-12)
+    np.testing.assert_allclose(state.q, nearest_by_scipy(loose, state.q + 0.01, [("eq", tip.y - 0.5)]), atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", ALL[:60:4])
+def test_the_pose_is_stationary_for_random_mechanisms(seed):
+    """``M (q - q0)`` is a combination of the rows of Phi_q (first-order condition of the nearest pose)."""
+    case = random_case(seed)
+    state = mbd.assemble(case.mechanism)
+    eom = state.equations
+    root = np.sqrt(eom.masses(eom.parameter_values))
+    rows = np.reshape(state[eom.Phi_q], (-1, state.q.size)) / root
+    wish = root * (state.q - eom.estimate[0])
+    multipliers = np.linalg.lstsq(rows.T, wish, rcond=1e-10)[0]
+    np.testing.assert_allclose(rows.T @ multipliers, wish, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", ALL[:60:4])
+def test_the_velocity_is_the_nearest_in_the_mass_metric(seed):
+    """The minimiser of ``(v - v0)·M (v - v0)`` under ``Phi_q v = nu``, by the normal equations."""
+    case = random_case(seed)
+    state = mbd.assemble(case.mechanism)
+    eom = state.equations
+    rows, nu = np.reshape(state[eom.Phi_q], (-1, state.q.size)), np.reshape(state[eom.nu], -1)
+    inverse, v0 = np.diag(1 / eom.masses(eom.parameter_values)), eom.estimate[1]
+    wanted = v0 + inverse @ rows.T @ np.linalg.pinv(rows @ inverse @ rows.T) @ (nu - rows @ v0)
+    np.testing.assert_allclose(state.v, wanted, atol=1e-9)
+
+
+def test_what_the_constraints_leave_free_stays_at_the_estimate():
+    """A free body does not move at all; a body held in x keeps y and phi."""
+    body, model = free_body(pose=(1, 2, 3), velocity=(4, 5, 6))
+    state = mbd.assemble(model)
+    np.testing.assert_array_equal(state.q, [1, 2, 3])
+    np.testing.assert_array_equal(state.v, [4, 5, 6])
+    state = mbd.assemble(model.replace(joints=[mbd.AbsoluteX("held", body.at(0, 0), 0.5)]))
+    np.testing.assert_allclose(state.q, [0.5, 2, 3], atol=1e-14)
+    np.testing.assert_allclose(state.v, [0, 5, 6], atol=1e-14)
+
+
+def test_heavy_bodies_move_less():
+    """Two points drawn together meet at their centre of mass."""
+    light, heavy = mbd.Body("light", 1, 1, pose=(0, 0, 0)), mbd.Body("heavy", 3, 1, pose=(1, 0, 0))
+    model = mbd.Mechanism(bodies=[light, heavy], joints=[mbd.Revolute("pin", light.at(0, 0), heavy.at(0, 0))])
+    state = mbd.assemble(model)
+    np.testing.assert_allclose([state[light.x], state[heavy.x]], 0.75, atol=1e-9)
+
+
+# --- from far away ----------------------------------------------------------------------------------
+@pytest.mark.parametrize("make", [four_bar, slider_crank], ids=["four-bar", "slider-crank"])
+def test_linkages_close_from_estimates_that_are_far_off(make):
+    """Each coordinate off by up to 1 m and 1 rad: at least 49 of 50 assemble."""
+    closed = 0
+    for seed in range(50):
+        model = make(np.random.default_rng(seed).uniform(-1, 1, (3, 3)))
+        try:
+            closed += residuals(mbd.assemble(model))[0] <= 1e-12
+        except mbd.MechanismError:
+            pass
+    assert closed >= 49
+
+
+def tied_bodies(seed: int, off: float) -> mbd.Mechanism:
+    """Two bodies on five links of lengths that fit, from far-off estimates: hard for Newton's method alone."""
+    rng = np.random.default_rng(seed)
+    poses = rng.uniform(-1, 1, (2, 3))
+    bodies = [mbd.Body(f"body {k}", 1, 0.1, pose=pose + rng.uniform(-off, off, 3)) for k, pose in enumerate(poses)]
+    joints = []
+    for k in range(5):
+        x, y, phi = poses[k % 2]
+        s, anchor = rng.uniform(-0.5, 0.5, 2), rng.uniform(-1, 1, 2)
+        point = [x, y] + np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ s
+        length = np.hypot(*(point - anchor))
+        joints.append(mbd.Distance(f"link {k}", mbd.ground.at(*anchor), bodies[k % 2].at(*s), length))
+    return mbd.Mechanism(bodies=bodies, joints=joints)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_hard_starts_close_or_say_that_they_do_not(seed):
+    """Where Newton's method settles beside a solution, the other ways are tried; what remains is an AssemblyError."""
+    try:
+        state = mbd.assemble(tied_bodies(seed, off=3.0))
+    except mbd.AssemblyError:
+        return
+    assert residuals(state)[0] <= 1e-12
+
+
+def test_a_singular_estimate_is_no_obstacle():
+    """The ends of a link estimated at one point, where the row has no slope: it opens, and nothing is warned of."""
+    bob, model = free_body()
+    tied = model.replace(joints=[mbd.Distance("link", mbd.ground.at(0, 0), bob.at(0, 0), 1.5)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        state = mbd.assemble(tied)
+    assert np.hypot(state[bob.x], state[bob.y]) == pytest.approx(1.5, abs=1e-12)
+
+
+def coupler_side(state, model) -> float:
+    """Signed area of the triangle crank pin, rocker pin, rocker foot: positive elbow up."""
+    pin = state[model.body("crank").at(0.15, 0).position]
+    top = state[model.body("rocker").at(0.4, 0).position]
+    foot = np.array([1.0, 0.0])
+    return 0.5 * float((foot - pin)[0] * (top - pin)[1] - (foot - pin)[1] * (top - pin)[0])
+
+
+@pytest.mark.parametrize("turn", [-6.0, -3.0, -1.5, 1.5, 3.0, 6.0, 4 * np.pi])
+def test_a_far_target_keeps_the_branch(turn):
+    """The crank of a four-bar turned by radians: the rocker stays on its side, at the closed-form pose."""
+    model = four_bar()
+    crank, rocker = model.body("crank"), model.body("rocker")
+    before = mbd.assemble(model)
+    after = mbd.assemble(model, [crank.phi == 1.0 + turn])
+    assert coupler_side(before, model) > 0.05 and coupler_side(after, model) > 0.05
+    pin = 0.3 * np.array([np.cos(1 + turn), np.sin(1 + turn)])
+    top = elbow(pin, [1, 0], 1.0, 0.8)
+    np.testing.assert_allclose(after[rocker.at(0.4, 0).position], top, atol=1e-12)
+    assert after[crank.phi] == pytest.approx(1.0 + turn, abs=1e-12)
+    assert abs(after[rocker.phi] - before[rocker.phi]) < 2.0
+
+
+@pytest.mark.parametrize("turn", [-3.0, 3.0, 5.0])
+def test_the_slider_stays_on_its_side(turn):
+    """The crank turned by radians: the slider stays to the right of the crank pin."""
+    model = slider_crank()
+    crank, slider = model.body("crank"), model.body("slider")
+    state = mbd.assemble(model, [crank.phi == 0.6 + turn])
+    angle = 0.6 + turn
+    wanted = 0.3 * np.cos(angle) + np.sqrt(0.64 - 0.09 * np.sin(angle) ** 2)
+    assert state[slider.x] == pytest.approx(wanted, abs=1e-12)
+
+
+def test_the_other_branch_can_be_asked_for():
+    """An estimate elbow down gives the linkage elbow down."""
+    up = four_bar()
+    pin = 0.3 * np.array([np.cos(1), np.sin(1)])
+    top = pin + [1, 0] - elbow([0, 0], np.array([1, 0]) - pin, 0.8, 1.0)
+    down = np.array([rod_pose((0, 0), pin), rod_pose(pin, top), rod_pose((1, 0), top)])
+    model = four_bar(down - mbd.equations(up).estimate[0].reshape(3, 3))
+    assert coupler_side(mbd.assemble(model), model) < -0.05
+
+
+def test_a_target_beyond_an_end_position_is_reached_with_a_warning():
+    """A bob on a link near its turning point in x: past it continuously, or found with a word on the branch."""
+    bob, model = free_body(pose=(1, 0, 0))
+    model = model.replace(joints=[mbd.Distance("link", mbd.ground.at(0, 0), bob.at(0, 0), 1.0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", mbd.MechanismWarning)
+        state = mbd.assemble(model, [bob.x == -0.6])
+    assert state[bob.x] == pytest.approx(-0.6, abs=1e-12)
+    assert abs(state[bob.y]) == pytest.approx(0.8, abs=1e-12)
+
+
+# --- conditions ---------------------------------------------------------------------------------------
+def test_conditions_on_positions_and_velocities_are_met():
+    """Angle and rate of a pendulum; what follows from them is right."""
+    arm, model = pendulum()
+    state = mbd.assemble(model, [arm.phi == 0.3, arm.omega == -2.0])
+    c, s = np.cos(0.3), np.sin(0.3)
+    np.testing.assert_allclose(state.q, [0.5 * c, 0.5 * s, 0.3], atol=1e-13)
+    np.testing.assert_allclose(state.v, [1.0 * s, -1.0 * c, -2.0], atol=1e-12)
+    alpha = -1.2 * G * 0.5 * c / (0.1 + 1.2 * 0.25)
+    assert state[arm.alpha] == pytest.approx(alpha, rel=1e-12)
+
+
+@pytest.mark.parametrize("condition", ["slider.speed", "crank.omega", "rod tip"])
+def test_velocity_conditions_fix_the_rate_of_a_linkage(condition):
+    """``vx = -r omega (sin a + r sin a cos a / sqrt(l² - r² sin² a))`` of a slider, whichever rate is given."""
+    model, angle, omega = slider_crank(), 0.6, 20.0
+    crank, rod, slider = model.bodies
+    s, c = np.sin(angle), np.cos(angle)
+    speed = -0.3 * omega * (s + 0.3 * s * c / np.sqrt(0.64 - 0.09 * s**2))
+    relation = {
+        "slider.speed": model.joint("guide").speed == speed,
+        "crank.omega": crank.omega == omega,
+        "rod tip": rod.at(-0.4, 0).vy == 0.3 * omega * c,
+    }[condition]
+    state = mbd.assemble(model, [crank.phi == angle, relation])
+    assert state[crank.omega] == pytest.approx(omega, rel=1e-11)
+    assert state[slider.vx] == pytest.approx(speed, rel=1e-11)
+    assert residuals(state)[1] <= 1e-10
+
+
+def test_vector_conditions():
+    """A point at a place, with a velocity."""
+    body, model = free_body()
+    tip = body.at(0.5, 0)
+    state = mbd.assemble(model, [tip.position == (1, 2), tip.velocity == (3, 4), body.phi == 1, body.omega == 2])
+    np.testing.assert_allclose(state[tip.position], [1, 2], atol=1e-12)
+    np.testing.assert_allclose(state[tip.velocity], [3, 4], atol=1e-12)
+
+
+def test_conditions_that_say_the_same_twice_are_met():
+    """Redundant, not contradictory: at either level."""
+    arm, model = pendulum()
+    state = mbd.assemble(model, [arm.phi == 0.3, 2 * arm.phi == 0.6, arm.omega == 1, arm.omega - 1 == 0])
+    assert state[arm.phi] == pytest.approx(0.3, abs=1e-10)
+    assert state[arm.omega] == pytest.approx(1, abs=1e-10)
+
+
+def test_inequalities_hold_where_they_must():
+    """One that holds already changes nothing; one that does not becomes an equality, at either level."""
+    body, model = free_body(pose=(1, 0, 0), velocity=(1, 0, 0))
+    idle = mbd.assemble(model, [body.x <= 2, mbd.bounded(0, body.vx, 3)])
+    np.testing.assert_allclose([idle[body.x], idle[body.vx]], [1, 1], atol=1e-12)
+    met = mbd.assemble(model, [body.x >= 2, mbd.bounded(2, body.vx, 3)])
+    np.testing.assert_allclose([met[body.x], met[body.vx]], [2, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("level", ["position", "velocity"])
+def test_an_inequality_that_another_one_implies_does_not_bind(level):
+    """Nearest to 0 under x >= 1 and x + y >= 0.5 is (1, 0): the second is slack there, though broken at the start."""
+    body, model = free_body()
+    x, y = (body.x, body.y) if level == "position" else (body.vx, body.vy)
+    state = mbd.assemble(model, [x >= 1, x + y >= 0.5])
+    np.testing.assert_allclose([state[x], state[y]], [1, 0], atol=1e-9)
+
+
+def test_an_inequality_on_a_linkage_gives_the_nearest_pose():
+    """As SLSQP has it: the tip of a two-rod chain below a ceiling."""
+    model = four_bar(np.random.default_rng(1).uniform(-0.1, 0.1, (3, 3)))
+    loose = model.replace(joints=model.joints[:3])
+    tip = model.body("rocker").at(0.4, 0)
+    state = mbd.assemble(loose, [tip.y <= 0.5])
+    assert state[tip.y] <= 0.5 + 1e-10
+    np.testing.assert_allclose(state.q, nearest_by_scipy(loose, state.q + 0.01, [("ineq", 0.5 - tip.y)]), atol=2e-6)
+
+
+def test_conditions_may_hold_parameters_states_and_time():
+    """Their values are those of the call."""
+    arm, model = pendulum()
+    start, z = mbd.Parameter("start", 0.4), mbd.StateVariable("z", initial=0.1)
+    model = model.replace(parameters=[start], states={z: -z})
+    assert mbd.assemble(model, [arm.phi == start])[arm.phi] == pytest.approx(0.4)
+    assert mbd.assemble(model, [arm.phi == start], parameters={start: 0.7})[arm.phi] == pytest.approx(0.7)
+    assert mbd.assemble(model, [arm.phi == 0.2 * mbd.t], t=3.0)[arm.phi] == pytest.approx(0.6)
+    assert mbd.assemble(model, [arm.phi == z])[arm.phi] == pytest.approx(0.1)
+    state = mbd.assemble(model, [arm.phi == z, z == 0.9])
+    assert (state[z], state[arm.phi]) == (pytest.approx(0.9), pytest.approx(0.9))
+
+
+def test_first_order_states_start_at_their_initial_value_or_a_condition():
+    """They enter the accelerations at once."""
+    rotor = mbd.Body("rotor", mass=1, inertia=0.5)
+    current = mbd.StateVariable("current", initial=2.0)
+    model = mbd.Mechanism(bodies=[rotor], forces=[mbd.Torque("motor", rotor, current)], states={current: -current})
+    assert mbd.assemble(model)[rotor.alpha] == pytest.approx(4.0)
+    state = mbd.assemble(model, [current == 3.0])
+    assert state[current] == pytest.approx(3.0) and state[rotor.alpha] == pytest.approx(6.0)
+    assert state.z.tolist() == pytest.approx([3.0])
+
+
+# --- parameters and inputs --------------------------------------------------------------------------------
+def test_parameters_are_overridden_for_one_call():
+    """The state carries the value; the next call has the parameter's own again."""
+    length, mass = mbd.Parameter("length", 1.0), mbd.Parameter("mass", 2.0)
+    arm = mbd.Body("arm", mass=mass, inertia=0.1, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-length / 2, 0))
+    model = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()], parameters=[length, mass])
+    state = mbd.assemble(model, [arm.phi == 0], parameters={length: 0.6, mass: 5.0})
+    assert state[arm.x] == pytest.approx(0.3, abs=1e-13) and state[length] == 0.6 and state[mass] == 5.0
+    assert state[arm.alpha] == pytest.approx(-5 * G * 0.3 / (0.1 + 5 * 0.09), rel=1e-12)
+    assert mbd.assemble(model, [arm.phi == 0])[arm.x] == pytest.approx(0.5, abs=1e-13)
+    pairs = mbd.assemble(model, [arm.phi == 0], parameters=[(length, 0.6)])
+    assert pairs[arm.x] == pytest.approx(0.3, abs=1e-13)
+
+
+def test_the_mass_metric_is_that_of_the_parameters():
+    """Two points drawn together meet at the centre of the masses of the call."""
+    mass = mbd.Parameter("mass", 3.0)
+    light, heavy = mbd.Body("light", 1, 1), mbd.Body("heavy", mass, 1, pose=(1, 0, 0))
+    pin = mbd.Revolute("pin", light.at(0, 0), heavy.at(0, 0))
+    model = mbd.Mechanism(bodies=[light, heavy], joints=[pin], parameters=[mass])
+    assert mbd.assemble(model)[light.x] == pytest.approx(0.75, abs=1e-9)
+    assert mbd.assemble(model, parameters={mass: 9.0})[light.x] == pytest.approx(0.9, abs=1e-9)
+
+
+def test_values_that_make_no_mechanism_are_refused():
+    """A negative mass, a length of zero, a number that is none: also when they come with the call."""
+    mass, length = mbd.Parameter("mass", 3.0), mbd.Parameter("length", 1.0)
+    body = mbd.Body("body", mass=mass, inertia=1, pose=(1, 0, 0))
+    link = mbd.Distance("link", mbd.ground.at(0, 0), body.at(0, 0), length)
+    model = mbd.Mechanism(bodies=[body], joints=[link], parameters=[mass, length])
+    for parameter, value in ((mass, -1.0), (length, 0.0), (mass, float("nan")), (mass, "heavy")):
+        with pytest.raises(mbd.MechanismError, match=parameter.label):
+            mbd.assemble(model, parameters={parameter: value})
+    with pytest.raises(mbd.MechanismError, match="'other'"):
+        mbd.assemble(model, parameters={mbd.Parameter("other", 1.0): 2.0})
+    with pytest.raises(mbd.MechanismError, match="parameters="):
+        mbd.assemble(model, parameters=3.0)
+
+
+def test_inputs_have_their_own_value_or_that_of_the_call():
+    """Numbers, or an expression in the state."""
+    arm, model = pendulum(pose=(0.5, 0, 0))
+    tau = mbd.Input("tau", value=1.2 * G * 0.5)
+    model = model.replace(forces=[mbd.Gravity(), mbd.Torque("motor", arm, tau)], inputs=[tau])
+    assert mbd.assemble(model)[arm.alpha] == pytest.approx(0, abs=1e-12)
+    state = mbd.assemble(model, inputs={tau: 0.0})
+    assert state[arm.alpha] == pytest.approx(-1.2 * G * 0.5 / 0.4, rel=1e-12) and state[tau] == 0.0
+    feedback = mbd.assemble(model, [arm.omega == 2], inputs={tau: -3 * arm.omega + mbd.t}, t=1.0)
+    assert feedback[tau] == pytest.approx(-5.0)
+    with pytest.raises(mbd.MechanismError, match="'other'"):
+        mbd.assemble(model, inputs={mbd.Input("other"): 1.0})
+
+
+# --- redundant rows and bodies without mass ------------------------------------------------------------------
+@pytest.mark.parametrize("omega", [0.0, 3.0])
+def test_a_parallelogram_with_three_cranks_accelerates_like_one_degree_of_freedom(omega):
+    """``(3 (J' + m l²/4) + M l²) alpha = -(3 m/2 + M) g l cos(phi)``; redundant rows do no harm."""
+    angle, m, beam_mass, length, inertia = -np.pi / 2 + 0.8, 1.0, 2.0, 1.0, 1 / 12
+    at = np.array([np.cos(angle), np.sin(angle)])
+    cranks = [
+        mbd.Body(f"crank {k}", mass=m, inertia=inertia, pose=(*(np.array([k, 0.0]) + at / 2), angle)) for k in range(3)
+    ]
+    beam = mbd.Body("beam", mass=beam_mass, inertia=1.0, pose=(*(np.array([1.0, 0]) + at), 0))
+    joints = [mbd.Revolute(f"foot {k}", mbd.ground.at(k, 0), c.at(-0.5, 0)) for k, c in enumerate(cranks)]
+    joints += [mbd.Revolute(f"head {k}", c.at(0.5, 0), beam.at(k - 1.0, 0)) for k, c in enumerate(cranks)]
+    model = mbd.Mechanism(bodies=[*cranks, beam], joints=joints, forces=[mbd.Gravity()])
+    state = mbd.assemble(model, [cranks[0].phi == angle, cranks[0].omega == omega])
+    alpha = -(3 * m / 2 + beam_mass) * G * length * np.cos(angle)
+    alpha /= 3 * (inertia + m * length**2 / 4) + beam_mass * length**2
+    for crank in cranks:
+        assert state[crank.phi] == pytest.approx(angle, abs=1e-12)
+        assert state[crank.omega] == pytest.approx(omega, abs=1e-11)
+        assert state[crank.alpha] == pytest.approx(alpha, rel=1e-7)
+    assert state[beam.alpha] == pytest.approx(0, abs=1e-7)
+    total = sum(state[foot.reaction_on(mbd.ground).force] for foot in joints[:3])
+    weight = np.array([0, -(3 * m + beam_mass) * G])
+    momentum = sum(b.mass * state[b.acceleration] for b in (*cranks, beam))
+    np.testing.assert_allclose(total, weight - momentum, atol=1e-6)
+
+
+def test_multipliers_of_redundant_rows_are_of_least_norm():
+    """A block held twice by the same row carries half the load in each."""
+    body, model = free_body()
+    joints = [mbd.AbsoluteY("first", body.at(0, 0)), mbd.AbsoluteY("second", body.at(0, 0))]
+    state = mbd.assemble(model.replace(joints=joints, forces=[mbd.Gravity()]))
+    for joint in joints:
+        assert state[joint.reaction_on(body).force][1] == pytest.approx(G, rel=1e-7)
+
+
+@pytest.mark.parametrize(("angle", "omega"), [(0.4, 0.0), (0.4, 2.5), (np.pi / 2, 1.0)])
+def test_a_cart_with_a_point_mass_on_a_massless_rod(angle, omega):
+    """Cart-pole in closed form; the pole has mass at its end and no inertia."""
+    cart_mass, mass, length, push = 1.0, 0.3, 0.5, 2.0
+    cart = mbd.Body("cart", mass=cart_mass, inertia=0)
+    bob = mbd.Body("bob", mass=mass, inertia=0, pose=(length * np.sin(angle), -length * np.cos(angle), angle))
+    joints = [
+        mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0)),
+        mbd.Revolute("pin", cart.at(0, 0), bob.at(0, length)),
+    ]
+    forces = [mbd.Gravity(), mbd.Force("push", cart.at(0, 0), (push, 0))]
+    model = mbd.Mechanism(bodies=[cart, bob], joints=joints, forces=forces)
+    state = mbd.assemble(model, [cart.x == 0, cart.vx == 0, bob.phi == angle, bob.omega == omega])
+    s, c = np.sin(angle), np.cos(angle)
+    ax = (push + mass * s * (length * omega**2 + G * c)) / (cart_mass + mass * s**2)
+    assert state[cart.ax] == pytest.approx(ax, rel=1e-11)
+    assert state[bob.alpha] == pytest.approx(-(ax * c + G * s) / length, rel=1e-11)
+
+
+def test_a_massless_crank_between_pins_passes_the_force_along():
+    """A rod of no mass that holds a weight: the tension is along the rod, and the motion that of a pendulum."""
+    angle, length, mass = 0.7, 0.8, 2.0
+    at = length * np.array([np.sin(angle), -np.cos(angle)])
+    rod = mbd.Body("rod", mass=0, inertia=0, pose=(*at / 2, angle))
+    bob = mbd.Body("bob", mass=mass, inertia=0.3, pose=(*at, 0.0))
+    joints = [
+        mbd.Revolute("top", mbd.ground.at(0, 0), rod.at(0, length / 2)),
+        mbd.Revolute("end", rod.at(0, -length / 2), bob.at(0, 0)),
+    ]
+    model = mbd.Mechanism(bodies=[rod, bob], joints=joints, forces=[mbd.Gravity()])
+    state = mbd.assemble(model, [rod.phi == angle, rod.omega == 0, bob.omega == 1.5])
+    assert state[rod.alpha] == pytest.approx(-G * np.sin(angle) / length, rel=1e-11)
+    assert state[bob.alpha] == pytest.approx(0, abs=1e-11)
+    tension = mass * G * np.cos(angle)
+    np.testing.assert_allclose(state[joints[0].reaction_on(rod).force], -tension * at / length, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("settings", "joint", "missing"),
+    [
+        ({"mass": 0, "inertia": 0}, None, ["x", "y", "phi"]),
+        ({"mass": 1, "inertia": 0}, None, ["phi"]),
+        ({"mass": 0, "inertia": 1}, None, ["x", "y"]),
+        ({"mass": 0, "inertia": 0}, "pin", ["phi"]),
+    ],
+)
+def test_a_body_that_lacks_mass_is_named(settings, joint, missing):
+    """Pose and velocity are there all the same; accelerations and reactions say which body and which coordinates."""
+    ghost, solid = mbd.Body("ghost", pose=(0.3, 0.1, 0), **settings), mbd.Body("solid", 1, 1)
+    joints = [mbd.Revolute("pin", mbd.ground.at(0.3, 0.1), ghost.at(0, 0))] if joint else []
+    state = mbd.assemble(mbd.Mechanism(bodies=[ghost, solid], joints=joints, forces=[mbd.Gravity()]))
+    assert state[ghost.x] == pytest.approx(0.3)
+    with pytest.raises(mbd.SingularityError, match="'ghost'") as error:
+        state[ghost.alpha]
+    assert all(f"ghost.{name}" in str(error.value) for name in missing)
+    assert all(f"ghost.{name}" not in str(error.value) for name in {"x", "y", "phi"} - set(missing))
+    assert "solid" not in str(error.value)
+
+
+# --- what cannot be assembled ---------------------------------------------------------------------------
+def test_parts_that_do_not_reach_each_other():
+    """The message names the joints, the residuals hold metres, the largest first."""
+    arm, model = pendulum()
+    far = model.replace(joints=[*model.joints, mbd.Revolute("too far", mbd.ground.at(3, 0), arm.at(0.5, 0))])
+    with pytest.raises(mbd.AssemblyError, match=r"cannot assemble.*t = 0 s.*'too far'") as error:
+        mbd.assemble(far)
+    found = error.value.residuals
+    assert set(found) == {"hinge", "too far"}
+    assert list(found.values()) == sorted(found.values(), reverse=True)
+    assert found["hinge"] + found["too far"] == pytest.approx(2.0, rel=1e-3)
+    assert error.value.time == 0.0
+
+
+def test_residuals_name_only_what_is_open():
+    """A chain that cannot close: other parts of the mechanism are not accused in the message."""
+    arm, model = pendulum()
+    other = mbd.Body("other", 1, 1)
+    joints = [
+        *model.joints,
+        mbd.Revolute("too far", mbd.ground.at(3, 0), arm.at(0.5, 0)),
+        mbd.Revolute("fine", mbd.ground.at(0, 0), other.at(0.2, 0)),
+    ]
+    with pytest.raises(mbd.AssemblyError) as error:
+        mbd.assemble(model.replace(bodies=[arm, other], joints=joints))
+    assert "fine" not in str(error.value)
+    assert error.value.residuals["fine"] < 1e-6 < error.value.residuals["too far"]
+
+
+def test_constraints_that_contradict_each_other():
+    """Both are named."""
+    arm, model = pendulum()
+    held = [mbd.AbsoluteAngle("up", arm.at(0, 0), 1.0), mbd.AbsoluteAngle("down", arm.at(0, 0), -1.0)]
+    with pytest.raises(mbd.AssemblyError, match=r"(?s)(?=.*'up')(?=.*'down')") as error:
+        mbd.assemble(model.replace(joints=[*model.joints, *held]))
+    assert error.value.residuals["up"] == pytest.approx(1.0, rel=1e-3)
+
+
+def test_drivers_that_contradict_at_velocity():
+    """Two drivers that agree in angle and not in rate: no velocity exists, and both are named."""
+    arm, model = pendulum()
+    drivers = [mbd.Driver("slow", arm.phi, 0.5 + mbd.t), mbd.Driver("fast", arm.phi, 0.5 + 2 * mbd.t)]
+    with pytest.raises(mbd.AssemblyError, match="slow") as error:
+        mbd.assemble(model.replace(drivers=drivers))
+    assert "fast" in str(error.value) and "velocit" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "words"),
+    [
+        (lambda arm: [arm.phi == 0.3, arm.phi == 0.4], ["arm.phi == 0.3", "arm.phi == 0.4"]),
+        (lambda arm: [arm.x == 2.0], ["arm.x == 2"]),
+        (lambda arm: [arm.at(0.5, 0).position == (0.9, 0.9)], ["hinge"]),
+        (lambda arm: [arm.phi == 0, arm.vx == 5.0], ["arm.vx"]),
+        (lambda arm: [arm.omega == 1, arm.omega == 2], ["arm.omega"]),
+        (lambda arm: [arm.x >= 2.0], ["arm.x"]),
+        (lambda arm: [arm.omega <= 1, arm.omega >= 2], ["arm.omega"]),
+        (lambda arm: [arm.phi <= 1, arm.phi >= 2], ["arm.phi"]),
+    ],
+)
+def test_conditions_that_cannot_be_met(conditions, words):
+    """A ConditionError in the words of the conditions."""
+    arm, model = pendulum()
+    with pytest.raises(mbd.ConditionError) as error:
+        mbd.assemble(model, conditions(arm))
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_a_condition_that_cannot_be_met_says_by_how_much():
+    """Residuals by condition and by joint."""
+    arm, model = pendulum()
+    with pytest.raises(mbd.AssemblyError) as error:
+        mbd.assemble(model, [arm.x == 2.0])
+    assert error.value.residuals["arm.x == 2"] + error.value.residuals["hinge"] == pytest.approx(1.5, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("conditions", "words"),
+    [
+        (lambda arm, tau: [arm.phi], "relation"),
+        (lambda arm, tau: [arm.phi != 0], "!="),
+        (lambda arm, tau: [arm.alpha == 0], "accelerations"),
+        (lambda arm, tau: [tau == 3], "inputs"),
+        (lambda arm, tau: [mbd.Body("stranger", 1, 1).phi == 0], "stranger"),
+        (lambda arm, tau: [mbd.t == 3], "no coordinate"),
+        (lambda arm, tau: {arm.phi: 0.3}, "list of relations"),
+        (lambda arm, tau: [arm.phi == float("nan")], "finite|nan"),
+    ],
+)
+def test_what_is_no_condition_of_a_start_is_refused(conditions, words):
+    """Accelerations and inputs follow; strangers, numbers and other things are no conditions."""
+    arm, model = pendulum()
+    tau = mbd.Input("tau")
+    model = model.replace(forces=[mbd.Torque("motor", arm, tau)], inputs=[tau])
+    with pytest.raises(mbd.MechanismError, match=words):
+        mbd.assemble(model, conditions(arm, tau))
+
+
+@pytest.mark.parametrize("t", [float("nan"), "soon", None])
+def test_the_time_is_a_number(t):
+    """Finite."""
+    with pytest.raises(mbd.MechanismError, match="t must be"):
+        mbd.assemble(pendulum()[1], t=t)
+
+
+def test_only_a_mechanism_is_assembled():
+    """Anything else is refused."""
+    with pytest.raises(mbd.MechanismError, match="Mechanism"):
+        mbd.assemble(pendulum()[0])
+
+
+# --- the state -------------------------------------------------------------------------------------------
+def test_the_state_prints_poses_by_body():
+    """Numbers with units, states of first order as well."""
+    text = repr(mbd.assemble(pendulum()[1]))
+    assert "t = 0 s" in text and "arm: x =" in text and "rad/s" in text
+
+
+def test_the_state_refuses_strangers():
+    """An expression with a symbol of another model."""
+    with pytest.raises(mbd.ExpressionError, match="stranger"):
+        mbd.assemble(pendulum()[1])[mbd.Body("stranger", 1, 1).phi]
+
+
+def test_a_dead_point_has_a_pose_and_a_velocity():
+    """Two links in line, both ends held: singular, consistent, and accelerations either right or refused."""
+    rods = [mbd.Body(n, 1.0, 0.1, pose=(x, 0, 0)) for n, x in (("left", 0.5), ("right", 1.5))]
+    joints = [
+        mbd.Revolute("a", mbd.ground.at(0, 0), rods[0].at(-0.5, 0)),
+        mbd.Revolute("b", rods[0].at(0.5, 0), rods[1].at(-0.5, 0)),
+        mbd.Revolute("c", rods[1].at(0.5, 0), mbd.ground.at(2, 0)),
+    ]
+    state = mbd.assemble(mbd.Mechanism(bodies=rods, joints=joints))
+    assert residuals_of_position(state) <= 1e-12
+    np.testing.assert_allclose(state[rods[0].position], [0.5, 0], atol=1e-6)
+
+
+def residuals_of_position(state) -> float:
+    """Largest ``Phi``."""
+    return float(np.max(np.abs(state[state.equations.Phi])))
