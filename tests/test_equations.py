@@ -106,7 +106,7 @@ def test_equations_of_a_pendulum_reduce_to_the_textbook():
     alpha = (-mass * 9.81 * length / 2 * c + effort) / (inertia + mass * length**2 / 4)
     wanted = length / 2 * np.array([-s * alpha - c * omega**2, c * alpha - s * omega**2])
     np.testing.assert_allclose(a, [*wanted, alpha], rtol=1e-12)
-    np.testing.assert_allclose(lam, mass * (wanted + [0, 9.81]), rtol=1e-12)
+    np.testing.assert_allclose(lam, mass * np.add(wanted, [0, 9.81]), rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", QUICK)

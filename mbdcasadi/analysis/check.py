@@ -183,8 +183,8 @@ def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
     best = (q, numeric.rank(t, q))
     free = analyse_rank(joints(q)[1] * numeric.column_scale).null_columns
     generator = np.random.default_rng(1)
-    for _ in range(3 if len(free) else 0):
-        direction = (generator.standard_normal(len(free)) @ free) * numeric.column_scale
+    for _ in range(3 if free.size else 0):
+        direction = (free @ generator.standard_normal(free.shape[1])) * numeric.column_scale
         moved = solve(joints, q + EXCURSION * direction / largest(direction), numeric.weights, iterations=30)
         if moved.converged:
             found = numeric.rank(t, moved.x)

@@ -93,6 +93,7 @@ class Run:
         self._z = np.r_[start.a, start.lam]
         self._add(record, np.array([start.t]), self._x[None, :], self._held_channel(start.t))
         with interruptible() as interruption:
+            self._interruption = interruption
             try:
                 self._chunks(record, chunks_of(grid, period=self._period, fine=bool(self.watch.events)))
             except KeyboardInterrupt:
@@ -173,6 +174,8 @@ class Run:
             try:
                 return integrator.advance(*self._begin(form, chunk), chunk.times, self.numeric.p, channel, steps)[0]
             except IntegrationFailure as failure:
+                if self._interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
+                    raise KeyboardInterrupt from None
                 flag = failure.flag if form == usual else flag
         x, z, start = self._begin(usual, chunk)
         raise self._integrator(usual).rescue(flag, x, z, start, chunk.times, self.numeric.p, channel)

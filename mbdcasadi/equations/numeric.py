@@ -105,7 +105,7 @@ class NumericEquations:
         """Coordinates in which something moves that neither has mass nor is held by joints."""
         if not self.massless:
             return []
-        free = self.rank(t, q).null_columns.T * self.column_scale[:, None]
+        free = self.rank(t, q).null_columns * self.column_scale[:, None]
         inertia = free.T @ (self.mass[:, None] * free)
         values, vectors = np.linalg.eigh(inertia)
         empty = free @ vectors[:, values <= 1e-12 * max(largest(values), np.finfo(float).tiny)]

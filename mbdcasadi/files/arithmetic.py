@@ -80,7 +80,7 @@ def parse_arithmetic(text: str, what: str) -> ca.SX:
     Examples
     --------
     >>> parse_arithmetic("2*t^2 + sin(pi*t)", "an example")
-    SX(((2*sq(t))+sin((3.14159*t))))
+    SX(((2.*sq(t))+sin((3.14159*t))))
     """
     return _Reader(text, what).expression()
 

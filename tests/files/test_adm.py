@@ -1,4 +1,4 @@
-"""Model and analysis files: each type against its closed form, flaws that do no harm, and errors that name the place."""
+"""Model and analysis files: each type by its closed form, flaws that do no harm, errors that name the place."""
 
 import json
 import math

@@ -61,7 +61,7 @@ def test_two_bodies_of_one_name_have_symbols_of_their_own():
 
 def test_bodies_and_markers_do_not_change(body):
     """Assignment is refused and says what to do; copies are the same object."""
-    with pytest.raises(AttributeError, match="bar.*does not change.*mass"):
+    with pytest.raises(AttributeError, match=r"bar.*does not change.*mass"):
         body.mass = 3.0
     with pytest.raises(AttributeError, match="does not change"):
         body.at(0, 0).local = ca.SX(2, 1)
@@ -174,7 +174,7 @@ def test_a_point_may_hold_parameters_and_time(body, motion):
 @pytest.mark.parametrize("point", [(float("nan"), 0), (0, float("inf")), ("left", 0), (0, 0, float("nan"))])
 def test_wrong_points_are_refused(body, point):
     """The message names the body."""
-    with pytest.raises(mbd.ModelError, match="bar.*marker"):
+    with pytest.raises(mbd.ModelError, match=r"bar.*marker"):
         body.at(*point)
 
 
@@ -221,5 +221,5 @@ def test_a_shape_with_a_hole_swings_like_its_closed_form():
 @pytest.mark.parametrize("given", [{}, {"density": 1.0, "mass": 1.0}, {"mass": -1.0}, {"density": -1.0}])
 def test_density_or_mass_is_given(given):
     """Exactly one of the two, and not negative."""
-    with pytest.raises(mbd.ModelError, match="mass|density"):
+    with pytest.raises(mbd.ModelError, match=r"mass|density"):
         mbd.Body.from_shape("plate", Rectangle(1, 1), **given)

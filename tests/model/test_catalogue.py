@@ -538,7 +538,7 @@ def test_rotational_spring_with_a_law_of_its_own(rng):
 
 def test_generalized_force(rng):
     """``Q = (e_q)^T f`` summed over the pairs, vector pairs included."""
-    Q, _, i, j, _ = force_terms(
+    Q, _, i, *_ = force_terms(
         lambda a, b: [mbd.GeneralizedForce("g", [(b.body.phi - 2 * a.body.phi, 1.5), (a.position, (0.3, 0.4))])], rng
     )
     np.testing.assert_allclose(Q, np.r_[at_point(i, np.array([0.3, 0.4])), 0, 0, 1.5] - [0, 0, 3, 0, 0, 0], **CLOSE)

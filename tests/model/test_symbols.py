@@ -85,9 +85,10 @@ def test_values():
     assert mbd.Parameter("k", 3).value == 3.0
     with pytest.raises(mbd.ModelError, match=r"'k'.*value = 3"):
         mbd.Parameter("k", 3, upper=2)
-    for make in (lambda v: mbd.Input("s", value=v), lambda v: mbd.Parameter("s", v), lambda v: mbd.StateVariable("s", v)):
-        with pytest.raises(mbd.ModelError, match="'s'.*finite"):
-            make(float("nan"))
+    nan = float("nan")
+    for make in (lambda: mbd.Input("s", nan), lambda: mbd.Parameter("s", nan), lambda: mbd.StateVariable("s", nan)):
+        with pytest.raises(mbd.ModelError, match=r"'s'.*finite"):
+            make()
 
 
 def test_a_coordinate_has_rates():
@@ -169,7 +170,7 @@ def test_rates_that_are_not_known_are_refused(arm):
 def test_a_state_without_its_mechanism_is_refused_with_a_hint():
     """The remedy is the second argument."""
     z = mbd.StateVariable("z")
-    with pytest.raises(mbd.ExpressionError, match="state 'z'.*second argument"):
+    with pytest.raises(mbd.ExpressionError, match=r"state 'z'.*second argument"):
         mbd.time_derivative(z**2)
 
 

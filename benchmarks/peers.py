@@ -1,0 +1,422 @@
+"""The methods that are compared, mbdcasadi's own and those of other packages, all on the models of ``models.py``.
+
+A :class:`Problem` holds a model, its consistent start and the reference
+motion. A method runs it at one setting (a tolerance or a step size) and
+returns a :class:`Run`: the time that integration took, the time to set it up,
+and the largest position error. What a package can prepare once (compiled
+functions, Jacobians with their sparsity) counts as set-up for every package.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from models import Model
+
+import mbdcasadi as mbd
+
+#: Tolerances of the reference motion; its own error is estimated with ten times as much.
+REFERENCE_TOLERANCE = 1e-12
+#: Above this number of unknowns a sparse linear solver is used where there is a choice.
+DENSE_UNKNOWNS = 60
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of a method: seconds of integration, seconds of set-up, largest position error (m)."""
+
+    seconds: float
+    set_up: float
+    error: float
+
+
+class Method:
+    """A way to simulate a model.
+
+    Attributes
+    ----------
+    name : str
+        As printed.
+    settings : sequence of float
+        Tolerances, or steps per second, from loose to tight.
+    """
+
+    name: str = ""
+    settings: Sequence[float] = ()
+
+    def suits(self, problem: Problem) -> bool:
+        """Whether the model is worth the try."""
+        return True
+
+    def run(self, problem: Problem, setting: float) -> Run:
+        """Simulate the model once."""
+        raise NotImplementedError
+
+
+# --- the problem and its reference ---------------------------------------------------------------
+class Buffered:
+    """A compiled function of CasADi on arrays of its own: a call costs about a microsecond."""
+
+    def __init__(self, function: ca.Function):
+        self._buffer, self._call = function.buffer()
+        self._function = function
+        self.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
+        self.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
+        for k, argument in enumerate(self.arguments):
+            self._buffer.set_arg(k, memoryview(argument))
+        for k, result in enumerate(self.results):
+            self._buffer.set_res(k, memoryview(result))
+
+    def __call__(self, *values: Any) -> list[np.ndarray]:
+        for argument, value in zip(self.arguments, values, strict=True):
+            argument[:] = value
+        self._call()
+        return self.results
+
+
+class Problem:
+    """A model with its mechanism, its start and its reference motion.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    """
+
+    def __init__(self, model: Model):
+        self.model = model
+        self.mechanism = model.mechanism()
+        self.eom = mbd.equations(self.mechanism)
+        self.state = mbd.assemble(self.mechanism, model.start(self.mechanism))
+        self.start = np.r_[self.state.q, self.state.v]
+        # positions of the centres of mass among [x, y, phi] by body
+        self.compared = np.flatnonzero(np.arange(self.state.q.size) % 3 != 2)
+
+    @cached_property
+    def ode(self) -> ca.Function:
+        """``(t, x) -> x'`` for ``x = (q, v)`` from the same compiled forward dynamics."""
+        n = self.state.q.size
+        t, x = ca.SX.sym("t"), ca.SX.sym("x", 2 * n)
+        a, _ = self.eom.forward_dynamics(t, x[:n], x[n:], np.zeros(0), np.zeros(0), np.zeros(0))
+        return ca.Function("ode", [t, x], [ca.vertcat(x[n:], a)])
+
+    @cached_property
+    def ode_jacobian(self) -> ca.Function:
+        """Jacobian of :attr:`ode` by x, dense."""
+        t, x = ca.SX.sym("t"), ca.SX.sym("x", self.start.size)
+        return ca.Function("ode_jacobian", [t, x], [ca.densify(ca.jacobian(self.ode(t, x), x))])
+
+    @cached_property
+    def dae(self) -> tuple[ca.Function, ca.Function]:
+        """``(t, y, y') -> residual`` and ``(t, y, y', c) -> dr/dy + c dr/dy'`` (sparse) for ``y = (q, v, a, lam)``."""
+        eom = self.eom
+        y = ca.vertcat(eom.q, eom.v, eom.a, eom.lam)
+        rate, c = ca.SX.sym("rate", y.numel()), ca.SX.sym("c")
+        n = eom.q.numel()
+        residual = ca.densify(
+            ca.vertcat(
+                rate[:n] - eom.v,
+                rate[n : 2 * n] - eom.a,
+                eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q,
+                eom.Phi_q @ eom.a - eom.gamma,
+            )
+        )
+        jacobian = ca.jacobian(residual, y) + c * ca.jacobian(residual, rate)
+        return (
+            ca.Function("residual", [eom.t, y, rate], [residual]),
+            ca.Function("jacobian", [eom.t, y, rate, c], [jacobian]),
+        )
+
+    @cached_property
+    def reference(self) -> np.ndarray:
+        """Positions (n_t, 2 n_bodies) by DOP853 at a tight tolerance."""
+        return self._reference(REFERENCE_TOLERANCE)
+
+    @cached_property
+    def reference_error(self) -> float:
+        """Estimate of the error of the reference: its change at ten times the tolerance, m."""
+        return float(np.max(np.abs(self._reference(10 * REFERENCE_TOLERANCE) - self.reference)))
+
+    def _reference(self, tolerance: float) -> np.ndarray:
+        return self.positions(ScipyMethod("DOP853").solve(self, tolerance)[0])
+
+    def positions(self, x: np.ndarray) -> np.ndarray:
+        """Positions of the centres of mass of states by row."""
+        return x[:, self.compared]
+
+    def error(self, positions: np.ndarray) -> float:
+        """Largest position error, m."""
+        if positions.shape != self.reference.shape:
+            return float("inf")
+        return float(np.max(np.abs(positions - self.reference)))
+
+
+# --- mbdcasadi -----------------------------------------------------------------------------------
+@contextmanager
+def integrators_timed() -> Iterator[list[float]]:
+    """Seconds that CasADi spends on making integrators (with jit: on compiling them)."""
+    spent: list[float] = []
+    original = ca.integrator
+
+    def timed(*arguments: Any, **options: Any) -> ca.Function:
+        began = time.perf_counter()
+        made = original(*arguments, **options)
+        spent.append(time.perf_counter() - began)
+        return made
+
+    ca.integrator = timed
+    try:
+        yield spent
+    finally:
+        ca.integrator = original
+
+
+class MbdMethod(Method):
+    """``mbdcasadi.simulate``; everything the call does counts, but for making the integrators, which is set-up."""
+
+    def __init__(self, name: str, settings: Sequence[float], **options: Any):
+        self.name = name
+        self.settings = settings
+        self._options = options
+
+    def run(self, problem: Problem, setting: float) -> Run:
+        model = problem.model
+        began = time.perf_counter()
+        with integrators_timed() as spent:
+            motion = mbd.simulate(
+                problem.mechanism,
+                model.times,
+                initial=problem.state,
+                reltol=setting,
+                abstol=setting,
+                **self._options,
+            )
+        whole = time.perf_counter() - began
+        return Run(whole - sum(spent), sum(spent), problem.error(problem.positions(motion.q)))
+
+
+# --- SciPy ---------------------------------------------------------------------------------------
+class ScipyMethod(Method):
+    """``scipy.integrate.solve_ivp`` on the compiled forward dynamics; no projection onto the constraints."""
+
+    def __init__(self, method: str, settings: Sequence[float] = (), largest: int = 10**9):
+        self.name = f"SciPy {method}"
+        self.settings = settings
+        self._method = method
+        self._largest = largest
+
+    def suits(self, problem: Problem) -> bool:
+        return problem.start.size <= self._largest
+
+    def solve(self, problem: Problem, tolerance: float) -> tuple[np.ndarray, float, float]:
+        """States by row, seconds of integration, seconds of set-up."""
+        from scipy.integrate import solve_ivp
+
+        began = time.perf_counter()
+        rate = Buffered(problem.ode)
+        options: dict[str, Any] = {}
+        if self._method in ("Radau", "BDF"):
+            jacobian = Buffered(problem.ode_jacobian)
+            size = problem.start.size
+            options["jac"] = lambda t, x: jacobian(t, x)[0].reshape(size, size).T.copy()
+        made = time.perf_counter()
+        found = solve_ivp(
+            lambda t, x: rate(t, x)[0].copy(),
+            (0.0, problem.model.duration),
+            problem.start,
+            method=self._method,
+            t_eval=problem.model.times,
+            rtol=tolerance,
+            atol=tolerance,
+            **options,
+        )
+        return found.y.T, time.perf_counter() - made, made - began
+
+    def run(self, problem: Problem, setting: float) -> Run:
+        x, seconds, set_up = self.solve(problem, setting)
+        return Run(seconds, set_up, problem.error(problem.positions(x)))
+
+
+# --- scikit-sundae -------------------------------------------------------------------------------
+class SundaeMethod(Method):
+    """IDA of scikit-sundae on the same residual in ``(q, v, a, lam)``, with the exact sparse Jacobian.
+
+    The accelerations and multipliers are kept out of its error test by a large
+    absolute tolerance, as ``suppress_algebraic`` does in CasADi.
+    """
+
+    name = "scikit-sundae IDA"
+
+    def __init__(self, settings: Sequence[float], largest: int = 10**9):
+        self.settings = settings
+        self._largest = largest
+
+    def suits(self, problem: Problem) -> bool:
+        return problem.start.size <= self._largest
+
+    def run(self, problem: Problem, setting: float) -> Run:
+        from sksundae.ida import IDA
+
+        began = time.perf_counter()
+        residual, jacobian = problem.dae
+        state, n = problem.state, problem.state.q.size
+        y0 = np.r_[state.q, state.v, state.a, state.lam]
+        rates = np.r_[state.v, state.a, np.zeros(y0.size - 2 * n)]
+        evaluate, slopes = Buffered(residual), Buffered(jacobian)
+        sparsity = ca.DM(jacobian.sparsity_out(0), 1)
+        rows, columns = (np.array(k) for k in jacobian.sparsity_out(0).get_triplet())
+        sparse = y0.size > DENSE_UNKNOWNS
+
+        def fill(t: float, y: np.ndarray, yp: np.ndarray, out: np.ndarray) -> None:
+            out[:] = evaluate(t, y, yp)[0]
+
+        def fill_jacobian(t: float, y: np.ndarray, yp: np.ndarray, _: np.ndarray, c: float, out: np.ndarray) -> None:
+            if sparse:
+                out[:] = slopes(t, y, yp, c)[0]
+            else:
+                out[rows, columns] = slopes(t, y, yp, c)[0]
+
+        options: dict[str, Any] = {"linsolver": "dense"}
+        if sparse:
+            options = {"linsolver": "sparse", "sparsity": sparsity.sparse()}
+        algebraic = np.arange(2 * n, y0.size)
+        solver = IDA(
+            fill,
+            jacfn=fill_jacobian,
+            algebraic_idx=algebraic.tolist(),
+            rtol=setting,
+            atol=np.r_[np.full(2 * n, setting), np.full(algebraic.size, 1e8)],
+            max_num_steps=1_000_000,
+            **options,
+        )
+        made = time.perf_counter()
+        found = solver.solve(problem.model.times, y0, rates)
+        seconds = time.perf_counter() - made
+        return Run(seconds, made - began, problem.error(problem.positions(found.y[:, : 2 * n])))
+
+
+# --- Exudyn --------------------------------------------------------------------------------------
+class ExudynMethod(Method):
+    """Exudyn on a model of its own (planar rigid bodies, revolute joints), implicit trapezoidal rule at index 2.
+
+    Its step is fixed; the setting is the number of steps in a second of a
+    mechanism's time, see `rate`.
+    """
+
+    name = "Exudyn, index-2 trapezoidal"
+
+    def __init__(self, steps: Sequence[float]):
+        self.settings = steps
+
+    def run(self, problem: Problem, setting: float) -> Run:
+        import exudyn as exu
+
+        model = problem.model
+        intervals = model.outputs
+        steps = intervals * max(1, round(setting))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            began = time.perf_counter()
+            system, sensors = _exudyn_system(exu, problem)
+            settings = _exudyn_settings(exu, model, steps, len(model.bodies))
+            made = time.perf_counter()
+            done = system.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2, showHints=False)
+            seconds = time.perf_counter() - made
+        if not done:
+            return Run(seconds, made - began, float("inf"))
+        stored = np.hstack([system.GetSensorStoredData(sensor)[:, 1:3] for sensor in sensors])
+        return Run(seconds, made - began, problem.error(stored))
+
+
+def _exudyn_system(exu: Any, problem: Problem) -> tuple[Any, list[Any]]:
+    """Build a model of Exudyn and the sensors of its bodies."""
+    from exudyn import itemInterface as item
+
+    model = problem.model
+    system = exu.SystemContainer().AddSystem()
+    ground = system.AddObject(item.ObjectGround())
+    bodies, sensors = [], []
+    for k, data in enumerate(model.bodies):
+        part = slice(3 * k, 3 * k + 3)
+        node = system.AddNode(
+            item.NodeRigidBody2D(
+                referenceCoordinates=list(problem.state.q[part]), initialVelocities=list(problem.state.v[part])
+            )
+        )
+        bodies.append(
+            system.AddObject(
+                item.ObjectRigidBody2D(physicsMass=data.mass, physicsInertia=data.inertia, nodeNumber=node)
+            )
+        )
+        sensors.append(
+            system.AddSensor(
+                item.SensorNode(
+                    nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Position
+                )
+            )
+        )
+
+    def marker(index: int | None, point: tuple[float, float]) -> Any:
+        body = ground if index is None else bodies[index]
+        return system.AddMarker(item.MarkerBodyPosition(bodyNumber=body, localPosition=[*point, 0.0]))
+
+    for pin in model.pins:
+        markers = [marker(pin.a, pin.at_a), marker(pin.b, pin.at_b)]
+        system.AddObject(item.ObjectJointRevolute2D(markerNumbers=markers))
+    for spring in model.springs:
+        markers = [marker(spring.a, spring.at_a), marker(spring.b, spring.at_b)]
+        system.AddObject(
+            item.ObjectConnectorSpringDamper(
+                markerNumbers=markers, stiffness=spring.stiffness, referenceLength=spring.free_length
+            )
+        )
+    for k, value in model.torques:
+        rigid = system.AddMarker(item.MarkerBodyRigid(bodyNumber=bodies[k]))
+        system.AddLoad(item.LoadTorqueVector(markerNumber=rigid, loadVector=[0, 0, value]))
+    if model.gravity:
+        for body in bodies:
+            mass = system.AddMarker(item.MarkerBodyMass(bodyNumber=body))
+            system.AddLoad(item.LoadMassProportional(markerNumber=mass, loadVector=[0, -model.gravity, 0]))
+    system.Assemble()
+    return system, sensors
+
+
+def _exudyn_settings(exu: Any, model: Model, steps: int, bodies: int) -> Any:
+    settings = exu.SimulationSettings()
+    settings.timeIntegration.endTime = model.duration
+    settings.timeIntegration.numberOfSteps = steps
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.newton.useModifiedNewton = True
+    settings.solutionSettings.writeSolutionToFile = False
+    settings.solutionSettings.sensorsWritePeriod = model.duration / model.outputs
+    settings.displayStatistics = False
+    settings.displayComputationTime = False
+    settings.parallel.numberOfThreads = 1
+    if 5 * bodies > DENSE_UNKNOWNS:
+        settings.linearSolverType = exu.LinearSolverType.EigenSparse
+    return settings
+
+
+def all_methods(jit: bool = True) -> list[Method]:
+    """Every method, mbdcasadi's default first."""
+    usual = [10.0**-k for k in range(5, 12)]
+    own: Callable[..., MbdMethod] = MbdMethod
+    methods: list[Method] = [
+        own("mbdcasadi, default (idas)", usual),
+        own("mbdcasadi, erk", usual, method="erk"),
+        *([own("mbdcasadi, erk, jit", usual, method="erk", jit=True)] if jit else []),
+        own("mbdcasadi, rosenbrock", usual, method="rosenbrock"),
+        ScipyMethod("DOP853", [10.0**-k for k in range(4, 12)]),
+        ScipyMethod("Radau", [10.0**-k for k in range(4, 11)], largest=300),
+        SundaeMethod([10.0**-k for k in range(6, 13)], largest=700),
+        ExudynMethod([2.0**k for k in range(0, 11)]),
+    ]
+    return methods
