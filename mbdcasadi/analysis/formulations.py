@@ -1,12 +1,12 @@
 """Forms of the equations of motion that an integrator can take, and the choice among them.
 
-===============  ==========================================================  ==========================
+===============  ==========================================================  =====================================
 name             when                                                        integrator gets
-===============  ==========================================================  ==========================
+===============  ==========================================================  =====================================
 explicit         every body has mass, no force depends on lam, few bodies    an ODE, lam eliminated
 KKT              massless bodies, forces that depend on lam, many bodies     a DAE in ``(a, lam)``
-regularised      redundant rows, rank lost on the way                        an ODE, ``S + epsilon I``
-===============  ==========================================================  ==========================
+regularised      redundant rows, rank lost on the way                        an ODE, ``S + epsilon I``, drift damped
+===============  ==========================================================  =====================================
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass
 import casadi as ca
 
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import REFINEMENTS
 from ..errors import SimulationError
 from ..numerics.integration import Dae
 from .inputs import Signals
@@ -35,12 +34,14 @@ class Formulation:
     ----------
     name : {"explicit", "KKT", "regularised"}
         Which form.
-    redundant : bool
-        Whether rows are dependent where it is used.
     """
 
     name: str
-    redundant: bool
+
+    @property
+    def redundant(self) -> bool:
+        """Whether solves have to stand dependent rows."""
+        return self.name == "regularised"
 
     @property
     def algebraic(self) -> bool:
@@ -54,9 +55,13 @@ class Formulation:
         u = ca.substitute(signals.expressions, eom.t, start + since)
         x = ca.vertcat(eom.q, eom.v, eom.z)
         inner = [start + since, eom.q, eom.v, eom.z, u, eom.p]
-        parameters = ca.vertcat(start, eom.p)
+        rate = ca.SX.sym("rate")
+        parameters = ca.vertcat(start, eom.p, rate)
         if not self.algebraic:
-            a, lam = numeric.forward_dynamics(redundant=self.redundant, refinements=REFINEMENTS)(*inner)
+            if self.name == "regularised":
+                a, lam = numeric.stabilised_dynamics()(*inner, rate)
+            else:
+                a, lam = numeric.forward_dynamics(redundant=False)(*inner)
             unknowns = residual = ca.SX(0, 1)
         else:
             a, lam = eom.a, eom.lam
@@ -92,10 +97,10 @@ def choose(numeric: NumericEquations, method: str, *, redundant: bool) -> Formul
                 "a force depends on reactions, and with redundant constraints these are not unique: "
                 "remove the redundant rows (see check) or the friction"
             )
-        return Formulation("KKT", redundant)
+        return Formulation("KKT")
     if redundant:
-        return Formulation("regularised", True)
+        return Formulation("regularised")
     if method in ("erk", "rosenbrock"):
-        return Formulation("explicit", False)
+        return Formulation("explicit")
     many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
-    return Formulation("KKT" if numeric.massless or many else "explicit", False)
+    return Formulation("KKT" if numeric.massless or many else "explicit")

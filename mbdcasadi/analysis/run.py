@@ -13,6 +13,7 @@ from ..equations.recovery import Recovery
 from ..errors import Interrupted, SimulationError
 from ..numerics.console import interruptible
 from ..numerics.integration import FEW_STEPS, MAX_STEPS, IntegrationFailure, Integrator
+from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .causes import cause_of_failure
@@ -23,10 +24,11 @@ from .record import Record
 from .schedule import Chunk, chunks_of
 from .stiffness import is_stiff
 
-#: Smallest scaled singular value of the Jacobian below which the regularised form takes over.
-NEARLY_SINGULAR = 1e-6
-#: Jacobians with more entries than this are not monitored by singular values.
-MONITORED_ENTRIES = 40_000
+#: Fall of the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to the largest one seen, at which the regularised
+#: form takes over for the rest of a run: the mechanism passes near a singular pose.
+NEARLY_SINGULAR = 0.02
+#: Decay of drift in the regularised form: so many times in a chunk, and for each radian that a body turns.
+DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 
 
 class Run:
@@ -68,6 +70,7 @@ class Run:
             "inputs", [eom.t, eom.q, eom.v, eom.z, eom.p, signals.channel], [ca.densify(signals.expressions)]
         )
         self._held = numeric.eom.input_values.copy()
+        self._regular = 0.0
 
     # --- the loop ------------------------------------------------------------------------
     def over(self, grid: np.ndarray, start: State) -> Trajectory:
@@ -81,6 +84,7 @@ class Run:
         self.formulation = choose(self.numeric, self.method, redundant=redundant)
         rule = None if self.signals.is_sampled else self._rule
         record = Record(eom.mechanism, self.numeric.p, self._recovery(redundant).refine(rule))
+        self._statistics = record.statistics
         record.statistics.method = self.method
         record.statistics.formulation = self.formulation.name
         if redundant:
@@ -136,6 +140,8 @@ class Run:
             x, failure = stopped.x, stopped
         times, wanted = chunk.times[: len(x)], chunk.wanted[: len(x)]
         x = self._projected(times, x)
+        if failure is None and self._turns_singular():
+            return self._one_chunk(record, chunk)
         ended = False
         if self.watch.events and len(x):
             times, wanted, x, ended = self._look_for_events(record, chunk, times, wanted, x, channel)
@@ -166,22 +172,41 @@ class Run:
         usual, flag = self.formulation, ""
         attempts = [(usual, FEW_STEPS), (usual, MAX_STEPS)]
         if usual.name != "regularised" and not self.numeric.eom.Q_depends_on_lam:
-            attempts.insert(1, (Formulation("regularised", True), FEW_STEPS))
+            attempts.insert(1, (Formulation("regularised"), FEW_STEPS))
         for k, (form, steps) in enumerate(attempts):
             if k > 0 and form == usual and flag != "IDA_TOO_MUCH_WORK":
                 break
             integrator = self._integrator(form)
             try:
-                return integrator.advance(*self._begin(form, chunk), chunk.times, self.numeric.p, channel, steps)[0]
+                p = self._parameters(chunk)
+                return integrator.advance(*self._begin(form, chunk), chunk.times, p, channel, steps)[0]
             except IntegrationFailure as failure:
                 if self._interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
                     raise KeyboardInterrupt from None
                 flag = failure.flag if form == usual else flag
         x, z, start = self._begin(usual, chunk)
-        raise self._integrator(usual).rescue(flag, x, z, start, chunk.times, self.numeric.p, channel)
+        raise self._integrator(usual).rescue(flag, x, z, start, chunk.times, self._parameters(chunk), channel)
 
     def _begin(self, form: Formulation, chunk: Chunk) -> tuple[np.ndarray, np.ndarray, float]:
         return self._x, self._z if form.algebraic else np.zeros(0), chunk.start
+
+    def _parameters(self, chunk: Chunk) -> np.ndarray:
+        """Parameters of the integrator: those of the model, and the rate at which drift decays."""
+        n = self.numeric.eom.q.numel()
+        turning = self._x[n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
+        rate = max(DECAY / (chunk.times[-1] - chunk.start), DECAY_PER_RADIAN * largest(turning))
+        return np.r_[self.numeric.p, rate]
+
+    def _turns_singular(self) -> bool:
+        """Change to the regularised form where the poses of a chunk come near to a singular one."""
+        regularity = self._recovery(self.formulation.redundant).regularity
+        self._regular = max(self._regular, float(np.max(regularity, initial=0.0)))
+        near = float(np.min(regularity, initial=np.inf)) < NEARLY_SINGULAR * self._regular
+        if not near or self.formulation.name == "regularised" or self.numeric.eom.Q_depends_on_lam:
+            return False
+        self.formulation = Formulation("regularised")
+        self._statistics.notes.append("the motion comes near a singular pose: the regularised form is used from there on")
+        return True
 
     def _recovery(self, redundant: bool) -> Recovery:
         if redundant not in self._recoveries:
@@ -217,11 +242,6 @@ class Run:
         """Start the next chunk from the projected end of this one, in the form that suits the pose there."""
         self._x = x
         q, v, z = self._split(x[None, :])
-        eom = self.numeric.eom
-        if eom.lam.numel() * eom.q.numel() <= MONITORED_ENTRIES and not eom.Q_depends_on_lam:
-            values = self.numeric.rank(time, q[0]).singular_values
-            lost = bool(values.size) and values[-1] < NEARLY_SINGULAR * values[0]
-            self.formulation = choose(self.numeric, self.method, redundant=lost)
         if self.formulation.algebraic:
             u = self._input_values(np.array([time]), x[None, :], channel)
             a, lam = self._recovery(self.formulation.redundant).accelerations(np.array([time]), q, v, z, u)
@@ -275,6 +295,10 @@ class Run:
                 )
         return values
 
+    @property
+    def _event_parameters(self) -> np.ndarray:
+        return np.r_[self.numeric.p, 0.0]
+
     # --- events ---------------------------------------------------------------------------------
     def _watched(self, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
         q, v, z = self._split(x)
@@ -326,7 +350,7 @@ class Run:
             u = self._input_values(np.array([low]), x[None, :], channel)
             a, lam = self._recovery(self.formulation.redundant).accelerations(np.array([low]), q, v, first, u)
             z = np.r_[a[0], lam[0]]
-        reached = self._integrator(self.formulation).advance_once(x, z, low, time, self.numeric.p, channel)
+        reached = self._integrator(self.formulation).advance_once(x, z, low, time, self._event_parameters, channel)
         return self._projected(np.array([time]), reached[None, :])[0]
 
     def _as_state(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> State:

@@ -9,8 +9,8 @@ import numpy as np
 
 #: Chunks of a run: every restart of an integrator costs, and progress, cancelling and partial results need some.
 CHUNKS = 20
-#: Points at which events are looked for, at the least.
-EVENT_POINTS = 400
+#: Points at which a run looks for singular poses, and for events, at the least.
+WATCH_POINTS, EVENT_POINTS = 100, 400
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = Fal
     period : float, optional
         Sampling period of a controller: a chunk ends at each multiple of it.
     fine : bool
-        Whether points are added between the outputs, to look for events.
+        Whether many points are added between the outputs, to look for events.
     """
     start, end = grid[0], grid[-1]
     if period is not None:
@@ -53,8 +53,9 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = Fal
     else:
         borders = np.linspace(start, end, CHUNKS + 1)[1:]
     extra = [borders]
-    if fine and grid.size < EVENT_POINTS:
-        pieces = int(np.ceil(EVENT_POINTS / (grid.size - 1)))
+    points = EVENT_POINTS if fine else WATCH_POINTS
+    if grid.size < points:
+        pieces = int(np.ceil(points / (grid.size - 1)))
         extra += [np.concatenate([np.linspace(a, b, pieces + 1)[1:] for a, b in pairwise(grid)])]
     times, wanted = _merge(grid[1:], np.concatenate(extra), tolerance=1e-9 * (end - start))
     chunks, first, since = [], 0, float(start)

@@ -11,7 +11,7 @@ from ..errors import SingularityError
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank
 from .derivation import Equations
-from .saddle import REPORT_REFINEMENTS, forward_dynamics
+from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
 
 
 class NumericEquations:
@@ -99,6 +99,14 @@ class NumericEquations:
             memory[key] = forward_dynamics(
                 self.eom, massless=self.massless, redundant=redundant, refinements=refinements
             )
+        return memory[key]
+
+    def stabilised_dynamics(self) -> ca.Function:
+        """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
+        key = ("stabilised dynamics", self.massless)
+        memory = self.eom.mechanism.memory
+        if key not in memory:
+            memory[key] = stabilised_dynamics(self.eom, massless=self.massless)
         return memory[key]
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:

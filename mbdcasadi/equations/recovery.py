@@ -34,21 +34,24 @@ class Recovery:
     def __init__(self, numeric: NumericEquations, *, redundant: bool):
         self.numeric = numeric
         self.redundant = redundant
+        #: smallest relative pivot at each of the poses that were projected last: small near a singular pose
+        self.regularity = np.ones(1)
 
     @cached_property
     def _position_step(self) -> ca.Function:
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
         jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-        step = self._towards(jacobian, eom.Phi, weights)
+        step, quality = self._towards(jacobian, eom.Phi, weights)
         arguments = [eom.t, eom.q, eom.p, weights]
-        return self._keep("position step", arguments, [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi))])
+        results = [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi)), quality]
+        return self._keep("position step", arguments, results)
 
     @cached_property
     def _velocity_step(self) -> ca.Function:
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
-        step = self._towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights)
+        step, _ = self._towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights)
         return self._keep("velocity step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
 
     def _keep(self, key: str, arguments: list, results: list) -> ca.Function:
@@ -58,15 +61,18 @@ class Recovery:
         return memory[key]
 
     @staticmethod
-    def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> ca.SX:
-        """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights.
+    def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
 
         The shift keeps the step short where the pose is nearly singular: there
         a residual of rounding size would else throw the state onto another
         branch. Repeated steps converge all the same.
         """
         over = ca.diag(1 / weights) @ jacobian.T
-        return over @ ca.ldl_solve(ca.densify(residual), *shifted(jacobian @ over))
+        schur = jacobian @ over
+        pivots, lower, order = shifted(schur)
+        smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
+        return over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
@@ -75,7 +81,8 @@ class Recovery:
         p, weights = self.numeric.p, self.numeric.weights
         columns, before = q.T, np.inf
         for _ in range(iterations):
-            moved, size = self._position_step(t[None, :], columns, p, weights)
+            moved, size, quality = self._position_step(t[None, :], columns, p, weights)
+            self.regularity = quality.full().ravel()
             worst = largest(size.full())
             if not np.isfinite(worst) or worst >= before / 2:
                 break
