@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -11,6 +12,35 @@ from ..equations import Equations
 from ..errors import ModelError
 from ..model.events import Event
 from ..numerics.roots import bracketed_root
+from .outputs import Outputs
+
+#: ``(start, state, time, channel) -> state``: a short integration from an output to a time after it.
+Reach = Callable[[float, np.ndarray, float, "np.ndarray | None"], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """An event that was located.
+
+    Attributes
+    ----------
+    event : Event
+        Which one.
+    time : float
+        When, s.
+    x : numpy.ndarray
+        State there.
+    interval : int
+        Output before which it took place, by index.
+    channel : numpy.ndarray or None
+        Inputs of its interval.
+    """
+
+    event: Event
+    time: float
+    x: np.ndarray
+    interval: int
+    channel: np.ndarray | None
 
 
 class EventWatch:
@@ -34,29 +64,64 @@ class EventWatch:
             raise ModelError(f"events= holds a name twice: {', '.join(names)}")
         self._values = eom.function(ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events]))
 
-    def values(self, arguments: Sequence[np.ndarray]) -> np.ndarray:
-        """Expressions of all events at outputs (k, n_events); arguments by row, parameters last."""
-        *by_row, p = arguments
-        return self._values(*[np.atleast_2d(x).T for x in by_row], p).full().T
+    def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
+        """Expressions of all events at outputs (k, n_events)."""
+        t, q, v, a, z, lam, u = outputs.block(times, x, channel)
+        return self._values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
 
     @staticmethod
     def _crossed(event: Event, before: float, after: float) -> bool:
         rising, falling = before < 0 <= after, before > 0 >= after
         return rising if event.direction > 0 else falling if event.direction < 0 else rising or falling
 
-    def crossings(self, before: np.ndarray, after: np.ndarray) -> list[int]:
-        """Events that take place between two outputs, by index."""
-        return [k for k, e in enumerate(self.events) if self._crossed(e, before[k], after[k])]
+    def crossings(
+        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None, reach: Reach
+    ) -> list[Crossing]:
+        """Events among outputs, in order of time, up to the first terminal one.
 
-    def locate(
+        Parameters
+        ----------
+        outputs : Outputs
+            Makes outputs of states.
+        times, x : numpy.ndarray
+            Start and outputs of a chunk (k + 1,), (k + 1, n_x).
+        channel : numpy.ndarray or None
+            Inputs by interval (channel, k).
+        reach : callable
+            Integrates from an output to a time after it.
+        """
+        columns = None if channel is None else np.hstack([channel[:, :1], channel[:, : len(times) - 1]])
+        values = self.values(outputs, times, x, columns)
+        found: list[Crossing] = []
+        for k in range(len(times) - 1):
+            column = None if channel is None else channel[:, k : k + 1]
+            here = []
+            for index, event in enumerate(self.events):
+                if self._crossed(event, values[k, index], values[k + 1, index]):
+                    at = self._located(outputs, index, times[k : k + 2], x[k], values[k : k + 2, index], column, reach)
+                    here.append(Crossing(event, at, reach(times[k], x[k], at, column), k, column))
+            for crossing in sorted(here, key=lambda c: c.time):
+                found.append(crossing)
+                if crossing.event.terminal:
+                    return found
+        return found
+
+    def _located(
         self,
+        outputs: Outputs,
         index: int,
-        low: float,
-        high: float,
-        before: float,
-        after: float,
-        value_at: Callable[[float], np.ndarray],
+        ends: np.ndarray,
+        x: np.ndarray,
+        values: np.ndarray,
+        channel: np.ndarray | None,
+        reach: Reach,
     ) -> float:
         """Time of an event between two outputs, to rounding."""
+        low, high = float(ends[0]), float(ends[1])
+
+        def value_at(time: float) -> float:
+            trial = reach(low, x, time, channel)
+            return float(self.values(outputs, np.array([time]), trial[None, :], channel)[0, index])
+
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
-        return bracketed_root(lambda time: float(value_at(time)[index]), low, high, before, after, accuracy)
+        return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)

@@ -18,10 +18,12 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from .assemble import assemble_at, complete_state
 from .event_location import EventWatch
+from .feed import InputFeed
 from .formulations import METHODS
 from .inputs import Signals, read_signals
 from .mappings import pairs_of, parameter_vector, time_grid
 from .run import Run
+from .stiffness import is_stiff
 
 #: Outputs where only a duration is given.
 OUTPUTS = 201
@@ -106,7 +108,7 @@ def simulate(
     """
     eom = equations(mechanism)
     grid = _grid(times, duration)
-    tolerances = tuple(_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol")))
+    tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     own = _carried_by(initial, mechanism)
@@ -121,8 +123,13 @@ def simulate(
     signals = read_signals(eom, given, grid)
     watch = EventWatch(eom, events)
     start = _start(numeric, initial, float(grid[0]), signals)
-    run = Run(numeric, signals, watch, method, *tolerances, jit=jit, progress=progress, options=options)
-    motion = run.over(grid, start)
+    redundant = numeric.rank(start.t, start.q).rank < eom.lam.numel()
+    _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+    if method == "auto":
+        method = "idas" if eom.Q_depends_on_lam or is_stiff(numeric, start, grid, redundant) else "erk"
+    settings = {"reltol": tolerances[0], "abstol": tolerances[1], "jit": jit, "options": options}
+    run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
+    motion = run.over(grid, start, redundant=redundant)
     _tell_exceeded_limits(mechanism, motion)
     return motion
 

@@ -1,0 +1,30 @@
+"""The first mechanism: a double pendulum, its equations, its motion, its reactions."""
+
+import numpy as np
+
+import mbdcasadi as mbd
+
+upper = mbd.Body("upper", mass=1.5, inertia=1.5 * 0.8**2 / 12, pose=(0.4, 0.0, 0.0))
+lower = mbd.Body("lower", mass=1.0, inertia=1.0 * 0.5**2 / 12, pose=(0.8, 0.2, np.pi / 3))
+pin = mbd.Revolute("pin", mbd.ground.at(0, 0), upper.at(-0.4, 0))
+elbow = mbd.Revolute("elbow", upper.at(0.4, 0), lower.at(-0.25, 0))
+pendulum = mbd.Mechanism(bodies=[upper, lower], joints=[pin, elbow], forces=[mbd.Gravity()], name="double pendulum")
+
+print(mbd.check(pendulum))
+print(mbd.equations(pendulum))
+
+motion = mbd.simulate(pendulum, duration=3.0, initial=[upper.phi == 0, lower.phi == np.pi / 3])
+print(motion)
+print(f"largest load of the elbow: {np.linalg.norm(motion[elbow.reaction_on(lower).force], axis=1).max():.1f} N")
+energy = motion.energy.total
+print(f"energy stays within {np.ptp(energy):.1e} J of {energy[0]:.4f} J")
+
+figure = mbd.plot(
+    motion,
+    {
+        "angles, rad": mbd.vertcat(upper.phi, lower.phi),
+        "tip, m": lower.at(0.25, 0).position,
+        "elbow load, N": mbd.norm(elbow.reaction_on(lower).force),
+    },
+)
+figure.savefig("first_mechanism.png", dpi=120)
