@@ -98,7 +98,7 @@ def complete_state(numeric: NumericEquations, signals: Signals, t: float, q: Any
     u = value(t, q, v, z, numeric.p, channel).full().ravel()
     obstacle: MechanismError | None = None
     try:
-        redundant = numeric.rank(t, q).rank < eom.lam.numel()
+        redundant = numeric.has_redundant_rows(t, q)
         a, lam = numeric.accelerations(t, q, v, z, u, redundant=redundant)
     except SingularityError as error:
         obstacle = error
@@ -211,10 +211,11 @@ def _refuse_velocities(numeric: NumericEquations, rows: list[Condition], left_ov
 
 def _least_change(jacobian: np.ndarray, right: np.ndarray, start: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Vector nearest to a start in the metric of the weights among the least-squares solutions of ``J x = right``."""
-    if right.size == 0:
+    missing = right - jacobian @ start
+    if largest(missing) <= 1e-15 * (1 + largest(start)):
         return start.copy()
     root = np.sqrt(weights)
-    step, *_ = np.linalg.lstsq(jacobian / root, right - jacobian @ start, rcond=1e-11)
+    step, *_ = np.linalg.lstsq(jacobian / root, missing, rcond=1e-11)
     return start + step / root
 
 

@@ -123,7 +123,7 @@ def simulate(
     signals = read_signals(eom, given, grid)
     watch = EventWatch(eom, events)
     start = _start(numeric, initial, float(grid[0]), signals)
-    redundant = numeric.rank(start.t, start.q).rank < eom.lam.numel()
+    redundant = numeric.has_redundant_rows(start.t, start.q)
     _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
     if method == "auto":
         method = "idas" if eom.Q_depends_on_lam or is_stiff(numeric, start, grid, redundant) else "erk"

@@ -9,9 +9,12 @@ import numpy as np
 
 from ..errors import SingularityError
 from ..numerics.least_squares import largest
-from ..numerics.rank import RankAnalysis, analyse_rank
+from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from .derivation import Equations
 from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
+
+#: Entries of the Jacobian from which its rank is found by sparse factorisation.
+LARGE = 40_000
 
 
 class NumericEquations:
@@ -89,6 +92,15 @@ class NumericEquations:
         jacobian = self.velocity(t, q)[0] * self.column_scale
         size = np.linalg.norm(jacobian, axis=1, keepdims=True)
         return analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0))
+
+    def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
+        """Whether rows depend on each other at a pose; by sparse factorisation where the mechanism is large."""
+        eom = self.eom
+        if eom.lam.numel() * eom.q.numel() <= LARGE:
+            return self.rank(t, q).rank < eom.lam.numel()
+        jacobian = self.velocity_function(t, q, self.p)[0] @ ca.diag(ca.DM(self.column_scale))
+        size = np.sqrt(ca.sum2(jacobian**2).full().ravel())
+        return sparse_rank(ca.diag(ca.DM(1 / np.where(size > 1e-12, size, 1.0))) @ jacobian) < eom.lam.numel()
 
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:

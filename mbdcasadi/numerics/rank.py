@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 #: Singular values below this share of the largest one count as zero.
@@ -48,6 +49,19 @@ def analyse_rank(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> RankA
     left, values, right = np.linalg.svd(matrix)
     rank = int(np.sum(values > tolerance * max(values[0], np.finfo(float).tiny)))
     return RankAnalysis(rank, values, left[:, rank:].T, right[rank:].T)
+
+
+def sparse_rank(matrix: ca.DM, tolerance: float = RANK_TOLERANCE) -> int:
+    """Rank of a large sparse matrix with scaled rows, by sparse QR of its transpose.
+
+    A row that depends on others leaves a diagonal entry of R that vanishes; the
+    singular values of a large matrix would cost a hundred times as much.
+    """
+    if matrix.size1() > matrix.size2():
+        return sparse_rank(matrix.T, tolerance)
+    _, triangle, *_ = ca.qr_sparse(matrix.T)
+    diagonal = np.abs(ca.diag(triangle).full().ravel())
+    return int(np.sum(diagonal > tolerance * np.max(diagonal, initial=0.0)))
 
 
 def dependent_rows(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> list[int]:
