@@ -241,7 +241,7 @@ def andrews_squeezer(duration: float = 0.03) -> Model:
         torques=((0, 0.033),),
         gravity=0.0,
         outputs=100,
-        goal=1e-8,
+        goal=1e-7,
     )
 
 

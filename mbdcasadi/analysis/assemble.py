@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import casadi as ca
@@ -10,15 +9,16 @@ import numpy as np
 
 from ..equations import equations
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, ConditionError, MechanismError, MechanismWarning, SingularityError
+from ..errors import ConditionError, MechanismError, SingularityError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, number, symbols_of
-from ..numerics.least_squares import largest, nearest, solve
+from ..numerics.least_squares import solve
 from ..results.state import State
 from .inputs import Signals, read_signals
 from .mappings import parameter_vector
 from .pose import PoseProblem
+from .velocity import VelocityProblem
 
 
 def assemble(
@@ -86,7 +86,7 @@ def assemble_at(numeric: NumericEquations, conditions: Any, t: float, signals: S
     z = _first_order_states(numeric, at_states, t, z0)
     problem = PoseProblem(numeric, at_position, t, z)
     q = problem.solve(q0)
-    v = _velocity(numeric, at_velocity, t, q, z, v0)
+    v = VelocityProblem(numeric, at_velocity, t, q, z).solve(v0)
     return complete_state(numeric, signals, t, q, v, z)
 
 
@@ -152,81 +152,3 @@ def _first_order_states(numeric: NumericEquations, rows: list[Condition], t: flo
     if not outcome.converged:
         raise ConditionError(f"the conditions {', '.join(r.label for r in rows)} cannot be met together")
     return outcome.x
-
-
-def _velocity(
-    numeric: NumericEquations, rows: list[Condition], t: float, q: np.ndarray, z: np.ndarray, v0: np.ndarray
-) -> np.ndarray:
-    """Velocity nearest to the estimate that meets ``Phi_q v = nu`` and the conditions."""
-    eom = numeric.eom
-    jacobian, nu = numeric.velocity(t, q)
-    v = _least_change(jacobian, nu, v0, numeric.weights)
-    left_over = jacobian @ v - nu if nu.size else nu
-    if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):
-        names = [eom.row_names[k] for k in np.argsort(-np.abs(left_over))[:4]]
-        raise AssemblyError(
-            f"cannot assemble velocities at t = {t:.6g} s: the pose is singular and no velocity meets the rows "
-            f"{', '.join(names)}",
-            residuals=by_element(eom.row_elements, left_over),
-            time=t,
-        )
-    active = [row for row in rows if row.equality]
-    for _ in range(len(rows) + 1):
-        if not active and all(row.equality for row in rows):
-            return v
-        values = ca.vertcat(ca.SX(0, 1), *[row.expression for row in active])
-        conditions = ca.Function(
-            "c", [eom.v, eom.q, eom.z, eom.t, eom.p], [ca.densify(values), ca.jacobian(values, eom.v)]
-        )
-
-        def residual(trial: np.ndarray, conditions: ca.Function = conditions) -> tuple[np.ndarray, np.ndarray]:
-            c, c_v = conditions(trial, q, z, t, numeric.p)
-            return np.r_[jacobian @ trial - nu, c.full().ravel()], np.vstack([jacobian, c_v.full()])
-
-        outcome = solve(residual, v, numeric.weights)
-        if not outcome.converged:
-            _refuse_velocities(numeric, active, outcome.residual[nu.size :])
-        v = nearest(residual, outcome.x, v0, numeric.weights)
-        inequalities = [row for row in rows if not row.equality and row not in active]
-        broken = [row for row in inequalities if _value(numeric, row, t, q, v, z) > 1e-10]
-        if not broken:
-            return v
-        active += broken
-    return v
-
-
-def _value(numeric: NumericEquations, row: Condition, t: float, q: Any, v: Any, z: Any) -> float:
-    eom = numeric.eom
-    function = ca.Function("c", [eom.t, eom.q, eom.v, eom.z, eom.p], [row.expression])
-    return float(function(t, q, v, z, numeric.p))
-
-
-def _refuse_velocities(numeric: NumericEquations, rows: list[Condition], left_over: np.ndarray) -> None:
-    open_rows = [row.label for row, value in zip(rows, left_over, strict=True) if abs(value) > 1e-9]
-    raise ConditionError(
-        f"the velocity conditions cannot all be met: {'; '.join(open_rows) or '; '.join(r.label for r in rows)} "
-        "contradicts the joints and drivers, or another condition; state as many as there are degrees of freedom"
-    )
-
-
-def _least_change(jacobian: np.ndarray, right: np.ndarray, start: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Vector nearest to a start in the metric of the weights among the least-squares solutions of ``J x = right``."""
-    missing = right - jacobian @ start
-    if largest(missing) <= 1e-15 * (1 + largest(start)):
-        return start.copy()
-    root = np.sqrt(weights)
-    step, *_ = np.linalg.lstsq(jacobian / root, missing, rcond=1e-11)
-    return start + step / root
-
-
-def by_element(elements: Any, values: np.ndarray) -> dict[str, float]:
-    """Largest absolute value by element, largest first."""
-    found: dict[str, float] = {}
-    for element, value in zip(elements, values, strict=True):
-        found[element.name] = max(found.get(element.name, 0.0), abs(float(value)))
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
-def warn(message: str) -> None:
-    """Tell the user something that does not stop the analysis."""
-    warnings.warn(message, MechanismWarning, stacklevel=3)

@@ -48,7 +48,8 @@ class InputFeed:
             return np.vstack([np.tile(self._held[:, None], (1, begins.size)), begins])
         table = self.signals.channel_values(self._grid, self._held)
         inside = np.searchsorted(self._grid, begins + 1e-12 * abs(self._grid[-1]), side="right") - 1
-        return table[:, np.clip(inside, 0, table.shape[1] - 1)]
+        sampled = table[:, np.clip(inside, 0, table.shape[1] - 1)]
+        return np.vstack([sampled, self.signals.piece_values(begins)])
 
     def at_start(self, time: float) -> np.ndarray | None:
         """The same for the start alone."""
@@ -64,7 +65,11 @@ class InputFeed:
 
     def rule(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Inputs at interpolated states: expressions are evaluated, samples taken as interpolated."""
-        return u if self.signals.is_sampled else self.values(t, q, v, z, None)
+        if not self.signals.is_sampled:
+            return self.values(t, q, v, z, None)
+        for k, piece in self.signals.pieces.items():
+            u[:, k] = piece(t)
+        return u
 
     # --- a controller ----------------------------------------------------------------------
     @property

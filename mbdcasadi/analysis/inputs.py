@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -14,6 +14,7 @@ from ..errors import ExpressionError, ModelError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
 from .mappings import pairs_of, position_in
+from .pieces import PiecewisePolynomial
 
 
 class SampledController(Immutable):
@@ -50,6 +51,10 @@ class Signals:
         Samples (n_t,) by input.
     controller : SampledController or None
         Asked between intervals.
+    controlled : list of int
+        Inputs that it sets.
+    pieces : dict of int to PiecewisePolynomial
+        Piecewise polynomials by input.
     """
 
     expressions: ca.SX
@@ -57,11 +62,25 @@ class Signals:
     samples: dict[int, np.ndarray]
     controller: SampledController | None
     controlled: list[int]
+    pieces: dict[int, PiecewisePolynomial] = field(default_factory=dict)
 
     @property
     def is_sampled(self) -> bool:
         """Whether an input changes by intervals."""
         return bool(self.channel.numel())
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Times at which a piecewise polynomial changes its piece."""
+        return np.unique(np.concatenate([np.zeros(0), *[p.breaks for p in self.pieces.values()]]))
+
+    def piece_values(self, begins: np.ndarray) -> np.ndarray:
+        """Coefficients and starts of the pieces that hold from times on (rows, k)."""
+        rows = []
+        for piece in self.pieces.values():
+            k = piece.interval(begins)
+            rows += [piece.coefficients[k].T, piece.breaks[k][None, :]]
+        return np.vstack([np.zeros((0, begins.size)), *rows])
 
     def channel_values(self, times: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Values of the channel by interval (channel, n_t - 1)."""
@@ -89,6 +108,8 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
     values: list[ca.SX] = [ca.SX(u.value) for u in mechanism.inputs]
     channel: list[ca.SX] = []
     samples: dict[int, np.ndarray] = {}
+    pieces: dict[int, PiecewisePolynomial] = {}
+    piece_channel: list[ca.SX] = []
     start = ca.SX.sym("interval start")
     if isinstance(inputs, SampledController):
         held = [ca.SX.sym(f"{u.label} held") for u in mechanism.inputs]
@@ -96,7 +117,13 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
     for key, value in pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
         what = f"input '{mechanism.inputs[k].label}'"
-        if isinstance(value, ca.SX):
+        if isinstance(value, PiecewisePolynomial):
+            coefficients = [ca.SX.sym(f"{what} {power}") for power in range(value.terms)]
+            begin = ca.SX.sym(f"{what} start")
+            values[k] = sum((c * (eom.t - begin) ** power for power, c in enumerate(coefficients)), ca.SX(0))
+            piece_channel += [*coefficients, begin]
+            pieces[k] = value
+        elif isinstance(value, ca.SX):
             _check_feedback(eom, value, what)
             values[k] = value
         elif np.ndim(value) == 0 and not callable(value):
@@ -106,9 +133,9 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
             level, slope = ca.SX.sym(f"{what} value"), ca.SX.sym(f"{what} slope")
             channel += [level, slope]
             values[k] = level + slope * (eom.t - start)
-    if channel:
-        channel.append(start)
-    return Signals(ca.vertcat(ca.SX(0, 1), *values), ca.vertcat(ca.SX(0, 1), *channel), samples, None, [])
+    if channel or piece_channel:
+        channel = [*channel, start, *piece_channel]
+    return Signals(ca.vertcat(ca.SX(0, 1), *values), ca.vertcat(ca.SX(0, 1), *channel), samples, None, [], pieces)
 
 
 def _check_feedback(eom: Equations, expression: ca.SX, what: str) -> None:

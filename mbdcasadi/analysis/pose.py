@@ -16,13 +16,16 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
-from ..numerics.console import quiet
-from ..numerics.least_squares import Outcome, largest, nearest, solve
+from ..numerics.least_squares import Equations, Outcome, largest, polish, solve
+from ..numerics.nearest import multipliers_at, nearest, nearest_within
+from .optimised import nearest_by_ipopt
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
 #: Residual from which a row counts as open in a message, m or rad.
 OPEN = 1e-6
+#: By how much an estimate is moved out of a singular pose, m and rad.
+NUDGE = 1e-4
 
 
 class PoseProblem:
@@ -48,26 +51,53 @@ class PoseProblem:
         self.inequalities = [c for c in conditions if not c.equality]
         eom = numeric.eom
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
+        self._functions: dict[tuple[int, ...], ca.Function] = {}
 
     def solve(self, estimate: np.ndarray) -> np.ndarray:
         """Return the pose (n,), or raise with what stays open."""
         closed = self._close(estimate)
-        active = list(self.equalities)
-        q = self._meet(active, closed, estimate)
-        for _ in range(len(self.inequalities)):
-            broken = [c for c in self.inequalities if c not in active and self._values([c], q)[0] > 1e-10]
-            if not broken:
-                break
-            active += broken
-            try:
-                q = self._meet(active, q, estimate)
-            except AssemblyError:
-                # on the way to the limit the linkage locks: look for a pose on the right side of it at once
-                found = self._by_optimisation(estimate, self.equalities, self.inequalities)
-                if found is None:
-                    raise
-                return found
-        return q
+        q = self._meet(self.equalities, closed, estimate)
+        if self.inequalities:
+            q = self._within(q, estimate)
+        return polish(self.rows_with(self.equalities), q, self.numeric.weights)
+
+    # --- inequalities ------------------------------------------------------------------------
+    def _within(self, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+        """Nearest pose under the inequalities, from the nearest one without them."""
+        try:
+            found = self._active_set(q, estimate)
+            obstacle = None
+        except AssemblyError as error:
+            found, obstacle = None, error
+        if found is not None:
+            return found
+        # on the way to the limits the linkage locks, or they alternate: look for a pose within all of them at once
+        start = self._by_optimisation(estimate, self.equalities, self.inequalities)
+        if start is None:
+            raise obstacle or self._limits_missed()
+        near = np.flatnonzero(np.abs(self.values(self.inequalities, start)) <= OPEN)
+        try:
+            found = self._active_set(start, estimate, [int(k) for k in near])
+        except AssemblyError:
+            found = None
+        return start if found is None else found
+
+    def _active_set(self, start: np.ndarray, estimate: np.ndarray, active: Sequence[int] = ()) -> np.ndarray | None:
+        limits, last = self.inequalities, start
+
+        def held(active: Sequence[int]) -> list[Condition]:
+            return [*self.equalities, *[limits[k] for k in active]]
+
+        def meet(active: Sequence[int]) -> np.ndarray:
+            nonlocal last
+            last = self._meet(held(active), last, estimate)
+            return last
+
+        def pushes(q: np.ndarray, active: Sequence[int]) -> np.ndarray:
+            jacobian = self.rows_with(held(active))(q)[1]
+            return multipliers_at(jacobian, q - estimate, self.numeric.weights)[len(jacobian) - len(active) :]
+
+        return nearest_within(meet, lambda q: self.values(limits, q), pushes, active)
 
     # --- closing the linkage -------------------------------------------------------------
     def _rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -75,17 +105,19 @@ class PoseProblem:
 
     def _close(self, estimate: np.ndarray) -> np.ndarray:
         weights = self.numeric.weights
-        first = solve(self._rows, estimate, weights, step_limit=1.0)
-        if first.converged:
-            return nearest(self._rows, first.x, estimate, weights)
+        outcomes = []
+        for guess in (estimate, _nudged(estimate)):
+            outcomes.append(solve(self._rows, guess, weights, step_limit=1.0))
+            if outcomes[-1].converged:
+                return nearest(self._rows, outcomes[-1].x, estimate, weights)
         best = self._by_optimisation(estimate, [], [])
         if best is None:
             best = self._from_other_starts(self._rows, estimate)
         if best is None:
-            raise self._parts_apart(first)
+            raise self._parts_apart(_closest(outcomes))
         return nearest(self._rows, best, estimate, weights)
 
-    def _from_other_starts(self, rows, estimate: np.ndarray) -> np.ndarray | None:
+    def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""
         generator = np.random.default_rng(0)
         found = []
@@ -102,31 +134,33 @@ class PoseProblem:
     ) -> np.ndarray | None:
         """Nearest pose by IPOPT, or None."""
         numeric, eom = self.numeric, self.numeric.eom
-        distance = 0.5 * ca.dot(ca.DM(numeric.weights) * (eom.q - ca.DM(estimate)), eom.q - ca.DM(estimate))
-        rows = [eom.Phi, *[c.expression for c in equalities], *[c.expression for c in inequalities]]
-        bound = ca.substitute(ca.vertcat(*rows), ca.vertcat(eom.t, eom.z, eom.p), ca.vertcat(self.t, self.z, numeric.p))
-        lower = np.r_[np.zeros(eom.Phi.numel() + len(equalities)), np.full(len(inequalities), -np.inf)]
-        silent = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "expand": True}
-        options = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-10}
-        with quiet():
-            solver = ca.nlpsol("pose", "ipopt", {"x": eom.q, "f": distance, "g": bound}, silent | {"ipopt": options})
-            q = solver(x0=estimate, lbg=lower, ubg=0)["x"].full().ravel()
-        outcome = solve(self._with(equalities, np.zeros(len(equalities))), q, numeric.weights, iterations=20)
-        met = all(self._values([c], outcome.x)[0] <= 1e-8 for c in inequalities)
+        known = ca.vertcat(eom.t, eom.z, eom.p), ca.vertcat(self.t, self.z, numeric.p)
+        equal, unequal = (
+            ca.substitute(ca.vertcat(ca.SX(0, 1), *rows), *known)
+            for rows in ([eom.Phi, *[c.expression for c in equalities]], [c.expression for c in inequalities])
+        )
+        q = nearest_by_ipopt(eom.q, [equal], [unequal], estimate, numeric.weights)
+        outcome = solve(self.rows_with(equalities), q, numeric.weights, iterations=20)
+        met = largest(np.maximum(self.values(inequalities, outcome.x), 0)) <= OPEN / 10
         return outcome.x if outcome.converged and met else None
 
     # --- meeting conditions ------------------------------------------------------------------
-    def _values(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
-        function = self._compile(conditions)
-        return function(q, self.t, self.z, self.numeric.p)[0].full().ravel()
+    def values(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
+        """Values of conditions in a pose (k,)."""
+        return self._compile(conditions)(q, self.t, self.z, self.numeric.p)[0].full().ravel()
 
     def _compile(self, conditions: Sequence[Condition]) -> ca.Function:
-        values = ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
-        jacobian = ca.jacobian(values, self.numeric.eom.q)
-        return ca.Function("conditions", self._arguments, [ca.densify(values), jacobian])
+        key = tuple(id(c) for c in conditions)
+        if key not in self._functions:
+            values = ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
+            results = [ca.densify(values), ca.jacobian(values, self.numeric.eom.q)]
+            self._functions[key] = ca.Function("conditions", self._arguments, results)
+        return self._functions[key]
 
-    def _with(self, conditions: Sequence[Condition], offset: np.ndarray):
+    def rows_with(self, conditions: Sequence[Condition], offset: np.ndarray | float = 0.0) -> Equations:
         """Constraint rows and conditions less an offset, as one system."""
+        if not conditions:
+            return self._rows
         function = self._compile(conditions)
 
         def rows(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,24 +171,23 @@ class PoseProblem:
         return rows
 
     def _meet(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        if not conditions:
-            return start
-        weights = self.numeric.weights
-        target = self._with(conditions, np.zeros(len(conditions)))
-        q = self._continue_to(conditions, start)
+        """Nearest pose at which the conditions hold as equalities, on the branch of the start."""
+        q: np.ndarray | None = start
+        if conditions:
+            q = self._continue_to(conditions, start)
         if q is None:
-            q = self._without_continuation(conditions, target, start, estimate)
-        return nearest(target, q, estimate, weights)
+            q = self._without_continuation(conditions, start, estimate)
+        return nearest(self.rows_with(conditions), q, estimate, self.numeric.weights)
 
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""
-        first = self._values(conditions, start)
+        first = self.values(conditions, start)
         turns = np.zeros(start.size, bool)
         turns[2 : 3 * len(self.numeric.eom.mechanism.bodies) : 3] = True
         q, done, step = start, 0.0, 1.0
         while done < 1.0:
             share = min(done + step, 1.0)
-            outcome = solve(self._with(conditions, (1 - share) * first), q, self.numeric.weights, iterations=15)
+            outcome = solve(self.rows_with(conditions, (1 - share) * first), q, self.numeric.weights, iterations=15)
             turned = largest((outcome.x - q)[turns])
             if outcome.converged and turned <= LARGEST_TURN:
                 q, done = outcome.x, share
@@ -165,14 +198,16 @@ class PoseProblem:
                     return None
         return q
 
-    def _without_continuation(self, conditions, target, start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        outcomes = [solve(target, guess, self.numeric.weights, step_limit=1.0) for guess in (start, estimate)]
+    def _without_continuation(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+        target = self.rows_with(conditions)
+        guesses = (start, estimate, _nudged(start))
+        outcomes = [solve(target, guess, self.numeric.weights, step_limit=1.0) for guess in guesses]
         found = [outcome.x for outcome in outcomes if outcome.converged]
         q = found[0] if found else self._by_optimisation(estimate, conditions, [])
         if q is None:
             q = self._from_other_starts(target, estimate)
         if q is None:
-            raise self._conditions_missed(conditions, min(outcomes, key=lambda o: float(o.residual @ o.residual)))
+            raise self._conditions_missed(conditions, _closest(outcomes))
         warnings.warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
             "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
@@ -206,6 +241,13 @@ class PoseProblem:
             time=self.t,
         )
 
+    def _limits_missed(self) -> AssemblyError:
+        labels = "; ".join(c.label for c in (*self.equalities, *self.inequalities))
+        return _ConditionsNotMet(
+            f"cannot assemble the mechanism at t = {self.t:.6g} s: no pose was found that meets all of {labels}",
+            time=self.t,
+        )
+
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
         eom = self.numeric.eom
         found: dict[str, float] = {}
@@ -213,6 +255,15 @@ class PoseProblem:
             name = eom.row_elements[k].name
             found[name] = max(found.get(name, 0.0), abs(float(value)))
         return dict(sorted(found.items(), key=lambda item: -item[1]))
+
+
+def _nudged(q: np.ndarray) -> np.ndarray:
+    """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
+    return q + NUDGE * np.random.default_rng(0).uniform(-1, 1, q.size)
+
+
+def _closest(outcomes: Sequence[Outcome]) -> Outcome:
+    return min(outcomes, key=lambda outcome: float(outcome.residual @ outcome.residual))
 
 
 class _ConditionsNotMet(AssemblyError, ConditionError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -26,11 +27,21 @@ from .schedule import Chunk, chunks_of
 #: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
 #: change costs more, the pose must be nearer to it.
 NEARLY_SINGULAR, NEARLY_SINGULAR_MANY = 0.02, 1e-4
+#: The same, below which no chunk is to end: the projection there is uncertain, and a start from it is off.
+NO_START = 0.02
 #: Decay of drift in the regularised form: so many times in a chunk, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 NEAR_SINGULAR = "the motion comes near a singular pose: from there on the regularised form is integrated"
+
+
+class Outcome(Enum):
+    """What became of a chunk."""
+
+    DONE = "done"
+    WAITING = "it ends near a singular pose and is run again together with the next one"
+    ENDED = "a terminal event ended the run"
 
 
 class Run:
@@ -91,7 +102,7 @@ class Run:
         record.add(*self.outputs.block(np.array([start.t]), self._x[None, :], self.feed.at_start(start.t)))
         with interruptible() as self._interruption:
             try:
-                self._chunks(chunks_of(grid, period=self.feed.period, fine=bool(self.watch.events)))
+                self._chunks(chunks_of(grid, **self._cuts))
             except KeyboardInterrupt:
                 raise self._interrupted() from None
             finally:
@@ -99,15 +110,26 @@ class Run:
                 record.statistics.restarts = sum(i.starts for i in self._integrators.values())
         return record.trajectory()
 
+    @property
+    def _cuts(self) -> dict[str, Any]:
+        """What decides on the chunks besides the output grid."""
+        signals = self.feed.signals
+        return {"period": self.feed.period, "fine": bool(self.watch.events), "breaks": signals.breaks}
+
     def _chunks(self, chunks: list[Chunk]) -> None:
+        waiting: Chunk | None = None
         for chunk in _with_progress(chunks, self._progress):
             if self.feed.signals.controller and chunk is not chunks[0]:
                 self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
-            if self._one_chunk(chunk):
+            joined = chunk if waiting is None else waiting.joined(chunk)
+            may_wait = chunk is not chunks[-1] and not self.feed.signals.controller
+            outcome = self._one_chunk(joined, may_wait=may_wait)
+            if outcome is Outcome.ENDED:
                 return
+            waiting = joined if outcome is Outcome.WAITING else None
 
-    def _one_chunk(self, chunk: Chunk) -> bool:
-        """Advance by a chunk; True where a terminal event ended the run."""
+    def _one_chunk(self, chunk: Chunk, *, may_wait: bool) -> Outcome:
+        """Advance by a chunk."""
         channel, failure = self.feed.channel(chunk), None
         try:
             x = self._advance(chunk, channel)
@@ -116,7 +138,9 @@ class Run:
         times, wanted = chunk.times[: len(x)], chunk.wanted[: len(x)]
         x = self.outputs.projected(times, x)
         if failure is None and self._comes_near_singular():
-            return self._one_chunk(chunk)
+            return self._one_chunk(chunk, may_wait=may_wait)
+        if failure is None and may_wait and self._ends_near_singular():
+            return Outcome.WAITING
         ended = False
         if self.watch.events and len(x):
             times, wanted, x, ended = self._note_events(chunk, times, wanted, x, channel)
@@ -124,11 +148,11 @@ class Run:
             columns = None if channel is None else channel[:, : len(times)][:, wanted]
             self._record.add(*self.outputs.block(times[wanted], x[wanted], columns))
         if ended:
-            return True
+            return Outcome.ENDED
         if failure is not None:
             raise self._failed(chunk, failure, times, x)
         self._feed_back(float(times[-1]), x[-1], None if channel is None else channel[:, -1:])
-        return False
+        return Outcome.DONE
 
     def _feed_back(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> None:
         """Start the next chunk from the projected end of this one."""
@@ -183,8 +207,13 @@ class Run:
         if not near or self.formulation.name == "regularised" or self.numeric.eom.Q_depends_on_lam:
             return False
         self.formulation = Formulation("regularised")
+        self._record.statistics.formulation += ", then regularised"
         self._record.statistics.notes.append(NEAR_SINGULAR)
         return True
+
+    def _ends_near_singular(self) -> bool:
+        """Whether a chunk ends so near to a singular pose that no integrator should be started there."""
+        return float(self.outputs.recovery.regularity[-1]) < NO_START * self._regular
 
     # --- events ---------------------------------------------------------------------------------
     def _note_events(

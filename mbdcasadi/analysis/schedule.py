@@ -31,8 +31,14 @@ class Chunk:
     times: np.ndarray
     wanted: np.ndarray
 
+    def joined(self, following: Chunk) -> Chunk:
+        """This chunk and the one that follows, as one."""
+        return Chunk(self.start, np.r_[self.times, following.times], np.r_[self.wanted, following.wanted])
 
-def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = False) -> list[Chunk]:
+
+def chunks_of(
+    grid: np.ndarray, *, period: float | None = None, fine: bool = False, breaks: np.ndarray | None = None
+) -> list[Chunk]:
     """Cut an output grid into chunks.
 
     Parameters
@@ -43,6 +49,8 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = Fal
         Sampling period of a controller: a chunk ends at each multiple of it.
     fine : bool
         Whether many points are added between the outputs, to look for events.
+    breaks : numpy.ndarray, optional
+        Times at which inputs change; the integrator stops there.
     """
     start, end = grid[0], grid[-1]
     if period is not None:
@@ -53,6 +61,8 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, fine: bool = Fal
     else:
         borders = np.linspace(start, end, CHUNKS + 1)[1:]
     extra = [borders]
+    if breaks is not None and breaks.size:
+        extra.append(breaks[(breaks > start) & (breaks < end)])
     points = EVENT_POINTS if fine else WATCH_POINTS
     if grid.size < points:
         pieces = int(np.ceil(points / (grid.size - 1)))

@@ -26,11 +26,17 @@ class NumericEquations:
         The symbolic equations.
     p : numpy.ndarray
         Parameter values.
+
+    Raises
+    ------
+    ModelError
+        Where a mass, a length or another limited quantity is out of its limits at these values.
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
         self.eom = eom
         self.p = np.asarray(p, float)
+        eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
         #: metric in which "nearest" is meant: the masses, one where there is none
         self.weights = np.where(self.mass > 0, self.mass, 1.0)

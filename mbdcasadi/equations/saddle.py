@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from .derivation import Equations
 
 #: Regularisation of S, relative to the mean of its diagonal. Chains of parallelograms that pass their flat, singular
-#: pose keep their branch from 1e-10 to 1e-5, with the damping of :func:`stabilised_dynamics`; without it they do not.
-REGULARISATION = 1e-9
+#: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_dynamics`, and without it do not;
+#: IDAS errs least at 1e-7, where the peak of the accelerations is wide enough for it.
+REGULARISATION = 1e-7
 #: Refinement steps of the regularised solve inside an integrator.
 REFINEMENTS = 1
 #: Refinement steps where multipliers are reported: there the least-norm solution is wanted to rounding.

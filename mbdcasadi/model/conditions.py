@@ -122,9 +122,11 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
         return [c for side in sides if not side.is_one() for c in _relation(side, position)]
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
-    raise ConditionError(
-        f"condition {position} is {entry!r}, which is no relation between expressions (write body.phi == 0.3)"
-    )
+    hint = "write body.phi == 0.3"
+    if isinstance(entry, bool):
+        # Python compares an expression with a list of expressions itself, and finds that they are not the same object
+        hint = "write body.phi == 0.3; a side of several expressions is a mbd.vertcat(body.x, 2), not a tuple"
+    raise ConditionError(f"condition {position} is {entry!r}, which is no relation between expressions ({hint})")
 
 
 def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:

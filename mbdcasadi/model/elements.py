@@ -14,6 +14,7 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import Immutable
+from .quantities import Limit
 from .symbols import check_name, register, role_of, symbols_of
 
 
@@ -42,6 +43,8 @@ class Element(Immutable):
         Rates of first-order states that the element owns.
     potential : casadi.SX
         Potential energy, J, of forces that have one.
+    limits : tuple of Limit
+        What its quantities must keep to at any value of the parameters.
     """
 
     word: ClassVar[str] = "element"
@@ -55,6 +58,7 @@ class Element(Immutable):
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
     rates: ClassVar[dict] = {}
     potential: ca.SX = ca.SX(0)
+    limits: tuple[Limit, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
@@ -111,7 +115,17 @@ class ConstraintElement(Element):
         Where it sits.
     velocity_rows : casadi.SX, optional
         Rows at velocity level.
+
+    Attributes
+    ----------
+    leans_on_ground : bool
+        Whether the ground takes part in a constraint between two moving bodies.
+        It does where the row changes when both turn as one, as that of a
+        constraint along a global axis does: then what it exerts on them does
+        not balance, and something that does not turn must hold the rest.
     """
+
+    leans_on_ground: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -146,7 +160,7 @@ class ConstraintElement(Element):
     def bodies(self) -> tuple[Body, ...]:
         found = dict.fromkeys(marker.body for marker in self.markers)
         found.update(dict.fromkeys(owners(ca.vertcat(self.rows, self.velocity_rows))))
-        if len(found) == 1 or not self.markers:
+        if len(found) == 1 or not self.markers or self.leans_on_ground:
             found[ground] = None
         return tuple(found)
 

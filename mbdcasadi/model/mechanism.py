@@ -13,7 +13,7 @@ from .drivers import Driver
 from .elements import ConstraintElement, Element
 from .immutable import Immutable
 from .quantities import quantity
-from .symbols import Coordinate, Input, Parameter, StateVariable, describe, listed, role_of, symbols_of, t
+from .symbols import Coordinate, Input, Parameter, StateVariable, describe, entries, listed, role_of, symbols_of, t
 
 
 class Mechanism(Immutable):
@@ -63,12 +63,14 @@ class Mechanism(Immutable):
         name: str = "",
     ):
         self.name = str(name)
-        self.bodies = tuple(bodies)
-        self.joints = tuple(joints)
-        self.drivers = tuple(drivers)
-        self.forces = tuple(forces)
+        self.bodies: tuple[Body, ...] = entries(bodies, "bodies=")
+        self.joints: tuple[Any, ...] = entries(joints, "joints=")
+        self.drivers: tuple[Any, ...] = entries(drivers, "drivers=")
+        self.forces: tuple[Any, ...] = entries(forces, "forces=")
         self.inputs: tuple[Input, ...] = listed(inputs, Input, "inputs=")
         self.parameters: tuple[Parameter, ...] = listed(parameters, Parameter, "parameters=")
+        if states is not None and not isinstance(states, Mapping):
+            raise ModelError(f"states= takes {{StateVariable: rate}}, got {states!r}")
         self._own_states = dict(states or {})
         self._check_parts()
         self.elements: tuple[Any, ...] = tuple(
@@ -166,6 +168,30 @@ class Mechanism(Immutable):
         if kind == "acceleration":
             return f"{what} depends on {describe(symbol)}; forces follow from positions, velocities, states and inputs"
         return f"{what} uses {describe(symbol)}, which the mechanism does not have"
+
+    def check_values(self, values: Any) -> None:
+        """Check every limited quantity (a mass, a length) at values of the parameters.
+
+        Raises
+        ------
+        ModelError
+            Naming the element, the quantity, its value, and the parameters behind it.
+        """
+        if "limits" not in self.memory:
+            mine = {p.element_hash() for p in self.parameters}
+            limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
+            # a length that changes in time has no one value to check
+            limits = [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
+            at = ca.vertcat(ca.SX(0, 1), *self.parameters)
+            function = ca.Function("limits", [at], [ca.vertcat(ca.SX(0, 1), *[x.expression for x in limits])])
+            self.memory["limits"] = limits, function
+        limits, function = self.memory["limits"]
+        if not limits:
+            return
+        given = {p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)}
+        for limit, value in zip(limits, function(values).full().ravel(), strict=True):
+            used = ", ".join(given[s.element_hash()] for s in symbols_of(limit.expression))
+            limit.check(float(value), f" with parameter {used}")
 
     # --- what is in it ---------------------------------------------------------------
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -21,6 +22,36 @@ def known_value(value: Any) -> float | None:
     return float(value)
 
 
+@dataclass(frozen=True, eq=False)
+class Limit:
+    """What a quantity of the model must keep to, whatever value its parameters are given.
+
+    Attributes
+    ----------
+    what, name : str
+        Element and quantity, for the message.
+    expression : casadi.SX
+        The quantity.
+    at_least, above : float or None
+        Its limits.
+    """
+
+    what: str
+    name: str
+    expression: ca.SX
+    at_least: float | None = None
+    above: float | None = None
+
+    def check(self, value: float, because: str = "") -> None:
+        """Raise where a value is not finite or out of the limits; `because` says where it comes from."""
+        if not math.isfinite(value):
+            raise ModelError(f"{self.what}: {self.name} must be finite, got {value}{because}")
+        if self.at_least is not None and value < self.at_least:
+            raise ModelError(f"{self.what}: {self.name} must be at least {self.at_least:g}, got {value}{because}")
+        if self.above is not None and value <= self.above:
+            raise ModelError(f"{self.what}: {self.name} must be above {self.above:g}, got {value}{because}")
+
+
 def quantity(
     value: Any,
     what: str,
@@ -28,6 +59,7 @@ def quantity(
     *,
     at_least: float | None = None,
     above: float | None = None,
+    limits: list[Limit] | None = None,
 ) -> float | ca.SX:
     """Return a scalar quantity: a float where it is a number, else the expression.
 
@@ -38,7 +70,11 @@ def quantity(
     what, name : str
         Element and quantity, for the message.
     at_least, above : float, optional
-        Limits of the value, where the number behind it is known.
+        Limits of the value; checked here where the number behind it is known.
+    limits : list of Limit, optional
+        Where the limits of an expression are added. An element keeps them in
+        its attribute ``limits``, so that they are checked again for the
+        parameter values of each analysis.
 
     Raises
     ------
@@ -56,14 +92,12 @@ def quantity(
         value = number(value, what, name)
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
+    limit = Limit(what, name, ca.SX(value), at_least, above)
     known = known_value(value)
     if known is not None:
-        if not math.isfinite(known):
-            raise ModelError(f"{what}: {name} must be finite, got {known}")
-        if at_least is not None and known < at_least:
-            raise ModelError(f"{what}: {name} must be at least {at_least:g}, got {known}")
-        if above is not None and known <= above:
-            raise ModelError(f"{what}: {name} must be above {above:g}, got {known}")
+        limit.check(known)
+    if limits is not None and not limit.expression.is_constant():
+        limits.append(limit)
     if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
         return known
     return value
@@ -83,9 +117,22 @@ def vector2(value: Any, what: str, name: str) -> ca.SX:
     return ca.vertcat(*[ca.SX(quantity(p, what, f"{name} {axis}")) for p, axis in zip(parts, "xy", strict=True)])
 
 
+def column(value: Any, what: str) -> ca.SX:
+    """Return a scalar, a vector, or a list of scalars as a column of expressions."""
+    if isinstance(value, ca.SX | ca.DM):
+        return ca.densify(ca.vec(ca.SX(value)))
+    if isinstance(value, list | tuple | np.ndarray):
+        return ca.vertcat(ca.SX(0, 1), *[column(entry, what) for entry in value])
+    if not isinstance(value, int | float | np.number):
+        raise ModelError(f"{what} takes an expression in casadi.SX or a list of them, got {value!r}")
+    return ca.SX(value)
+
+
 def triple(value: Any, what: str, name: str, form: str) -> np.ndarray:
     """Return three finite numbers as an array (3,)."""
     try:
+        if isinstance(value, str | bytes):  # it has entries, and they are no numbers
+            raise TypeError
         values = [number(v, what, name) for v in value]
     except TypeError:
         raise ModelError(f"{what}: {name} must be three numbers {form}, got {value!r}") from None

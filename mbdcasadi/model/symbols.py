@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -72,6 +72,8 @@ def check_name(name: Any, what: str) -> str:
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
     """Return a finite float, or raise with the owner, the quantity and the value."""
     try:
+        if isinstance(value, str | bytes):  # float() would read "1.0"
+            raise TypeError
         result = float(value)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
@@ -281,9 +283,17 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
     return ca.reshape(derivative, *expression.shape)
 
 
-def listed(values: Iterable[Any], kind: type, what: str) -> tuple:
+def entries(values: Any, argument: str) -> tuple:
+    """Entries of a list as a tuple; a single part without brackets is refused, and what is no list."""
+    # a casadi.SX has entries too, and so do texts and mappings; none of them is meant as a list of parts
+    if isinstance(values, ca.SX | str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise ModelError(f"{argument} takes a list, got {values!r}; write {argument}[…]")
+    return tuple(values)
+
+
+def listed(values: Any, kind: type, what: str) -> tuple:
     """The symbols of a list as a tuple; anything of another kind is refused."""
-    result = tuple(values)
+    result = entries(values, what)
     for value in result:
         if not isinstance(value, kind):
             raise ModelError(f"{what} takes {kind.__name__} objects, got {value!r}")

@@ -1,4 +1,4 @@
-"""Nonlinear equations by damped Gauss–Newton steps of least norm, and the nearest solution."""
+"""Nonlinear equations by damped Gauss–Newton steps of least norm."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ Equations = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 #: Residuals below this times ``1 + max|x|`` count as zero.
 ACCURACY = 1e-13
+#: Rounding of one operation.
+EPSILON = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,9 @@ def least_norm_step(jacobian: np.ndarray, residual: np.ndarray, weights: np.ndar
     scaled = jacobian / weights
     normal = scaled @ jacobian.T
     size = np.trace(normal) / max(len(residual), 1)
-    shift = max(damping, 1e-13) * max(size, np.finfo(float).tiny)
-    normal[np.diag_indices_from(normal)] += shift
+    if size < np.finfo(float).tiny / EPSILON:  # no row has a slope: no step is better than another
+        return np.zeros(weights.size)
+    normal[np.diag_indices_from(normal)] += max(damping, 1e-13) * size
     return -scaled.T @ np.linalg.solve(normal, residual)
 
 
@@ -99,30 +102,16 @@ def solve(
     return Outcome(x, residual, largest(residual) <= 1e3 * ACCURACY * (1 + largest(x)))
 
 
-def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Slide along the solutions of ``r(x) = 0`` to the one nearest to a target.
-
-    Minimises ``(x - target)^T W (x - target)``: projected steps towards the
-    target, each brought back onto ``r = 0``, halved until the distance falls.
-    """
-
-    def distance(x: np.ndarray) -> float:
-        return float((x - target) @ (weights * (x - target)))
-
-    x = np.array(feasible, float)
-    for _ in range(200):
-        _, jacobian = equations(x)
-        wish = target - x
-        step = wish + least_norm_step(jacobian, jacobian @ wish, weights, 0.0)
-        if largest(step) <= 1e-10 * (1 + largest(x)):
+def polish(equations: Equations, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Newton steps from a solution for as long as they halve the residual: to rounding, whatever the size of x."""
+    residual, jacobian = equations(x)
+    for _ in range(5):
+        trial = x + least_norm_step(jacobian, residual, weights, 0.0)
+        new_residual, new_jacobian = equations(trial)
+        if not largest(new_residual) < largest(residual):
             return x
-        share = 1.0
-        while share > 1e-3:
-            trial = solve(equations, x + share * step, weights, iterations=12)
-            if trial.converged and distance(trial.x) < distance(x):
-                break
-            share /= 2
-        else:
+        settled = largest(new_residual) > largest(residual) / 2
+        x, residual, jacobian = trial, new_residual, new_jacobian
+        if settled:
             return x
-        x = trial.x
     return x

@@ -10,6 +10,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
+from .finite import refuse_nan
 
 
 class State:
@@ -34,7 +35,8 @@ class State:
     >>> import mbdcasadi as mbd
     >>> arm = mbd.Body("arm", mass=1, inertia=1, pose=(0.4, 0, 0))
     >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
-    >>> mbd.assemble(mbd.Mechanism(bodies=[arm], joints=[hinge]))[arm.x]
+    >>> state = mbd.assemble(mbd.Mechanism(bodies=[arm], joints=[hinge]))
+    >>> round(state[arm.x], 9)
     0.5
     """
 
@@ -69,13 +71,20 @@ class State:
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters
 
     def __getitem__(self, expression: Any) -> float | np.ndarray:
-        """Value of an expression: a float, (k,) for a column, (i, j) for a matrix."""
+        """Value of an expression: a float, (k,) for a column, (i, j) for a matrix.
+
+        Raises
+        ------
+        ExpressionError
+            For a symbol that the mechanism does not have, and where the expression has no value.
+        """
         expression = ca.SX(expression)
         eom = self.equations
         function = eom.function(expression)
         if self._obstacle is not None and ca.depends_on(expression, ca.vertcat(eom.a, eom.lam)):
             raise self._obstacle
         value = function(*self.arguments).full()
+        refuse_nan(eom, expression, value[None], [np.atleast_2d(x) for x in self.arguments])
         if value.size == 1:
             return float(value[0, 0])
         return value.ravel() if 1 in value.shape else value

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,92 +12,16 @@ import numpy as np
 from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
+from .finite import refuse_nan
+from .interpolation import hermite, linear
+from .records import Drift, Energy, EventOccurrence, Statistics
 from .state import State
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-
-@dataclass(frozen=True)
-class Energy:
-    """Energy over time, each (n,), J.
-
-    Attributes
-    ----------
-    kinetic : numpy.ndarray
-        ``½ v^T M v``.
-    potential : numpy.ndarray
-        Of gravity and linear springs; forces with laws of their own have none.
-    """
-
-    kinetic: np.ndarray
-    potential: np.ndarray
-
-    @property
-    def total(self) -> np.ndarray:
-        """Kinetic and potential energy, J."""
-        return self.kinetic + self.potential
-
-
-@dataclass(frozen=True)
-class Drift:
-    """How far a motion leaves its constraints.
-
-    Attributes
-    ----------
-    position : float
-        Largest ``|Phi|`` (m or rad).
-    velocity : float
-        Largest ``|Phi_q v - nu|`` (m/s or rad/s).
-    """
-
-    position: float
-    velocity: float
-
-
-@dataclass(frozen=True)
-class EventOccurrence:
-    """An event that took place.
-
-    Attributes
-    ----------
-    name : str
-        Name of the event.
-    t : float
-        Time, s.
-    state : State
-        State at that time.
-    """
-
-    name: str
-    t: float
-    state: State
-
-
-@dataclass
-class Statistics:
-    """How a trajectory was computed.
-
-    Attributes
-    ----------
-    method : str
-        Integrator or solver.
-    formulation : str
-        Form of the equations it was given.
-    seconds : float
-        Wall-clock time of the run, s.
-    restarts : int
-        How often the integrator was started.
-    notes : list of str
-        What the user should know of the result.
-    """
-
-    method: str = ""
-    formulation: str = ""
-    seconds: float = 0.0
-    restarts: int = 0
-    notes: list[str] = field(default_factory=list)
+__all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
 
 
 class Trajectory:
@@ -145,8 +68,10 @@ class Trajectory:
     ):
         self.mechanism = mechanism
         self.t = np.asarray(t, float)
+        eom = self.equations
         self.q, self.v, self.a, self.z, self.lam, self.inputs = (
-            np.asarray(x, float).reshape(self.t.size, -1) for x in (q, v, a, z, lam, u)
+            np.asarray(x, float).reshape(self.t.size, symbols.numel())
+            for x, symbols in ((q, eom.q), (v, eom.v), (a, eom.a), (z, eom.z), (lam, eom.lam), (u, eom.u))
         )
         self.parameters = np.asarray(p, float).ravel()
         self.events = tuple(events)
@@ -164,7 +89,13 @@ class Trajectory:
         return self.t.size
 
     def __getitem__(self, expression: Any) -> np.ndarray:
-        """Values of an expression over time: (n_t,), (n_t, k), or (n_t, i, j) for a matrix."""
+        """Values of an expression over time: (n_t,), (n_t, k), or (n_t, i, j) for a matrix.
+
+        Raises
+        ------
+        ExpressionError
+            For a symbol that the mechanism does not have, and where the expression has no value.
+        """
         expression = ca.SX(expression)
         function = self.equations.function(expression)
         if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
@@ -172,20 +103,23 @@ class Trajectory:
         rows, columns = expression.shape
         count = self.t.size
         if count == 0:
-            return np.zeros((0, rows, columns)).reshape((0,) if rows * columns == 1 else (0, rows * columns))
-        stacked = function(
-            self.t[None, :], self.q.T, self.v.T, self.a.T, self.z.T, self.lam.T, self.inputs.T, self.parameters
-        ).full()
-        if stacked.shape[1] == columns:  # nothing in it varies: CasADi evaluated it once
-            stacked = np.tile(stacked, (1, count))
-        values = stacked.reshape(rows, count, columns).transpose(1, 0, 2)
+            values = np.zeros((0, rows, columns))
+        else:
+            given = self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
+            stacked = function(*[x.T for x in given]).full()
+            if stacked.shape[1] == columns:  # nothing in it varies: CasADi evaluated it once
+                stacked = np.tile(stacked, (1, count))
+            values = stacked.reshape(rows, count, columns).transpose(1, 0, 2)
+            refuse_nan(self.equations, expression, values, given)
         if rows * columns == 1:
             return values.reshape(count)
-        return values.reshape(count, -1) if 1 in (rows, columns) else values
+        return values.reshape(count, rows * columns) if 1 in (rows, columns) else values
 
     def state(self, index: int) -> State:
         """State at one of the times, by index."""
         k = int(index)
+        if not -self.t.size <= k < self.t.size:
+            raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
         return State(
             self.mechanism,
             float(self.t[k]),
@@ -227,6 +161,8 @@ class Trajectory:
             For times outside the trajectory.
         """
         wanted = np.atleast_1d(np.asarray(times, float))
+        if not self.t.size:
+            raise MechanismError("the trajectory has no times to interpolate between")
         slack = 1e-12 * max(1.0, abs(self.t[-1]))
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
         if np.any(outside):
@@ -238,9 +174,9 @@ class Trajectory:
                 "this trajectory was read from arrays and knows no way to interpolate between its times"
             )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
-        q, v = _hermite(self.t, self.q, self.v, self.a, wanted)
-        z = _linear(self.t, self.z, wanted)
-        u = _linear(self.t, self.inputs, wanted)
+        q, v = hermite(self.t, self.q, self.v, self.a, wanted)
+        z = linear(self.t, self.z, wanted)
+        u = linear(self.t, self.inputs, wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return Trajectory(
             self.mechanism,
@@ -312,34 +248,3 @@ class Trajectory:
             text += f"\n  {s.method}" + (f", {s.formulation}" if s.formulation else "") + f", {s.seconds:.3g} s"
         text += "".join(f"\n  event '{e.name}' at t = {e.t:.6g} s" for e in self.events)
         return text + "".join(f"\n  note: {note}" for note in s.notes)
-
-
-def _bracket(t: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Index of the interval of each wanted time, its width and the share passed, as columns."""
-    k = np.clip(np.searchsorted(t, wanted, side="right") - 1, 0, max(t.size - 2, 0))
-    if t.size == 1:
-        return k, np.ones((wanted.size, 1)), np.zeros((wanted.size, 1))
-    h = (t[k + 1] - t[k])[:, None]
-    return k, h, (wanted - t[k])[:, None] / h
-
-
-def _hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: np.ndarray):
-    """Quintic Hermite interpolation of positions, and its derivative."""
-    k, h, s = _bracket(t, wanted)
-    if t.size == 1:
-        return q[k], v[k]
-    q0, q1, v0, v1, a0, a1 = q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]
-    rise = q1 - q0
-    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
-    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
-    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
-    position = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
-    velocity = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
-    return position, velocity
-
-
-def _linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    k, _, s = _bracket(t, wanted)
-    if t.size == 1 or values.shape[1] == 0:
-        return values[k]
-    return values[k] + s * (values[k + 1] - values[k])

@@ -75,6 +75,9 @@ def test_bodies_and_markers_do_not_change(body):
         ({"mass": -1.0}, ["bar", "mass", "-1"]),
         ({"mass": float("inf")}, ["bar", "mass", "finite"]),
         ({"mass": "heavy"}, ["bar", "mass", "heavy"]),
+        ({"mass": "1.0"}, ["bar", "mass", "'1.0'"]),
+        ({"pose": "123"}, ["bar", "pose", "three numbers", "'123'"]),
+        ({"pose": ("1", 2, 3)}, ["bar", "pose", "'1'"]),
         ({"mass": None}, ["bar", "mass", "None"]),
         ({"mass": [1.0, 2.0]}, ["bar", "mass"]),
         ({"inertia": float("nan")}, ["bar", "inertia", "nan"]),
@@ -99,6 +102,12 @@ def test_a_body_needs_a_name(name):
     """A text that is not empty."""
     with pytest.raises(mbd.ModelError, match="name"):
         mbd.Body(name, 1, 1)
+
+
+def test_the_name_of_the_ground_is_taken():
+    """Two things called ground could not be told apart in tables and messages."""
+    with pytest.raises(mbd.ModelError, match=r"'ground'.*another"):
+        mbd.Body("ground", 1, 1)
 
 
 def test_numbers_of_numpy_and_casadi_are_numbers():

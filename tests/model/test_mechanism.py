@@ -182,7 +182,14 @@ def test_parts_in_the_wrong_list_are_refused(lists, words):
 def test_a_single_part_in_place_of_a_list_is_refused(lists):
     """A forgotten pair of brackets gets an error of the package that names the argument."""
     argument = list(lists)[-1]
-    refuses(lambda: mbd.Mechanism(**lists), argument)
+    refuses(lambda: mbd.Mechanism(**lists), f"{argument}= takes", kind=mbd.ModelError)
+
+
+@pytest.mark.parametrize("parts", [None, 3, "arm", {"arm": arm}])
+def test_what_is_no_list_of_parts_is_refused(parts):
+    """The message names the argument and what was given; any iterable is a list."""
+    refuses(lambda: mbd.Mechanism(bodies=parts), "bodies=", repr(parts), kind=mbd.ModelError)
+    assert mbd.Mechanism(bodies=(b for b in (arm, forearm))).bodies == (arm, forearm)
 
 
 # --- stray symbols ------------------------------------------------------------------------------
@@ -255,7 +262,10 @@ def test_mass_holds_parameters_only():
         (lambda: mbd.Constraint("written", arm.x - torque), ["written", "input", "torque"]),
         (lambda: mbd.Constraint("written", mbd.t), ["written", "no coordinate"]),
         (lambda: mbd.Constraint("written", 3.0), ["written", "no coordinate"]),
-        (lambda: mbd.Constraint("written", "x"), ["written"]),
+        (lambda: mbd.Constraint("written", "x"), ["written", "expression", "'x'"]),
+        (lambda: mbd.Constraint("written", [arm.x, None]), ["written", "expression", "None"]),
+        (lambda: mbd.Constraint("written", arm.x == 1), ["written", "relation", "zero"]),
+        (lambda: mbd.Constraint("written", []), ["written", "no coordinate"]),
         (lambda: mbd.Driver("lift", arm.position, 1.0), ["lift", "scalar"]),
         (lambda: mbd.Driver("lift", arm.omega, 1.0), ["lift", "velocity", "upper arm.omega"]),
         (lambda: mbd.Driver("lift", arm.phi, arm.x), ["lift", "position", "upper arm.x"]),
@@ -268,6 +278,10 @@ def test_mass_holds_parameters_only():
         (lambda: mbd.Force("push", arm.at(0, 0), (0, float("nan"))), ["push", "vector", "nan"]),
         (lambda: mbd.Force("push", arm.at(0, 0), (0, 1), frame="local"), ["push", "frame", "local"]),
         (lambda: mbd.Force("push", arm.at(0, 0), (0, 1), opposite=forearm.at(0, 0)), ["push", "opposite", "body"]),
+        (lambda: mbd.Force("push", arm.at(0, 0), (0, 1), opposite=arm), ["push", "upper arm", "nothing"]),
+        (lambda: mbd.Force("push", mbd.ground.at(0, 0), (0, 1)), ["push", "ground", "nothing"]),
+        (lambda: mbd.Torque("motor", mbd.ground, 1.0), ["motor", "ground", "nothing"]),
+        (lambda: mbd.Torque("motor", arm, 1.0, opposite=arm), ["motor", "upper arm", "nothing"]),
         (lambda: mbd.Torque("motor", arm.at(0, 0), 1.0), ["motor", "body"]),
         (lambda: mbd.Torque("motor", arm, arm.q), ["motor", "value", "scalar"]),
         (lambda: mbd.TSDA("spring", arm.at(0, 0), arm.at(1, 0)), ["spring", "upper arm", "itself"]),
@@ -277,7 +291,7 @@ def test_mass_holds_parameters_only():
             lambda: mbd.TSDA("spring", arm.at(0, 0), forearm.at(0, 0), stiffness=1, law=lambda x, r: x),
             ["spring", "law", "stiffness"],
         ),
-        (lambda: mbd.TSDA("spring", arm.at(0, 0), forearm.at(0, 0), law=3.0), ["spring", "law"]),
+        (lambda: mbd.TSDA("spring", arm.at(0, 0), forearm.at(0, 0), law=3.0), ["spring", "law", "length and rate"]),
         (lambda: mbd.RSDA("spring", arm.at(0, 0), forearm.at(0, 0), law=lambda x, r: arm.q), ["spring", "law"]),
         (lambda: mbd.GeneralizedForce("belt", []), ["belt", "pair"]),
         (lambda: mbd.GeneralizedForce("belt", [(arm.x,)]), ["belt", "pairs"]),
@@ -296,6 +310,9 @@ def test_vectors_of_expressions_may_be_lists():
     column = mbd.Constraint("column", mbd.vertcat(arm.x, arm.y - 1))
     rows = mbd.Constraint("rows", [arm.x, arm.y - 1])
     assert rows.rows.shape == column.rows.shape == (2, 1)
+    assert ca.is_equal(rows.rows, column.rows, 3)
+    other = mbd.Constraint("array", np.array([arm.x, arm.y - 1], dtype=object))
+    assert ca.is_equal(other.rows, column.rows, 3)
 
 
 def test_row_names_say_what_a_row_holds(robot):
@@ -313,6 +330,8 @@ def test_elements_know_their_bodies():
     assert shoulder.bodies == (mbd.ground, arm)
     assert elbow.bodies == (arm, forearm)
     assert mbd.AbsoluteX("held", arm.at(0, 0)).bodies == (arm, mbd.ground)
+    assert mbd.RelativeX("apart", arm.at(0, 0), forearm.at(0, 0), 1).bodies == (arm, forearm, mbd.ground)
+    assert mbd.RelativeAngle("turned", arm.at(0, 0), forearm.at(0, 0), 1).bodies == (arm, forearm)
     assert set(mbd.Driver("lift", elbow.angle, 0).bodies) == {arm, forearm, mbd.ground}
     belt = mbd.GeneralizedForce("belt", [(arm.phi - forearm.phi, 1.0)])
     assert set(belt.bodies) == {arm, forearm, mbd.ground}

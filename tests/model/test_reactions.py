@@ -237,6 +237,22 @@ def test_the_ground_takes_the_reaction_of_an_absolute_constraint(kind):
     assert float(couple) == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.parametrize("kind", [mbd.RelativeX, mbd.RelativeY])
+def test_the_ground_takes_the_couple_of_a_distance_along_a_global_axis(kind):
+    """Two opposite forces along the axis, not in line: what they lack to balance is a couple on the ground."""
+    a, b = mbd.Body("a", 1, 1, pose=(0, 0, 0)), mbd.Body("b", 2, 1, pose=(1, 0.4, 0))
+    apart = kind("apart", a.at(0.1, 0.2), b.at(-0.1, 0.3), 0.8)
+    push = mbd.Force("push", b.at(0, 0), (3.0, 5.0))
+    state = mbd.assemble(mbd.Mechanism(bodies=[a, b], joints=[apart], forces=[push]))
+    on_a, on_b, on_ground = (apart.reaction_on(body) for body in (a, b, mbd.ground))
+    assert np.hypot(*state[on_a.force]) > 0.1
+    np.testing.assert_allclose(state[on_a.force], -state[on_b.force], atol=1e-12)
+    np.testing.assert_array_equal(state[on_ground.force], [0, 0])
+    moments = [cross(state[r.marker.position], state[r.force]) + state[r.torque] for r in (on_a, on_b, on_ground)]
+    assert abs(moments[2]) > 0.1
+    assert sum(moments) == pytest.approx(0, abs=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_newton_and_euler_hold_for_every_body_of_a_random_mechanism(seed):
     """``m a = F + ΣR`` and ``J' alpha = n + Σ(T + arm x R)`` with the reactions of all joints and drivers."""
@@ -280,9 +296,7 @@ def test_guide_carries_no_force_along_its_axis():
     block = mbd.Body("block", mass=2.0, inertia=0.1, pose=(0, 0, slope))
     rail = mbd.Translational("rail", mbd.ground.at(0, 0, angle=slope), block.at(0, 0))
     state = mbd.assemble(mbd.Mechanism(bodies=[block], joints=[rail], forces=[mbd.Gravity()]))
-    np.testing.assert_allclose(
-        state[rail.reaction_on(block).force_in_joint], [0, 2 * 9.81 * np.cos(slope)], atol=1e-12
-    )
+    np.testing.assert_allclose(state[rail.reaction_on(block).force_in_joint], [0, 2 * 9.81 * np.cos(slope)], atol=1e-12)
     assert np.hypot(*state[block.acceleration]) == pytest.approx(9.81 * np.sin(slope), rel=1e-12)
 
 

@@ -50,11 +50,16 @@ class Force(Element):
     def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = None):
         super().__init__(name)
         self.at = as_marker(at, self.what, "at")
+        self.opposite = None if opposite is None else as_body(opposite, self.what, "opposite")
+        if self.opposite is self.at.body or (self.opposite is None and self.at.body.is_ground):
+            raise ModelError(
+                f"{self.what} acts on '{self.at.body.name}' and leans on it too: it would do nothing; "
+                "at is a marker on the body that moves, opposite another body"
+            )
         components = vector2(vector, self.what, "vector")
         if frame not in ("global", "body"):
             raise ModelError(f"{self.what}: frame must be 'global' or 'body', got {frame!r}")
         self.frame = frame
-        self.opposite = None if opposite is None else as_body(opposite, self.what, "opposite")
         self.force = components if frame == "global" else rotation(self.at.angle) @ components
         self.markers = (self.at,)
         pairs = [(self.at.position, self.force)]
@@ -91,6 +96,11 @@ class Torque(Element):
         super().__init__(name)
         self.body = as_body(body, self.what, "body")
         self.opposite = as_body(opposite, self.what, "opposite")
+        if self.opposite is self.body:
+            raise ModelError(
+                f"{self.what} acts on '{self.body.name}' and leans on it too: it would do nothing; "
+                "body is the one that moves, opposite another one"
+            )
         self.torque = ca.SX(quantity(value, self.what, "value"))
         self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
         self.__dict__["bodies"] = (self.body, self.opposite)

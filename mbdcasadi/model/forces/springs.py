@@ -35,10 +35,13 @@ class _SpringDamper(Element):
         self.free = quantity(free, self.what, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
             raise ModelError(f"{self.what}: stiffness and damping belong to the linear law; with law= give neither")
+        if law is not None and not callable(law):
+            raise ModelError(f"{self.what}: law must be a function of {self._law_arguments}, got {law!r}")
         self.law = law
         self.virtual_work = ((self._coordinate, -self._effort),)
 
     _free_name = "free_length"
+    _law_arguments = "length and rate"
 
     @property
     def _coordinate(self) -> ca.SX:
@@ -151,6 +154,7 @@ class RSDA(_SpringDamper):
     """
 
     _free_name = "free_angle"
+    _law_arguments = "angle and rate"
 
     def __init__(
         self,

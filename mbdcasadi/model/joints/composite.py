@@ -8,17 +8,19 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..quantities import known_value, quantity
+from ..quantities import Limit, known_value, quantity
 from ..symbols import time_derivative
 from .base import AlongLine, Joint, pair
 
 
-def distance_row(what: str, d: ca.SX, distance: Any) -> ca.SX:
-    """Row ``(d·d - C²) / (2 C)``: smooth at any pose, in metres, with a multiplier in newtons."""
-    length = quantity(distance, what, "distance", at_least=0.0)
+def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit, ...]]:
+    """Row ``(d·d - C²) / (2 C)``: smooth at any pose, in metres, with a multiplier in newtons; and the limits of C."""
+    limits: list[Limit] = []
+    length = quantity(distance, what, "distance")
     if known_value(length) == 0:
         raise ModelError(f"{what}: the distance is zero, where the constraint is singular; use a Revolute")
-    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length))
+    quantity(length, what, "distance", above=0.0, limits=limits)
+    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), tuple(limits)
 
 
 class Distance(Joint):
@@ -48,7 +50,7 @@ class Distance(Joint):
     def __init__(self, name: str, a: Any, b: Any, distance: Any):
         a, b = pair(name, a, b)
         self.distance = distance
-        row = distance_row(f"joint '{name}'", b.position - a.position, distance)
+        row, self.limits = distance_row(f"joint '{name}'", b.position - a.position, distance)
         super().__init__(name, a, b, row)
 
 

@@ -89,7 +89,7 @@ class AbsoluteDistance(ConstraintElement):
         self.marker = as_marker(marker, what, "marker")
         self.point = vector2(point, what, "point")
         self.distance = distance
-        row = distance_row(what, self.marker.position - self.point, distance)
+        row, self.limits = distance_row(what, self.marker.position - self.point, distance)
         super().__init__(name, row, (), (self.marker,))
 
 
@@ -109,6 +109,10 @@ class _Relative(Joint):
 class RelativeX(_Relative):
     """``Phi = x^b - x^a - C``, global axes (1 row, m).
 
+    The forces on the points are opposite and along the global x axis, whatever
+    line joins the points: the couple that is left over is taken by the ground,
+    from whose axis the distance is measured.
+
     Parameters
     ----------
     name : str
@@ -123,13 +127,17 @@ class RelativeX(_Relative):
     Haug 1989, section 3.3.
     """
 
+    leans_on_ground = True
+
     @staticmethod
     def _coordinate(marker: Any) -> ca.SX:
         return marker.x
 
 
 class RelativeY(_Relative):
-    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters as for :class:`RelativeX`."""
+    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and the ground's part as for :class:`RelativeX`."""
+
+    leans_on_ground = True
 
     @staticmethod
     def _coordinate(marker: Any) -> ca.SX:

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ..elements import at_poses
-from ..quantities import quantity
+from ..quantities import Limit, quantity
 from .base import Joint, pair
 
 
@@ -38,7 +38,9 @@ class RackAndPinion(Joint):
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
         a, b = pair(name, rack, pinion)
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0)
+        limits: list[Limit] = []
+        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits)
+        self.limits = tuple(limits)
         rolled = ca.dot(a.x_axis, b.position - a.position) + self.radius * (b.angle - a.angle)
         super().__init__(name, a, b, rolled - at_poses(rolled, [a.body, b.body]))
 

@@ -7,7 +7,12 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
+from ...printing import to_text
 from ..elements import ConstraintElement, owners, refuse_kinds
+from ..quantities import column
+
+#: Operations whose value is a truth, not a length or an angle.
+RELATIONS = (ca.OP_EQ, ca.OP_NE, ca.OP_LE, ca.OP_LT)
 
 
 class Constraint(ConstraintElement):
@@ -18,7 +23,7 @@ class Constraint(ConstraintElement):
     name : str
         Its name.
     expression : casadi.SX
-        (k,) in coordinates, parameters and time; it is held at zero. Scale it
+        (k,) in coordinates, parameters and time, or a list of scalars; it is held at zero. Scale it
         to metres or radians, since tolerances are meant in these.
 
     Raises
@@ -32,8 +37,13 @@ class Constraint(ConstraintElement):
     word = "constraint"
 
     def __init__(self, name: str, expression: Any):
-        rows = ca.vec(ca.SX(expression))
         what = f"constraint '{name}'"
+        rows = column(expression, what)
+        for row in ca.vertsplit(rows):
+            if not row.is_constant() and row.op() in RELATIONS:
+                raise ModelError(
+                    f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
+                )
         refuse_kinds(
             rows,
             ("velocity", "acceleration", "multiplier", "input", "state"),

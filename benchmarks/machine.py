@@ -1,0 +1,54 @@
+"""What a benchmark ran on, described so that nothing tells whose machine it is."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+#: Libraries of linear algebra that start threads: with one each, timings do not depend on what else runs.
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def one_thread() -> None:
+    """Keep libraries to one thread; call it before NumPy is imported."""
+    for name in _THREADS:
+        os.environ.setdefault(name, "1")
+
+
+def machine() -> dict[str, Any]:
+    """Date, processor family, number of cores, Python and the versions of the packages."""
+    versions = {}
+    for package in ("casadi", "numpy", "scipy", "scikit-sundae", "exudyn"):
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return {
+        "date": date.today().isoformat(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "python": ".".join(map(str, sys.version_info[:3])),
+        "versions": versions,
+    }
+
+
+def _processor() -> str:
+    """Name of the processor family, where the system tells."""
+    path = Path("/proc/cpuinfo")
+    if path.exists():
+        for line in path.read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.machine()
+
+
+def describe() -> str:
+    """The same in one line."""
+    found = machine()
+    versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
+    return f"{found['date']}; {found['cores']} cores, {found['processor']}; Python {found['python']}, {versions}"

@@ -1,0 +1,53 @@
+"""Inputs that are polynomials piece by piece, as optimal control finds them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import ModelError
+
+
+class PiecewisePolynomial:
+    """A function of time given by a polynomial on each interval.
+
+    ``u(t) = Σ_k c[i, k] (t - breaks[i])^k`` for ``breaks[i] <= t < breaks[i + 1]``.
+
+    Parameters
+    ----------
+    breaks : array_like
+        Ends of the intervals, increasing (N + 1,), s.
+    coefficients : array_like
+        (N, degree + 1), lowest power first.
+    """
+
+    def __init__(self, breaks: np.ndarray, coefficients: np.ndarray):
+        self.breaks = np.asarray(breaks, float)
+        self.coefficients = np.atleast_2d(np.asarray(coefficients, float))
+        if self.breaks.ndim != 1 or np.any(np.diff(self.breaks) <= 0):
+            raise ModelError("PiecewisePolynomial: breaks must increase")
+        if self.coefficients.shape[0] != self.breaks.size - 1:
+            raise ModelError(
+                f"PiecewisePolynomial: {self.coefficients.shape[0]} rows of coefficients "
+                f"for {self.breaks.size - 1} intervals"
+            )
+
+    @property
+    def terms(self) -> int:
+        """Coefficients of each polynomial."""
+        return self.coefficients.shape[1]
+
+    def interval(self, times: np.ndarray) -> np.ndarray:
+        """Interval in which each time lies; the later one at a break."""
+        slack = 1e-12 * max(1.0, abs(self.breaks[-1]))
+        found = np.searchsorted(self.breaks, np.asarray(times, float) + slack, side="right") - 1
+        return np.clip(found, 0, self.breaks.size - 2)
+
+    def __call__(self, times: np.ndarray) -> np.ndarray:
+        """Values at times."""
+        times = np.asarray(times, float)
+        k = self.interval(times)
+        since = times - self.breaks[k]
+        value = np.zeros_like(since)
+        for power in range(self.terms - 1, -1, -1):
+            value = value * since + self.coefficients[k, power]
+        return value

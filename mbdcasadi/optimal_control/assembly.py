@@ -1,0 +1,170 @@
+"""A sparse nonlinear program put together from one function mapped over the intervals and one for the ends.
+
+Derivatives are taken of these two small functions as ``SX``; the nonzeros of
+all intervals are gathered into the whole by constant index vectors. Building
+stays linear in the number of intervals, and nothing is differentiated twice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Rows and cost of one kind, in variables gathered from the whole.
+
+    Attributes
+    ----------
+    variables : casadi.SX
+        (n,).
+    data : casadi.SX
+        Values that change from copy to copy.
+    parameters : casadi.SX
+        Values that do not.
+    rows : casadi.SX
+        (k,).
+    cost : casadi.SX
+        Scalar.
+    index : numpy.ndarray
+        Where each variable of each copy sits in the whole (n, copies).
+    values : numpy.ndarray
+        Data by copy (n_data, copies).
+    """
+
+    variables: ca.SX
+    data: ca.SX
+    parameters: ca.SX
+    rows: ca.SX
+    cost: ca.SX
+    index: np.ndarray
+
+
+class SparseProgram:
+    """Cost, rows and derivatives of a program made of pieces.
+
+    Parameters
+    ----------
+    size : int
+        Number of variables.
+    pieces : sequence of Piece
+        In the order of their rows.
+    parameters : casadi.SX
+        Shared by all pieces.
+    """
+
+    def __init__(self, size: int, pieces: list[Piece], parameters: ca.SX):
+        self.size = size
+        self.pieces = pieces
+        self._x = ca.MX.sym("x", size)
+        data = [p.data.numel() * p.index.shape[1] for p in pieces]
+        self._p = ca.MX.sym("p", parameters.numel() + sum(data))
+        self._shared = self._p[: parameters.numel()]
+        self._data, first = [], parameters.numel()
+        for piece, count in zip(pieces, data, strict=True):
+            copies = piece.index.shape[1]
+            self._data.append(ca.reshape(self._p[first : first + count], piece.data.numel(), copies))
+            first += count
+        self.row_count = sum(p.rows.numel() * p.index.shape[1] for p in pieces)
+
+    def solver(self, options: dict) -> ca.Function:
+        """IPOPT with all derivatives given."""
+        x, p = self._x, self._p
+        cost, rows = self._values()
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
+        names = ["x", "p"]
+        functions = {
+            "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, self._gradient()], names, ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [x, p], [rows, self._jacobian()], names, ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l",
+                [x, p, lam_f, lam_g],
+                [self._hessian(lam_f, lam_g)],
+                [*names, "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+        }
+        return ca.nlpsol("motion", "ipopt", {"x": x, "p": p, "f": cost, "g": rows}, functions | options)
+
+    def evaluate(self) -> ca.Function:
+        """``(x, p) -> (cost, rows)``."""
+        return ca.Function("program", [self._x, self._p], list(self._values()), ["x", "p"], ["f", "g"])
+
+    # --- values and derivatives --------------------------------------------------------------
+    def _mapped(self, piece: Piece, data: ca.MX, results: list[ca.SX], extra: list[tuple[ca.SX, ca.MX]]) -> list[ca.MX]:
+        """Results of a piece for all copies, side by side."""
+        copies = piece.index.shape[1]
+        arguments = [piece.variables, piece.data, piece.parameters, *[symbol for symbol, _ in extra]]
+        function = ca.Function("piece", arguments, results).map(copies)
+        gathered = ca.reshape(self._x[piece.index.T.ravel().tolist()], piece.variables.numel(), copies)
+        shared = ca.repmat(self._shared, 1, copies)
+        return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
+
+    def _values(self) -> tuple[ca.MX, ca.MX]:
+        costs, rows = [], []
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            cost, block = self._mapped(piece, data, [piece.cost, ca.densify(piece.rows)], [])
+            costs.append(ca.sum2(cost))
+            rows.append(ca.vec(block))
+        return sum(costs[1:], costs[0]), ca.vertcat(*rows)
+
+    def _gradient(self) -> ca.MX:
+        places, values = [], []
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(piece.cost, piece.variables))], [])
+            places.append(piece.index.T.ravel())
+            values.append(ca.vec(gradient))
+        where = np.concatenate(places)
+        summing = _summing(where, self.size)
+        return ca.mtimes(summing, ca.vertcat(*values))
+
+    def _jacobian(self) -> ca.MX:
+        rows, columns, values, first = [], [], [], 0
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            jacobian = ca.jacobian(piece.rows, piece.variables)
+            local_rows, local_columns = (np.array(x, int) for x in jacobian.sparsity().get_triplet())
+            copies, count = piece.index.shape[1], piece.rows.numel()
+            (nonzeros,) = self._mapped(piece, data, [ca.vertcat(ca.SX(0, 1), *jacobian.nonzeros())], [])
+            rows.append((local_rows[:, None] + first + count * np.arange(copies)[None, :]).T.ravel())
+            columns.append(piece.index[local_columns].T.ravel())
+            values.append(ca.vec(nonzeros))
+            first += count * copies
+        sparsity, order = _pattern(self.row_count, self.size, np.concatenate(rows), np.concatenate(columns))
+        return ca.MX(sparsity, ca.vertcat(*values)[order.tolist()])
+
+    def _hessian(self, lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
+        rows, columns, values, first = [], [], [], 0
+        for piece, data in zip(self.pieces, self._data, strict=True):
+            copies, count = piece.index.shape[1], piece.rows.numel()
+            sigma, lam = ca.SX.sym("sigma"), ca.SX.sym("lam", count)
+            lagrangian = sigma * piece.cost + ca.dot(lam, piece.rows)
+            hessian = ca.triu(ca.hessian(lagrangian, piece.variables)[0])
+            local_rows, local_columns = (np.array(x, int) for x in hessian.sparsity().get_triplet())
+            block = ca.reshape(lam_g[first : first + count * copies], count, copies)
+            extra = [(sigma, ca.repmat(lam_f, 1, copies)), (lam, block)]
+            (nonzeros,) = self._mapped(piece, data, [ca.vertcat(ca.SX(0, 1), *hessian.nonzeros())], extra)
+            one, other = piece.index[local_rows].T.ravel(), piece.index[local_columns].T.ravel()
+            rows.append(np.minimum(one, other))
+            columns.append(np.maximum(one, other))
+            values.append(ca.vec(nonzeros))
+            first += count * copies
+        row, column = np.concatenate(rows), np.concatenate(columns)
+        places, where = np.unique(column * self.size + row, return_inverse=True)
+        sparsity, _ = _pattern(self.size, self.size, places % self.size, places // self.size)
+        return ca.MX(sparsity, ca.mtimes(_summing(where, places.size), ca.vertcat(*values)))
+
+
+def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> tuple[ca.Sparsity, np.ndarray]:
+    """Sparsity of distinct entries and the order in which their values go into it."""
+    order = np.lexsort((row, column))
+    starts = np.searchsorted(column[order], np.arange(columns + 1))
+    return ca.Sparsity(rows, columns, starts.tolist(), row[order].tolist()), order
+
+
+def _summing(where: np.ndarray, size: int) -> ca.DM:
+    """Constant sparse matrix that adds up values by their place."""
+    sparsity, _ = _pattern(size, where.size, where, np.arange(where.size))
+    return ca.DM(sparsity, np.ones(where.size))

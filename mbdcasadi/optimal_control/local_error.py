@@ -1,0 +1,77 @@
+"""Local errors of the intervals of a solution, by integrating each again from its own mesh point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from ..equations.recovery import Recovery
+
+if TYPE_CHECKING:
+    from .solution import Solution
+
+#: Tolerance of the integration against which an interval is measured.
+TOLERANCE = 1e-11
+
+
+def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of all intervals by integration, and as the mesh has them, each (N, 2 n)."""
+    program, numeric = solution.program, solution._numeric
+    eom = numeric.eom
+    n = eom.q.numel()
+    coefficients = np.stack([piece.coefficients for piece in solution.inputs.values()], axis=2)  # (N, d, n_u)
+    degree, inputs = coefficients.shape[1:]
+    share, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
+    c = ca.SX.sym("c", degree * inputs)
+    since = length * share
+    u = ca.vertcat(
+        ca.SX(0, 1), *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(inputs)]
+    )
+    t = start + since
+    a, lam = numeric.forward_dynamics(redundant=solution._redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
+    rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
+    system = {
+        "t": share,
+        "x": ca.vertcat(eom.q, eom.v, eom.z),
+        "p": ca.vertcat(start, length, eom.p, c),
+        "ode": length * ca.vertcat(eom.v, a, rate),
+    }
+    options = {"reltol": TOLERANCE, "abstol": TOLERANCE, "max_num_steps": 100_000}
+    integrator = ca.integrator("interval", "erk", system, 0.0, 1.0, options)
+    count = solution.shares.size - 1
+    parameters = np.vstack(
+        [
+            solution.mesh[:-1],
+            np.diff(solution.mesh),
+            np.tile(numeric.p[:, None], (1, count)),
+            coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
+        ]
+    )
+    starts = solution._nodes[:-1, : program.scheme.node_size]
+    reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
+    recovery = Recovery(numeric, redundant=solution._redundant)
+    times = solution.mesh[1:]
+    q = recovery.positions(times, reached[:, :n])
+    v = recovery.velocities(times, q, reached[:, n : 2 * n])
+    return np.hstack([q, v]), solution._nodes[1:, : 2 * n]
+
+
+def local_errors(solution: Solution) -> np.ndarray:
+    """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
+    reached, mesh = end_states(solution)
+    n = solution.problem.equations.q.numel()
+    difference = np.abs(reached - mesh)[:, :n]
+    angles = np.zeros(n, bool)
+    angles[2 : 3 * len(solution.problem.mechanism.bodies) : 3] = True
+    return np.column_stack([np.max(difference[:, ~angles], axis=1), np.max(difference[:, angles], axis=1)])
+
+
+def scaled_errors(solution: Solution) -> np.ndarray:
+    """Largest difference by interval, in coordinates and in velocities times the duration (N,)."""
+    reached, mesh = end_states(solution)
+    n = solution.problem.equations.q.numel()
+    difference = np.abs(reached - mesh)
+    difference[:, n:] *= solution.duration
+    return np.max(difference, axis=1)

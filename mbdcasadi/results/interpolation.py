@@ -1,0 +1,37 @@
+"""Interpolation between the times of a trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def _bracket(t: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Index of the interval of each wanted time, its width and the share passed, as columns."""
+    k = np.clip(np.searchsorted(t, wanted, side="right") - 1, 0, max(t.size - 2, 0))
+    if t.size == 1:
+        return k, np.ones((wanted.size, 1)), np.zeros((wanted.size, 1))
+    h = (t[k + 1] - t[k])[:, None]
+    return k, h, (wanted - t[k])[:, None] / h
+
+
+def hermite(t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, wanted: np.ndarray):
+    """Quintic Hermite interpolation of positions, and its derivative."""
+    k, h, s = _bracket(t, wanted)
+    if t.size == 1:
+        return q[k], v[k]
+    q0, q1, v0, v1, a0, a1 = q[k], q[k + 1], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]
+    rise = q1 - q0
+    c3 = 10 * rise - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1
+    c4 = -15 * rise + 8 * v0 + 7 * v1 + 1.5 * a0 - a1
+    c5 = 6 * rise - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1
+    position = q0 + s * (v0 + s * (a0 / 2 + s * (c3 + s * (c4 + s * c5))))
+    velocity = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
+    return position, velocity
+
+
+def linear(t: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Linear interpolation of values by row."""
+    k, _, s = _bracket(t, wanted)
+    if t.size == 1 or values.shape[1] == 0:
+        return values[k]
+    return values[k] + s * (values[k + 1] - values[k])

@@ -1,0 +1,241 @@
+"""Optimal control against closed forms, published optima and the laws of the method."""
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+
+def guided_block(mass, force, parameters=(), extra=lambda block: []):
+    """A block on a guide, pushed by an input."""
+    block = mbd.Body("block", mass=mass, inertia=0.01)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    forces = [mbd.Force("push", block.at(0, 0), (force, 0)), *extra(block)]
+    mechanism = mbd.Mechanism(
+        bodies=[block], joints=[guide], forces=forces, inputs=[force], parameters=list(parameters)
+    )
+    return block, mechanism
+
+
+def four_bar(inputs=True):
+    """A crank-rocker with a motor at the crank."""
+    a, b, c, d = 0.10, 0.28, 0.24, 0.30
+    tau = mbd.Input("tau", lower=-20, upper=20)
+    crank = mbd.Body("crank", mass=0.3, inertia=0.3 * a**2 / 12, pose=(0.04, 0.02, 0.5))
+    coupler = mbd.Body("coupler", mass=0.8, inertia=0.8 * b**2 / 12, pose=(0.19, 0.14, 0.7))
+    rocker = mbd.Body("rocker", mass=0.7, inertia=0.7 * c**2 / 12, pose=(0.30, 0.12, 1.6))
+    o2 = mbd.Revolute("O2", mbd.ground.at(0, 0), crank.at(-a / 2, 0))
+    joints = [
+        o2,
+        mbd.Revolute("A", crank.at(a / 2, 0), coupler.at(-b / 2, 0)),
+        mbd.Revolute("B", coupler.at(b / 2, 0), rocker.at(c / 2, 0)),
+        mbd.Revolute("O4", mbd.ground.at(d, 0), rocker.at(-c / 2, 0)),
+    ]
+    linkage = mbd.Mechanism(
+        bodies=[crank, coupler, rocker],
+        joints=joints,
+        forces=[mbd.Gravity(), mbd.Torque("motor", crank, tau)],
+        inputs=[tau],
+    )
+    problem = mbd.OptimalControlProblem(
+        linkage,
+        duration=0.6,
+        initial=[o2.angle == 0.5, crank.omega == 0],
+        final=[o2.angle == 0.5 + np.pi, crank.omega == 0],
+        running_cost=tau**2,
+    )
+    return problem, tau, crank
+
+
+def test_least_energy_is_linear_in_time():
+    """Rest to rest of a unit mass over d in T: u = 6 d / T² - 12 d t / T³, cost 12 d² / T³."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            mechanism,
+            duration=2.0,
+            initial=[block.x == 0, block.vx == 0],
+            final=[block.x == 3, block.vx == 0],
+            running_cost=u**2,
+        ),
+        intervals=10,
+    )
+    assert solution.cost == pytest.approx(12 * 9 / 8, rel=1e-9)
+    times = np.linspace(0, 2, 41)
+    assert np.allclose(solution.trajectory.at(times)[u], 4.5 - 4.5 * times, atol=1e-7)
+    assert solution.verify().final_error < 1e-8
+
+
+def test_least_time_is_bang_bang():
+    """A mass m over d with |u| <= F takes 2 sqrt(m d / F)."""
+    u = mbd.Input("u", lower=-5, upper=5)
+    block, mechanism = guided_block(2.0, u)
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            mechanism,
+            duration=(0.5, 10.0),
+            initial=[block.x == 0, block.vx == 0],
+            final=[block.x == 4, block.vx == 0],
+            terminal_cost=mbd.t,
+        ),
+        intervals=50,
+    )
+    assert solution.duration == pytest.approx(2 * np.sqrt(2 * 4 / 5), rel=1e-3)
+    values = solution.trajectory[u]
+    assert np.mean(np.abs(np.abs(values) - 5) < 1e-3) > 0.9
+    assert np.max(np.abs(values)) < 5 + 1e-6
+
+
+def test_integral_in_a_boundary_condition_and_a_parameter_of_its_own():
+    """Least peak force for a given impulse: the force is constant."""
+    u, peak = mbd.Input("u"), mbd.Parameter("peak", 5.0, lower=0.0)
+    block, mechanism = guided_block(1.0, u)
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            mechanism,
+            duration=2.0,
+            initial=[block.x == 0, block.vx == 0],
+            path=[u <= peak],
+            boundary=[mbd.integral(u) == 3.0],
+            terminal_cost=peak,
+            free_parameters=[peak],
+        ),
+        intervals=8,
+    )
+    assert solution.parameters[peak] == pytest.approx(1.5, abs=1e-5)
+    assert solution.trajectory.final[block.vx] == pytest.approx(3.0, abs=1e-8)
+
+
+def test_a_design_parameter_is_optimised_with_the_motion():
+    """A spring tuned to half a swing in the time given carries the mass over without any force."""
+    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0, lower=0.1, upper=50.0)
+    block, mechanism = guided_block(
+        1.0,
+        u,
+        parameters=[k],
+        extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])],
+    )
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            mechanism,
+            duration=1.0,
+            initial=[block.x == 1, block.vx == 0],
+            final=[block.x == -1, block.vx == 0],
+            running_cost=u**2,
+            free_parameters=[k],
+        ),
+        intervals=10,
+    )
+    assert solution.parameters[k] == pytest.approx(np.pi**2, rel=1e-4)
+    assert solution.cost < 1e-7
+
+
+def test_a_periodic_motion_ties_the_end_to_the_start():
+    """A block driven round a cycle of free start: the end repeats the start."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    solution = mbd.optimize(
+        mbd.OptimalControlProblem(
+            mechanism,
+            duration=2.0,
+            initial=[block.x == 0],
+            boundary=[
+                mbd.at_end(block.x) == mbd.at_start(block.x) + 1,
+                mbd.at_end(block.vx) == mbd.at_start(block.vx),
+            ],
+            running_cost=u**2,
+        ),
+        intervals=8,
+    )
+    assert solution.trajectory.initial[block.vx] == pytest.approx(0.5, abs=1e-6)
+    assert solution.cost < 1e-9
+
+
+def test_closed_loop_stays_closed_and_replays():
+    """The four-bar: constraints at mesh points to rounding, IDAS gives the motion back."""
+    problem, tau, crank = four_bar()
+    solution = mbd.optimize(problem, intervals=40)
+    assert solution.statistics.iterations <= 12
+    phi = np.array([solution.state(k)[problem.equations.Phi] for k in range(41)])
+    assert np.max(np.abs(phi)) <= 1e-11
+    replay = solution.verify()
+    assert replay.final_error < 1e-5 and replay.drift < 1e-11
+    assert np.max(replay.defects) < 1e-7
+    assert solution.limit_excess[tau] == 0.0
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_order_of_convergence(degree):
+    """The local error of a step falls with order 2 d + 1 on a closed loop."""
+    problem, *_ = four_bar()
+    counts = (10, 20) if degree == 3 else (20, 40)
+    fine = mbd.optimize(problem, intervals=80, degree=4)
+    ends = []
+    for count in counts:
+        solution = mbd.optimize(problem, intervals=count, degree=degree, guess=fine)
+        ends.append(abs(solution.cost - fine.cost))
+    assert np.log2(ends[0] / ends[1]) >= 2 * degree - 0.3
+
+
+def test_mesh_refinement_reaches_the_tolerance():
+    """Every interval of the refined mesh is as accurate as asked."""
+    problem, *_ = four_bar()
+    solution = mbd.optimize(problem, intervals=8, tolerance=1e-7)
+    assert solution.mesh_error <= 1e-7 and solution.shares.size > 9
+
+
+def test_another_start_uses_what_was_compiled():
+    """The same program serves another start; it is not built again."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=2.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 3, block.vx == 0],
+        running_cost=u**2,
+    )
+    mbd.optimize(problem, intervals=10)
+    built = dict(problem.memory)
+    second = mbd.optimize(problem, intervals=10, initial=[block.x == 1, block.vx == 0])
+    assert second.cost == pytest.approx(12 * 4 / 8, rel=1e-8)
+    assert problem.memory == built
+
+
+def test_an_infeasible_problem_says_which_demand():
+    """Too little force for the way: the error names an equation, a time, and keeps the last iterate."""
+    u = mbd.Input("u", lower=-0.1, upper=0.1)
+    block, mechanism = guided_block(1.0, u)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 5, block.vx == 0],
+        running_cost=u**2,
+    )
+    with pytest.raises(mbd.MechanismError, match="infeasible") as caught:
+        mbd.optimize(problem, intervals=5)
+    worst = caught.value.largest_violations[0]
+    assert "block" in worst.label and 0 <= worst.time <= 1
+    assert caught.value.partial is not None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"duration": -1.0}, "duration"),
+        ({"duration": (2.0, 1.0)}, "duration"),
+        ({"initial": [True]}, "relation"),
+        ({"running_cost": mbd.Parameter("stranger", 1.0)}, "stranger"),
+        ({"path": [mbd.at_end(mbd.t) <= 3]}, "boundary"),
+        ({"mesh": 3}, "mesh"),
+    ],
+)
+def test_a_wrong_problem_is_refused_when_it_is_made(changes, words):
+    """Unknown symbols, limits the wrong way round, what is no relation."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(1.0, u)
+    good = mbd.OptimalControlProblem(mechanism, duration=1.0, initial=[block.x == 0], running_cost=u**2)
+    with pytest.raises(mbd.MechanismError, match=words):
+        good.replace(**changes)
