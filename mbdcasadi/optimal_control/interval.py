@@ -22,12 +22,15 @@ class Rows:
         Where in the interval it holds, 0 to 1.
     scale : numpy.ndarray
         Size of each row by which it is divided (k,).
+    equality : bool
+        Whether the rows are zero, or stay below it.
     """
 
     expression: ca.SX
     labels: tuple[str, ...]
     share: float
     scale: np.ndarray
+    equality: bool = True
 
 
 @dataclass(frozen=True)

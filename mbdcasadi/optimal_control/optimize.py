@@ -202,6 +202,6 @@ class Solver:
     @staticmethod
     def _equalities(program: MotionProgram) -> np.ndarray:
         """Which rows are equalities."""
-        one = [np.full(g.expression.numel(), getattr(g, "equality", True)) for g in program.interval_groups]
+        one = [np.full(g.expression.numel(), g.equality) for g in program.interval_groups]
         ends = [np.full(g.expression.numel(), g.equality) for g in program.end_groups]
         return np.concatenate([np.tile(np.concatenate(one), program.count), *ends]).astype(bool)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,22 +10,11 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
+from ..results.state import State
 from .assembly import Piece, SparseProgram
 from .gauss import GaussCollocation, Point
 from .interval import Rows, Scales
 from .problem import OptimalControlProblem, Placeholder, placeholders_in
-
-
-@dataclass(frozen=True)
-class Limit(Rows):
-    """Rows that may be equalities or stay below zero."""
-
-    equality: bool = False
-
-    @classmethod
-    def equal(cls, rows: Rows) -> Limit:
-        """The same rows as equalities."""
-        return cls(rows.expression, rows.labels, rows.share, rows.scale, True)
 
 
 class MotionProgram:
@@ -187,7 +175,7 @@ class MotionProgram:
         length: ca.SX,
         p: ca.SX,
         own: ca.SX,
-    ) -> list[Limit]:
+    ) -> list[Rows]:
         """Path conditions at the stages and at the ends of the interval."""
         ends = [self.scheme.point(node, block, start, length, share) for share in (0.0, 1.0)]
         limits = []
@@ -203,7 +191,7 @@ class MotionProgram:
                     places.append((1.0, Point(start + length, q, v, ends[1].a, z, ends[1].lam, ends[1].u)))
             for share, at in places:
                 value = self._at(function, at, p, own)
-                limits.append(Limit(value, (condition.label,), float(share), np.ones(1), condition.equality))
+                limits.append(Rows(value, (condition.label,), float(share), np.ones(1), condition.equality))
         return limits
 
     def _own_limits(self) -> list[Condition]:
@@ -252,16 +240,16 @@ class MotionProgram:
         groups: list[Rows] = []
         problem = self.problem
         if not self.fixed_start:
-            groups += [Limit.equal(g) for g in self.scheme.consistent(first, ca.SX(0), p, self.scales)]
-            for condition in problem.initial:
+            groups += [*self.scheme.consistent(first, ca.SX(0), p, self.scales)]
+            for condition in () if isinstance(problem.initial, State) else problem.initial:
                 value = self._at(self._expression(condition.expression), begin, p, own)
-                groups.append(Limit(value, (f"initial: {condition.label}",), 0.0, np.ones(1), condition.equality))
+                groups.append(Rows(value, (f"initial: {condition.label}",), 0.0, np.ones(1), condition.equality))
         for condition in problem.final:
             value = self._at(self._expression(condition.expression), end, p, own)
-            groups.append(Limit(value, (f"final: {condition.label}",), 1.0, np.ones(1), condition.equality))
+            groups.append(Rows(value, (f"final: {condition.label}",), 1.0, np.ones(1), condition.equality))
         for condition in problem.boundary:
             value = self._boundary_value(condition.expression, begin, end, gained, p, own)
-            groups.append(Limit(value, (f"boundary: {condition.label}",), 1.0, np.ones(1), condition.equality))
+            groups.append(Rows(value, (f"boundary: {condition.label}",), 1.0, np.ones(1), condition.equality))
         return groups
 
     def _boundary_value(
