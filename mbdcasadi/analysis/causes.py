@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from .singular import describe_singularity
 
 _FLAGS = {
     "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
@@ -18,8 +19,12 @@ _FLAGS = {
 }
 
 
+#: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
+NEAR = 0.02
+
+
 def cause_of_failure(
-    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, flag: str
+    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, flag: str, ahead: float
 ) -> str:
     """Likely cause of a failure after the state that was reached last.
 
@@ -33,20 +38,22 @@ def cause_of_failure(
         The last state, each (1, k).
     flag : str
         The integrator's own word.
+    ahead : float
+        How far to look beyond it, s.
     """
     eom = numeric.eom
     said = _FLAGS.get(flag, flag)
-    rank = numeric.rank(t, q[0])
-    values = rank.singular_values
-    if values.size and values[-1] < 1e-3 * values[0]:
-        weight = np.abs(np.linalg.svd(_scaled_rows(numeric, t, q[0]))[0][:, -1])
-        rows = [eom.row_names[k] for k in np.argsort(-weight) if weight[k] > 0.1]
-        return f"the pose is near a singular one, in which the rows {', '.join(rows)} depend on each other ({said})"
-    force = ca.Function("Q", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, eom.lam], [eom.Q])
-    loads = force(t, q[0], v[0], z[0], eom.input_values, numeric.p, np.zeros(eom.lam.numel())).full().ravel()
-    if not np.all(np.isfinite(loads)):
-        names = [eom.coordinate_names[k] for k in np.flatnonzero(~np.isfinite(loads))]
-        return f"an applied force is not finite; it acts on {', '.join(names)} ({said})"
+    for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
+        broken = _forces_not_finite(numeric, time, pose, v[0], z[0])
+        if broken:
+            return (
+                f"{', '.join(broken)} is not finite there: data of a spline that are left, a division by zero, "
+                f"or a root of a negative number ({said})"
+            )
+    values = numeric.rank(t, q[0]).singular_values
+    if values.size and values[-1] < NEAR * values[0]:
+        pose = describe_singularity(numeric, t, q[0])
+        return f"the pose is singular or nearly so, {pose.text} ({said})"
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
@@ -54,7 +61,16 @@ def cause_of_failure(
     )
 
 
-def _scaled_rows(numeric: NumericEquations, t: float, q: np.ndarray) -> np.ndarray:
-    jacobian = numeric.velocity(t, q)[0] * numeric.column_scale
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    return jacobian / np.where(size > 1e-12, size, 1.0)
+def _forces_not_finite(
+    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray
+) -> list[str]:
+    """Elements whose force has no finite value at a state."""
+    eom = numeric.eom
+    n, m = eom.q.numel(), eom.lam.numel()
+    arguments = (t, q, v, np.zeros(n), z, np.zeros(m), eom.input_values, numeric.p)
+    found = []
+    for element in eom.mechanism.elements:
+        forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
+        if forces and not np.all(np.isfinite(eom.function(ca.vertcat(*forces))(*arguments).full())):
+            found.append(element.what)
+    return found

@@ -249,9 +249,12 @@ class Run:
 
     def _failed(self, chunk: Chunk, failure: IntegrationFailure, times: np.ndarray, x: np.ndarray) -> SimulationError:
         reached, last = (float(times[-1]), x[-1]) if len(times) else (chunk.start, self._x)
-        cause = cause_of_failure(self.numeric, reached, *self.outputs.split(last[None, :]), failure.flag)
+        if failure.last is not None and failure.last_x is not None:
+            reached, last = failure.last, failure.last_x
+        ahead = 1e-3 * (chunk.times[-1] - chunk.start)
+        cause = cause_of_failure(self.numeric, reached, *self.outputs.split(last[None, :]), failure.flag, ahead)
         return SimulationError(
-            f"the simulation stopped after t = {reached:.6g} s: {cause}; what was computed is in .partial",
+            f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,
             partial=self._record.trajectory(),
         )
@@ -264,11 +267,12 @@ def _with_progress(chunks: list[Chunk], show: bool) -> Any:
         return
     from tqdm.auto import tqdm
 
-    total = chunks[-1].times[-1] - chunks[0].start
-    with tqdm(total=round(float(total), 6), unit="s", desc="simulate", bar_format=_BAR) as bar:
+    # a little more than the whole, since the parts are rounded when they are added up
+    total = float(chunks[-1].times[-1] - chunks[0].start) * (1 + 1e-9)
+    with tqdm(total=total, unit="s", desc="simulate", bar_format=_BAR) as bar:
         for chunk in chunks:
             yield chunk
-            bar.update(round(float(chunk.times[-1] - chunk.start), 6))
+            bar.update(float(chunk.times[-1] - chunk.start))
 
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"

@@ -13,7 +13,7 @@ from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
 from .finite import refuse_nan
-from .interpolation import hermite, linear
+from .interpolation import cubic, hermite, linear
 from .records import Drift, Energy, EventOccurrence, Statistics
 from .state import State
 
@@ -175,7 +175,7 @@ class Trajectory:
             )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)
-        z = linear(self.t, self.z, wanted)
+        z = cubic(self.t, self.z, self._state_rates, wanted)
         u = linear(self.t, self.inputs, wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return Trajectory(
@@ -191,6 +191,12 @@ class Trajectory:
             refine=self._refine,
             missing_multipliers=self._missing_multipliers,
         )
+
+    @property
+    def _state_rates(self) -> np.ndarray:
+        """Rates of the first-order states (n_t, k)."""
+        rates = self.equations.z_rate
+        return self[rates].reshape(self.t.size, -1) if rates.numel() else self.z
 
     # --- quantities of the whole motion ---------------------------------------------------
     @property

@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 import warnings
+from itertools import pairwise
 from types import SimpleNamespace
 
 import casadi as ca
@@ -198,10 +199,10 @@ def piecewise(times, period, torque):
     y, now, columns = np.zeros(2), times[0], [np.zeros(2)]
     held = torque(now, y)
     instants = np.unique(np.round(np.r_[times, np.arange(0, times[-1], period)], 12))
-    for left, right in zip(instants, instants[1:], strict=False):
+    for left, right in pairwise(instants):
         if abs(left / period - round(left / period)) < 1e-9:
             held = torque(left, y)
-        y = exact(lambda t, s: [s[1], 3 * (held - G / 2 * np.cos(s[0]))], np.array([left, right]), y)[:, -1]
+        y = swing(np.array([left, right]), *y, torque=lambda t, y, held=held: held)[:, -1]
         if np.min(np.abs(times - right)) < 1e-9:
             columns.append(y)
     return np.array(columns).T
@@ -754,7 +755,7 @@ def test_blow_up_in_time(method):
     body = mbd.Body("body", mass=1.0, inertia=1.0)
     push = mbd.Force("push", body.at(0, 0), (1 / (1 - mbd.t) ** 2, 0))
     mechanism = mbd.Mechanism(bodies=[body], forces=[push])
-    with pytest.raises(mbd.SimulationError, match=r"stopped after t = (0\.\d+|1) s.*partial") as caught:
+    with pytest.raises(mbd.SimulationError, match=r"stopped at t = (0\.\d+|1) s.*partial") as caught:
         mbd.simulate(mechanism, np.linspace(0, 2, 201), method=method)
     partial = caught.value.partial
     assert 0.9 <= partial.t[-1] < 1.0
@@ -780,7 +781,7 @@ def test_force_that_is_not_finite():
     """A square root of what becomes negative: said so, with the coordinate that is acted on."""
     body = mbd.Body("body", mass=1.0, inertia=1.0)
     mechanism = mbd.Mechanism(bodies=[body], forces=[mbd.Force("push", body.at(0, 0), (mbd.sqrt(0.5 - mbd.t), 0))])
-    with pytest.raises(mbd.SimulationError, match=r"finite.*body\.x") as caught:
+    with pytest.raises(mbd.SimulationError, match=r"'push' is not finite") as caught:
         mbd.simulate(mechanism, np.linspace(0, 1, 101))
     assert caught.value.partial.t[-1] == pytest.approx(0.5, abs=0.011)
 

@@ -6,6 +6,7 @@ The models, the values and how they were obtained are in ``independent.json``.
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,7 @@ def reference(name):
 def grid_with(times, step):
     """A grid from 0 that holds the times, with no step longer than asked; and where the times are in it."""
     marks = np.unique(np.r_[0.0, times])
-    pieces = [
-        np.linspace(a, b, int(np.ceil((b - a) / step)), endpoint=False) for a, b in zip(marks, marks[1:], strict=False)
-    ]
+    pieces = [np.linspace(a, b, int(np.ceil((b - a) / step)), endpoint=False) for a, b in pairwise(marks)]
     grid = np.concatenate([*pieces, marks[-1:]])
     return grid, [int(np.argmin(np.abs(grid - x))) for x in times]
 

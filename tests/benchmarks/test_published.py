@@ -268,7 +268,7 @@ def test_course_web_cutter():
         knife_end = np.array([0.04, 0]) + 0.28 * np.array([np.cos(angles[0]), np.sin(angles[0])])
         return knife_end + 0.4 * np.array([np.cos(angles[1]), np.sin(angles[1])]) - [0.26, -0.04]
 
-    knife_angle, rocker_angle = fsolve(open_loop, [1.3, -1.0])
+    knife_angle = fsolve(open_loop, [1.3, -1.0])[0]
     knife_end = np.array([0.04, 0]) + 0.28 * np.array([np.cos(knife_angle), np.sin(knife_angle)])
     crank = mbd.Body("crank", mass=0.1, inertia=1.5e-5, pose=(0.02, 0, 0))
     knife = mbd.Body("knife", mass=1.0, inertia=0.03, pose=(*knife_end, knife_angle))

@@ -1,0 +1,229 @@
+"""Algebra of what is printed: sums and products flattened, with like terms and factors collected.
+
+CasADi keeps the binary operations in the order in which they were called, so
+that derivatives come as ``0.4*w*cos(phi)*w`` and ``-(-0.25*x - 0.4*y)``. A
+table of forms holds them as a textbook has them. Each form stands there once,
+below the forms it is made of: what goes through the table needs no recursion.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
+
+#: A number times the form at a place in the table.
+Scaled = tuple[float, int]
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that is no coefficient: one, and what is zero or not finite."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Symbol:
+    """A symbol; those of one name are told apart."""
+
+    name: str
+    identity: int
+
+
+@dataclass(frozen=True)
+class Sum:
+    """At least two summands; the first has a positive coefficient."""
+
+    summands: tuple[Scaled, ...]
+
+
+@dataclass(frozen=True)
+class Product:
+    """``above / (over * below)``: powers of forms with whole positive exponents over a positive number and others."""
+
+    over: float
+    above: tuple[tuple[int, int], ...]
+    below: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Operation:
+    """Anything else.
+
+    Attributes
+    ----------
+    kind : str
+        ``power``, ``comparison``, ``logic``, ``negation``, ``choice`` or ``call``.
+    name : str
+        Of the function, or sign of the operation.
+    arguments : tuple of (float, int)
+        Operands.
+    identity : int
+        Tells apart what has the same name and operands.
+    """
+
+    kind: str
+    name: str
+    arguments: tuple[Scaled, ...]
+    identity: int = 0
+
+
+Form = Number | Symbol | Sum | Product | Operation
+
+
+class Forms:
+    """Table of the forms of an expression."""
+
+    #: Place of the number one.
+    ONE = 0
+
+    def __init__(self) -> None:
+        self.table: list[Form] = []
+        self._places: dict[Hashable, int] = {}
+        self._place(Number(1.0))
+
+    def _place(self, form: Form, same: Hashable = None) -> int:
+        """Place of a form, or of the one that is the same up to its order."""
+        same = form if same is None else same
+        if same not in self._places:
+            self._places[same] = len(self.table)
+            self.table.append(form)
+        return self._places[same]
+
+    def of(self, form: Symbol | Operation) -> Scaled:
+        return 1.0, self._place(form)
+
+    def number(self, value: float) -> Scaled:
+        if math.isfinite(value):
+            return value, self.ONE
+        return -1.0 if value < 0 else 1.0, self._place(Number(abs(value)))
+
+    def sum(self, parts: Iterable[Scaled]) -> Scaled:
+        """Sum with like terms collected, in order of first appearance.
+
+        One that would lead with a minus starts with its first positive summand
+        instead; where there is none, the minus is taken out.
+        """
+        totals: dict[int, float] = {}
+        largest: dict[int, float] = {}
+        for value, place in parts:
+            form = self.table[place]
+            flat = form.summands if isinstance(form, Sum) and abs(value) == 1 else ((1.0, place),)
+            for part, term in flat:
+                totals[term] = totals.get(term, 0.0) + value * part
+                largest[term] = max(largest.get(term, 0.0), abs(part * value))
+        # What cancels but for rounding errors is nothing.
+        summands = [
+            self.product([((total, term), 1)]) if abs(total) != largest[term] else (total, term)
+            for term, total in totals.items()
+            if abs(total) > 1e-14 * largest[term]
+        ]
+        if not summands:
+            return 0.0, self.ONE
+        positive = [k for k, (value, _) in enumerate(summands) if value > 0]
+        sign = 1.0 if positive else -1.0
+        if positive and positive[0] > 0:
+            lead = next((k for k in positive if summands[k][1] != self.ONE), positive[0])
+            summands.insert(0, summands.pop(lead))
+        if len(summands) == 1:
+            return summands[0]
+        summands = [(sign * value, term) for value, term in summands]
+        return sign, self._place(Sum(tuple(summands)), ("sum", frozenset(summands)))
+
+    def product(self, factors: Iterable[tuple[Scaled, int]]) -> Scaled:
+        """Product of powers with whole exponents: one number, and each factor once, where it appears last."""
+        number, over = 1.0, 1.0
+        above: dict[int, int] = {}
+        below: dict[int, int] = {}
+        for (value, place), exponent in factors:
+            count, (up, down) = abs(exponent), (above, below) if exponent > 0 else (below, above)
+            form = self.table[place]
+            numbers = [(abs(value), exponent)]
+            if value < 0 and count % 2:
+                number = -number
+            # The square of a fraction stays one.
+            if isinstance(form, Product) and (count == 1 or not form.below):
+                numbers.append((form.over, -exponent))
+                _multiply(up, ((part, count * n) for part, n in form.above))
+                _multiply(down, ((part, count * n) for part, n in form.below))
+            elif place != self.ONE:
+                _multiply(up, [(place, count)])
+            for size, power in numbers:
+                if size == 0 and power > 0:
+                    return 0.0, self.ONE
+                total = _times_power(number if power > 0 else over, size, abs(power))
+                if total is None:
+                    _multiply(above if power > 0 else below, [(self._place(Number(size)), abs(power))])
+                elif power > 0:
+                    number = total
+                else:
+                    over = total
+        if (abs(number), over) != (1, 1):
+            number *= self._take_out(above)
+            over *= self._take_out(below)
+        return self._fraction(*_lowest_terms(number, over), self._ordered(above), self._ordered(below))
+
+    def _take_out(self, powers: dict[int, int]) -> float:
+        """Take out the coefficient that all summands of a factor share, as of ``0.5*(2*a + 2*b)``."""
+        number = 1.0
+        for place, exponent in list(powers.items()):
+            form = self.table[place]
+            if isinstance(form, Sum) and exponent == 1:
+                common = form.summands[0][0]
+                if 1e-100 < common < 1e100 and common != 1 and all(abs(v) == common for v, _ in form.summands):
+                    number *= common
+                    del powers[place]
+                    value, rest = self.sum((math.copysign(1.0, v), term) for v, term in form.summands)
+                    number *= value
+                    if rest != self.ONE:
+                        _multiply(powers, [(rest, 1)])
+        return number
+
+    def _ordered(self, powers: dict[int, int]) -> tuple[tuple[int, int], ...]:
+        """Powers with those of sums at the end."""
+        return tuple(sorted(powers.items(), key=lambda power: isinstance(self.table[power[0]], Sum)))
+
+    def _fraction(
+        self, number: float, over: float, above: tuple[tuple[int, int], ...], below: tuple[tuple[int, int], ...]
+    ) -> Scaled:
+        if not above and not below:
+            return number / over, self.ONE
+        if over == 1 and not below and len(above) == 1 and above[0][1] == 1:
+            place = above[0][0]
+            if number == -1 and isinstance(self.table[place], Sum):
+                return self.sum([(number, place)])
+            return number, place
+        same = ("product", over, frozenset(above), frozenset(below))
+        return number, self._place(Product(over, above, below), same)
+
+
+def _multiply(powers: dict[int, int], factors: Iterable[tuple[int, int]]) -> None:
+    """Multiply factors to powers; one that was there moves to the end."""
+    for place, exponent in factors:
+        powers[place] = powers.pop(place, 0) + exponent
+
+
+def _times_power(total: float, size: float, exponent: int) -> float | None:
+    """``total * size**exponent``, or None where a float does not hold it."""
+    if size == 1:
+        return total
+    try:
+        result = total * size**exponent
+    except OverflowError:
+        return None
+    return result if result and math.isfinite(result) else None
+
+
+def _lowest_terms(number: float, over: float) -> tuple[float, float]:
+    """Number and denominator of a fraction; one number where a decimal is as short."""
+    if over == 1:
+        return number, over
+    if number.is_integer() and over.is_integer():
+        common = math.gcd(int(number), int(over))
+        return number / common, over / common
+    quotient = number / over
+    short = len(repr(abs(quotient)).partition("e")[0].replace(".", "").strip("0")) <= 9
+    if short and quotient * over == number and (abs(number) != 1 or quotient.is_integer()):
+        return quotient, 1.0
+    return number, over

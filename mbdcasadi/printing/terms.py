@@ -1,0 +1,147 @@
+"""From forms to pieces of output, in the style of plain text or of LaTeX."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from ..errors import ModelError
+from .forms import Form, Forms, Number, Operation, Product, Scaled, Sum, Symbol
+from .walk import forms_of, is_short, operations
+
+if TYPE_CHECKING:
+    from .text import TextStyle
+
+#: Most operations, symbols and numbers that are written out.
+LIMIT = 400
+
+# What binds how tightly, as in Python.
+OR, AND, NOT, COMPARISON, SUM, PRODUCT, POWER, ATOM = range(8)
+
+
+@dataclass(frozen=True)
+class Term:
+    """A piece of output.
+
+    Attributes
+    ----------
+    text : str
+        Without the leading minus.
+    level : int
+        How tightly its outermost operation binds.
+    negative : bool
+        Whether a minus leads. It belongs to the whole, but to the first summand of a sum.
+    function : (str, str) or None
+        For a function in LaTeX: its name and its argument, so that the exponent can stand between.
+    bare : bool
+        Whether it ends with an argument without parentheses, which would swallow a factor that follows.
+    """
+
+    text: str
+    level: int = ATOM
+    negative: bool = False
+    function: tuple[str, str] | None = None
+    bare: bool = False
+
+    @property
+    def signed(self) -> str:
+        return f"-{self.text}" if self.negative else self.text
+
+    @property
+    def opposite(self) -> bool:
+        """Whether the minus belongs to the whole term."""
+        return self.negative and self.level >= PRODUCT
+
+
+def scalar(expression: Any, where: str) -> ca.SX:
+    """Expression of one entry.
+
+    Raises
+    ------
+    ModelError
+        For anything else.
+    """
+    try:
+        expression = ca.SX(expression)
+    except (TypeError, NotImplementedError):
+        raise ModelError(f"{where}: takes an expression in casadi.SX or a number, got {expression!r}") from None
+    if not expression.is_scalar():
+        raise ModelError(f"{where}: takes a scalar, got shape {expression.shape}; use matrix_{where}")
+    return expression
+
+
+def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
+    """Scalar expression in a style."""
+    if expression.nnz() == 0:
+        return "0"
+    if not is_short(expression, limit):
+        return style.too_long(operations(expression))
+    forms, whole = forms_of(expression)
+    writer = _Writer(forms, style)
+    return writer.term(whole).signed
+
+
+class _Writer:
+    """Terms of all forms of a table; each stands below those it is made of."""
+
+    def __init__(self, forms: Forms, style: TextStyle) -> None:
+        self.forms, self.style = forms.table, style
+        self.terms: list[Term] = []
+        for form in self.forms:
+            self.terms.append(self._form(form))
+
+    def term(self, scaled: Scaled) -> Term:
+        """Term of a number times a form."""
+        value, place = scaled
+        form = self.forms[place]
+        if place == Forms.ONE:
+            return self.style.number(value)
+        if value == 1:
+            return self.terms[place]
+        if isinstance(form, Product):
+            return self._product(value, form)
+        if isinstance(form, Sum) and value == -1:
+            return self._sum(value, form)
+        return self.style.product(value, [self.terms[place]], [])
+
+    def _form(self, form: Form) -> Term:
+        if isinstance(form, Number):
+            return self.style.number(form.value)
+        if isinstance(form, Symbol):
+            return self.style.symbol(form.name)
+        if isinstance(form, Sum):
+            return self._sum(1.0, form)
+        if isinstance(form, Product):
+            return self._product(1.0, form)
+        return self._operation(form)
+
+    def _sum(self, sign: float, form: Sum) -> Term:
+        return self.style.sum([self.term((sign * value, place)) for value, place in form.summands])
+
+    def _product(self, value: float, form: Product) -> Term:
+        above, below = (
+            [self._power(self.terms[place], exponent) for place, exponent in powers]
+            for powers in (form.above, form.below)
+        )
+        if form.over != 1:
+            below.insert(0, self.style.number(form.over))
+        return self.style.product(value, above, below)
+
+    def _power(self, base: Term, exponent: int) -> Term:
+        return base if exponent == 1 else self.style.power(base, Term(str(exponent)))
+
+    def _operation(self, form: Operation) -> Term:
+        style, arguments = self.style, [self.term(argument) for argument in form.arguments]
+        if form.kind == "power":
+            return style.power(*arguments)
+        if form.kind == "comparison":
+            return style.comparison(arguments[0], form.name, arguments[1])
+        if form.kind == "logic":
+            return style.logic(form.name, *arguments)
+        if form.kind == "negation":
+            return style.negation(*arguments)
+        if form.kind == "choice":
+            return style.choice(*arguments)
+        return style.call(form.name, arguments)

@@ -1,0 +1,178 @@
+"""From the graph of an expression to forms; without recursion, however deep it is."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from .forms import Forms, Operation, Scaled, Symbol
+
+_OP_NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+_LEAVES = (ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_PARAMETER)
+_COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+_TURNED = {"<": ">", "<=": ">=", "==": "==", "!=": "!="}
+_LOGIC = {ca.OP_AND: "and", ca.OP_OR: "or"}
+_POWERS = (ca.OP_POW, ca.OP_CONSTPOW)
+_SUMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG)
+_PRODUCTS = (ca.OP_MUL, ca.OP_SQ, ca.OP_TWICE, ca.OP_DIV, ca.OP_INV, *_POWERS)
+
+#: Nodes at the end of a chain of sums or products, each with its sign or exponent.
+_Chain = list[tuple[ca.SX, int]]
+
+
+def is_short(expression: ca.SX, limit: int) -> bool:
+    """Whether the expression, with its shared parts written out, has at most `limit` nodes."""
+    stack, count = [expression], 0
+    while stack:
+        node = stack.pop()
+        count += 1
+        # What waits counts too: the walk ends after `limit` steps, however often parts are shared.
+        if count + len(stack) > limit:
+            return False
+        stack.extend(_parts(node))
+    return True
+
+
+def operations(expression: ca.SX) -> int:
+    """Number of operations, shared ones counted once."""
+    function = ca.Function("f", ca.symvar(expression), [expression])
+    return sum(function.instruction_id(k) not in _LEAVES for k in range(function.n_instructions()))
+
+
+def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
+    """Table of the forms of a scalar expression, and the whole."""
+    forms = Forms()
+    done: dict[int, Scaled] = {}
+    chains: dict[int, _Chain] = {}
+    stack = [expression]
+    while stack:
+        node = stack[-1]
+        key = node.element_hash()
+        if key in done:
+            stack.pop()
+            continue
+        if key not in chains:
+            chains[key] = _chain(node)
+        missing = [part for part, _ in chains[key] if part.element_hash() not in done]
+        if missing:
+            stack.extend(missing)
+        else:
+            found = [(done[part.element_hash()], n) for part, n in chains[key]]
+            done[key] = _form(node, found, forms)
+    return forms, done[expression.element_hash()]
+
+
+def _parts(node: ca.SX) -> list[ca.SX]:
+    return [node.dep(k) for k in range(node.n_dep())]
+
+
+def _kind(node: ca.SX) -> str:
+    """Whether the node is a ``sum``, a ``product``, a ``choice``, or ``other``."""
+    if node.n_dep() == 0:
+        return "other"
+    op = node.op()
+    if op == ca.OP_IF_ELSE_ZERO or (op == ca.OP_ADD and _branches(node)):
+        return "choice"
+    if op in _SUMS:
+        return "sum"
+    return "product" if op in _PRODUCTS and (op not in _POWERS or _whole(node.dep(1))) else "other"
+
+
+def _chain(node: ca.SX) -> _Chain:
+    """Nodes from which the form of a node is made: summands, factors, branches or arguments."""
+    kind = _kind(node)
+    if kind == "choice":
+        return [(part, 1) for part in _branches(node) or _zero_branch(node)]
+    if kind == "other":
+        return [(part, 1) for part in _parts(node)]
+    chain, stack = [], [(node, 1)]
+    while stack:
+        part, n = stack.pop()
+        inner = _kind(part)
+        if kind == "product" and inner == "sum" and part.op() == ca.OP_NEG:
+            chain.append((ca.SX(-1), n))
+            stack.append((part.dep(0), n))
+        elif inner != kind or (part is not node and _closes(part, n)):
+            chain.append((part, n))
+        else:
+            stack.extend(reversed(_summands(part, n) if kind == "sum" else _factors(part, n)))
+    return chain
+
+
+def _closes(part: ca.SX, exponent: int) -> bool:
+    """Whether a quotient stays together, as one that is raised to a power."""
+    return abs(exponent) != 1 and part.op() in (ca.OP_DIV, ca.OP_INV)
+
+
+def _summands(node: ca.SX, sign: int) -> _Chain:
+    signs = {ca.OP_ADD: (1, 1), ca.OP_SUB: (1, -1), ca.OP_NEG: (-1,)}[node.op()]
+    return [(part, sign * own) for part, own in zip(_parts(node), signs, strict=True)]
+
+
+def _factors(node: ca.SX, exponent: int) -> _Chain:
+    op = node.op()
+    if op in _POWERS:
+        return [(node.dep(0), exponent * int(float(node.dep(1))))]
+    if op == ca.OP_TWICE:
+        return [(ca.SX(2), exponent), (node.dep(0), exponent)]
+    exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
+    return [(part, exponent * own) for part, own in zip(_parts(node), exponents, strict=False)]
+
+
+def _whole(exponent: ca.SX) -> bool:
+    """Whether an exponent is a whole number other than zero."""
+    return exponent.is_constant() and float(exponent).is_integer() and float(exponent) != 0
+
+
+def _branches(node: ca.SX) -> list[ca.SX] | None:
+    """Condition and branches of ``if_else``, which CasADi writes as ``(c ? x : 0) + (!c ? y : 0)``."""
+    if node.op() != ca.OP_ADD:
+        return None
+    a, b = _parts(node)
+    for first, second in ((a, b), (b, a)):
+        if first.n_dep() == second.n_dep() == 2 and first.op() == second.op() == ca.OP_IF_ELSE_ZERO:
+            opposite = second.dep(0)
+            if opposite.n_dep() == 1 and opposite.op() == ca.OP_NOT:
+                if opposite.dep(0).element_hash() == first.dep(0).element_hash():
+                    return [first.dep(0), first.dep(1), second.dep(1)]
+    return None
+
+
+def _zero_branch(node: ca.SX) -> list[ca.SX]:
+    """Condition and branches where one of them is zero."""
+    condition, value = _parts(node)
+    if condition.n_dep() == 1 and condition.op() == ca.OP_NOT:
+        return [condition.dep(0), ca.SX(0.0), value]
+    return [condition, value, ca.SX(0.0)]
+
+
+def _form(node: ca.SX, found: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
+    """Form of a node from those of its chain."""
+    if node.is_constant():
+        return forms.number(float(node))
+    if node.is_symbolic():
+        return forms.of(Symbol(node.name(), node.element_hash()))
+    kind, op = _kind(node), node.op()
+    if kind == "sum":
+        return forms.sum((sign * value, place) for (value, place), sign in found)
+    if kind == "product":
+        return forms.product(found)
+    arguments = tuple(scaled for scaled, _ in found)
+    if kind == "choice":
+        return forms.of(Operation("choice", "if_else", arguments))
+    if op in _POWERS:
+        return forms.of(Operation("power", "", arguments))
+    if op in _COMPARISONS:
+        sign = _COMPARISONS[op]
+        # CasADi turns x > 0 into 0 < x: what varies is better read on the left.
+        if node.dep(0).is_constant():
+            sign, arguments = _TURNED[sign], arguments[::-1]
+        return forms.of(Operation("comparison", sign, arguments))
+    if op in _LOGIC:
+        return forms.of(Operation("logic", _LOGIC[op], arguments))
+    if op == ca.OP_NOT:
+        return forms.of(Operation("negation", "not", arguments))
+    if node.is_call():
+        return forms.of(Operation("call", node.which_function().name(), arguments, node.element_hash()))
+    if node.is_output():
+        return forms.of(Operation("call", f"output_{node.which_output()}", arguments, node.element_hash()))
+    return forms.of(Operation("call", _OP_NAMES.get(op, f"operation_{op}"), arguments))
