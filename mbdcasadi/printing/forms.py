@@ -160,8 +160,8 @@ class Forms:
                 else:
                     over = total
         if (abs(number), over) != (1, 1):
-            number *= self._take_out(above)
-            over *= self._take_out(below)
+            number, over = number * self._take_out(above), over * self._take_out(below)
+            number, over = math.copysign(number, number * over), abs(over)
         return self._fraction(*_lowest_terms(number, over), self._ordered(above), self._ordered(below))
 
     def _take_out(self, powers: dict[int, int]) -> float:
@@ -171,13 +171,13 @@ class Forms:
             form = self.table[place]
             if isinstance(form, Sum) and exponent == 1:
                 common = form.summands[0][0]
-                if 1e-100 < common < 1e100 and common != 1 and all(abs(v) == common for v, _ in form.summands):
-                    number *= common
+                if not 1e-100 < common < 1e100 or any(abs(value) != common for value, _ in form.summands):
+                    continue
+                sign, rest = self.sum((math.copysign(1.0, value), term) for value, term in form.summands)
+                if isinstance(self.table[rest], Sum):
+                    number *= sign * common
                     del powers[place]
-                    value, rest = self.sum((math.copysign(1.0, v), term) for v, term in form.summands)
-                    number *= value
-                    if rest != self.ONE:
-                        _multiply(powers, [(rest, 1)])
+                    _multiply(powers, [(rest, 1)])
         return number
 
     def _ordered(self, powers: dict[int, int]) -> tuple[tuple[int, int], ...]:
