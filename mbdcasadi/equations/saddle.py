@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 #: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_dynamics`, and without it do not;
 #: IDAS errs least at 1e-7, where the peak of the accelerations is wide enough for it.
 REGULARISATION = 1e-7
-#: Refinement steps of the regularised solve inside an integrator.
-REFINEMENTS = 1
+#: Refinement steps of the regularised solve inside an integrator: on two dozen chains of parallelograms through some
+#: twenty singular poses each, the largest error fell from 3e-3 rad with one to 1e-4 rad with three.
+REFINEMENTS = 3
 #: Refinement steps where multipliers are reported: there the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
 

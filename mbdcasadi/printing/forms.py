@@ -159,7 +159,7 @@ class Forms:
                     number = total
                 else:
                     over = total
-        if (abs(number), over) != (1, 1):
+        if (abs(number), over) != (1, 1) and 1e-100 < abs(number) < 1e100 and 1e-100 < over < 1e100:
             number, over = number * self._take_out(above), over * self._take_out(below)
             number, over = math.copysign(number, number * over), abs(over)
         return self._fraction(*_lowest_terms(number, over), self._ordered(above), self._ordered(below))
@@ -171,7 +171,7 @@ class Forms:
             form = self.table[place]
             if isinstance(form, Sum) and exponent == 1:
                 common = form.summands[0][0]
-                if not 1e-100 < common < 1e100 or any(abs(value) != common for value, _ in form.summands):
+                if not 1e-9 < common < 1e9 or any(abs(value) != common for value, _ in form.summands):
                     continue
                 sign, rest = self.sum((math.copysign(1.0, value), term) for value, term in form.summands)
                 if isinstance(self.table[rest], Sum):

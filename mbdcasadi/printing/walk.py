@@ -54,7 +54,7 @@ def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
             chains[key] = _chain(node)
         missing = [part for part, _ in chains[key] if part.element_hash() not in done]
         if missing:
-            stack.extend(missing)
+            stack.extend(reversed(missing))
         else:
             found = [(done[part.element_hash()], n) for part, n in chains[key]]
             done[key] = _form(node, found, forms)
