@@ -100,7 +100,7 @@ def choose(numeric: NumericEquations, method: str, *, redundant: bool) -> Formul
         return Formulation("KKT")
     if redundant:
         return Formulation("regularised")
-    if method in ("erk", "rosenbrock"):
+    if method == "erk":
         return Formulation("explicit")
     many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
     return Formulation("KKT" if numeric.massless or many else "explicit")

@@ -20,13 +20,17 @@ from .event_location import EventWatch
 from .feed import InputFeed
 from .formulations import EXPLICIT_BODIES, Formulation, choose
 from .outputs import Outputs
+from .progress import progress_bar
 from .record import Record
-from .schedule import Chunk, chunks_of
+from .schedule import Chunk, chunks_of, merged
 
 #: Fall of the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to the largest one seen, at which the regularised
 #: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
 #: change costs more, the pose must be nearer to it.
 NEARLY_SINGULAR, NEARLY_SINGULAR_MANY = 0.02, 1e-4
+#: A multistep method starts with some hundred small steps of low order: chunks that take fewer steps than this are
+#: joined (measured: twenty chunks of 140 steps take three times as long as one).
+STEPS_PER_CHUNK = 1000
 #: The same, below which no chunk is to end: the projection there is uncertain, and a start from it is off.
 NO_START = 0.02
 #: Decay of drift in the regularised form: so many times in a chunk, and for each radian that a body turns.
@@ -92,7 +96,7 @@ class Run:
         self.formulation = choose(self.numeric, self.method, redundant=redundant)
         self.feed.ask(start)
         self._x = np.r_[start.q, start.v, start.z]
-        self._z = np.r_[start.a, start.lam]
+        self._z = self._estimate(np.r_[start.a, start.lam])
         record = self._record = Record(
             self.numeric.eom.mechanism, self.numeric.p, self.outputs.recovery.refine(self.feed.rule)
         )
@@ -118,15 +122,28 @@ class Run:
 
     def _chunks(self, chunks: list[Chunk]) -> None:
         waiting: Chunk | None = None
-        for chunk in _with_progress(chunks, self._progress):
-            if self.feed.signals.controller and chunk is not chunks[0]:
-                self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
-            joined = chunk if waiting is None else waiting.joined(chunk)
-            may_wait = chunk is not chunks[-1] and not self.feed.signals.controller
-            outcome = self._one_chunk(joined, may_wait=may_wait)
-            if outcome is Outcome.ENDED:
-                return
-            waiting = joined if outcome is Outcome.WAITING else None
+        left = list(chunks)
+        self._usual_length = chunks[0].length
+        with progress_bar(chunks, self._progress) as bar:
+            while left:
+                chunk = left.pop(0)
+                if self.feed.signals.controller and chunk is not chunks[0]:
+                    self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
+                joined = chunk if waiting is None else waiting.joined(chunk)
+                outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
+                bar.update(chunk.length)
+                if outcome is Outcome.ENDED:
+                    return
+                waiting = joined if outcome is Outcome.WAITING else None
+                if chunk is chunks[0]:
+                    left = self._lengthened(left)
+
+    def _lengthened(self, chunks: list[Chunk]) -> list[Chunk]:
+        """Fewer, longer chunks where a multistep method would spend most of its steps on starting."""
+        steps = self._integrator(self.formulation).steps
+        if self.method != "idas" or self.feed.signals.controller or not 0 < steps < STEPS_PER_CHUNK:
+            return chunks
+        return merged(chunks, max(1, len(chunks) * steps // STEPS_PER_CHUNK))
 
     def _one_chunk(self, chunk: Chunk, *, may_wait: bool) -> Outcome:
         """Advance by a chunk."""
@@ -158,7 +175,16 @@ class Run:
         """Start the next chunk from the projected end of this one."""
         self._x = x
         if self.formulation.algebraic:
-            self._z = self.outputs.unknowns(time, x, channel)
+            self._z = self._estimate(self.outputs.unknowns(time, x, channel))
+
+    def _estimate(self, z: np.ndarray) -> np.ndarray:
+        """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
+
+        Zero where the equations are linear in them: one Newton step of IDAS
+        then finds them, while a residual of rounding size, which no step
+        reduces, makes its line search fail (seen from 200 bodies on).
+        """
+        return z if self.numeric.eom.Q_depends_on_lam else np.zeros_like(z)
 
     # --- integrating -------------------------------------------------------------------------
     def _integrator(self, form: Formulation) -> Integrator:
@@ -194,7 +220,7 @@ class Run:
         """Parameters of the integrator: those of the model, and the rate at which drift decays."""
         n = self.numeric.eom.q.numel()
         turning = self._x[n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
-        rate = max(DECAY / (chunk.times[-1] - chunk.start), DECAY_PER_RADIAN * largest(turning))
+        rate = max(DECAY / min(self._usual_length, chunk.length), DECAY_PER_RADIAN * largest(turning))
         return np.r_[self.numeric.p, rate]
 
     def _comes_near_singular(self) -> bool:
@@ -258,21 +284,3 @@ class Run:
             time=reached,
             partial=self._record.trajectory(),
         )
-
-
-def _with_progress(chunks: list[Chunk], show: bool) -> Any:
-    """Chunks, with a bar that counts simulated seconds."""
-    if not show:
-        yield from chunks
-        return
-    from tqdm.auto import tqdm
-
-    # a little more than the whole, since the parts are rounded when they are added up
-    total = float(chunks[-1].times[-1] - chunks[0].start) * (1 + 1e-9)
-    with tqdm(total=total, unit="s", desc="simulate", bar_format=_BAR) as bar:
-        for chunk in chunks:
-            yield chunk
-            bar.update(float(chunk.times[-1] - chunk.start))
-
-
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"

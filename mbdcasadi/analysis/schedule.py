@@ -31,6 +31,11 @@ class Chunk:
     times: np.ndarray
     wanted: np.ndarray
 
+    @property
+    def length(self) -> float:
+        """Time that it takes, s."""
+        return float(self.times[-1] - self.start)
+
     def joined(self, following: Chunk) -> Chunk:
         """This chunk and the one that follows, as one."""
         return Chunk(self.start, np.r_[self.times, following.times], np.r_[self.wanted, following.wanted])
@@ -57,7 +62,7 @@ def chunks_of(
         count = int(np.ceil((end - start) / period * (1 - 1e-12)))
         borders = np.minimum(start + period * np.arange(1, count + 1), end)
     elif grid.size - 1 >= CHUNKS:
-        borders = np.array([part[-1] for part in np.array_split(grid[1:], CHUNKS)])
+        borders = np.array([part[-1] for part in np.array_split(grid[1:], _even(grid.size - 1))])
     else:
         borders = np.linspace(start, end, CHUNKS + 1)[1:]
     extra = [borders]
@@ -75,6 +80,24 @@ def chunks_of(
             chunks.append(Chunk(since, times[first:last], wanted[first:last]))
             first, since = last, float(times[last - 1])
     return chunks
+
+
+def merged(chunks: list[Chunk], count: int) -> list[Chunk]:
+    """The same chunks joined into `count` longer ones."""
+    groups = np.array_split(np.arange(len(chunks)), min(count, len(chunks))) if chunks else []
+    longer = []
+    for group in groups:
+        whole = chunks[group[0]]
+        for k in group[1:]:
+            whole = whole.joined(chunks[k])
+        longer.append(whole)
+    return longer
+
+
+def _even(intervals: int) -> int:
+    """Number of chunks near to the usual one that hold equally many outputs: they share a compiled integrator."""
+    fitting = [count for count in range(CHUNKS // 2, CHUNKS * 3 // 2 + 1) if intervals % count == 0]
+    return min(fitting, key=lambda count: abs(count - CHUNKS), default=CHUNKS)
 
 
 def _merge(grid: np.ndarray, extra: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:

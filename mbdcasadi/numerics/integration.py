@@ -101,6 +101,8 @@ class Integrator:
         self._functions: dict[tuple[Any, ...], ca.Function] = {}
         self._stretched: ca.Function | None = None
         self.starts = 0
+        #: steps of the last call, where the plugin counts them
+        self.steps = 0
 
     def _function(self, offsets: np.ndarray, steps: int) -> ca.Function:
         digits = 12 - int(np.ceil(np.log10(max(offsets[-1], 1e-300))))
@@ -198,6 +200,7 @@ class Integrator:
                 result = function(**arguments)
         except RuntimeError as error:
             return _flag(error)
+        self.steps = int(function.stats().get("nsteps", 0))
         states = result["xf"].full().T
         clock_is_right = np.abs(states[:, -1] - offsets) <= 1e-6 * offsets[-1]
         if not np.all(clock_is_right) or not np.all(np.isfinite(states)):

@@ -121,6 +121,7 @@ def to_latex(expression: Any, limit: int = LIMIT) -> str:
 
     Examples
     --------
+    >>> import casadi as ca
     >>> print(to_latex(ca.SX.sym("crank.vx") ** 2 / 2))
     \frac{\dot{x}_{\mathrm{crank}}^{2}}{2}
     """

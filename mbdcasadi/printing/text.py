@@ -126,6 +126,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
 
     Examples
     --------
+    >>> import casadi as ca
     >>> x, phi, omega = (ca.SX.sym(f"crank.{name}") for name in ("x", "phi", "omega"))
     >>> to_text(-(x - 0.05 * ca.cos(phi)))
     '0.05*cos(crank.phi) - crank.x'
