@@ -28,6 +28,8 @@ from .schedule import Chunk, chunks_of, merged
 #: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
 #: change costs more, the pose must be nearer to it.
 NEARLY_SINGULAR, NEARLY_SINGULAR_MANY = 0.02, 1e-4
+#: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
+APART = 1e-7
 #: A multistep method starts with some hundred small steps of low order: chunks that take fewer steps than this are
 #: joined (measured: twenty chunks of 140 steps take three times as long as one).
 STEPS_PER_CHUNK = 1000
@@ -154,6 +156,9 @@ class Run:
             x, failure = stopped.x, stopped
         times, wanted = chunk.times[: len(x)], chunk.wanted[: len(x)]
         x = self.outputs.projected(times, x)
+        if self.outputs.recovery.left_over > APART:
+            x, failure = self._together(times, x)
+            times, wanted = times[: len(x)], wanted[: len(x)]
         if failure is None and self._comes_near_singular():
             return self._one_chunk(chunk, may_wait=may_wait)
         if failure is None and may_wait and self._ends_near_singular():
@@ -170,6 +175,18 @@ class Run:
             raise self._failed(chunk, failure, times, x)
         self._feed_back(float(times[-1]), x[-1], None if channel is None else channel[:, -1:])
         return Outcome.DONE
+
+    def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
+        eom = self.numeric.eom
+        for k, time in enumerate(times):
+            phi = np.abs(self.numeric.position(float(time), x[k, : eom.q.numel()])[0])
+            if np.max(phi) > APART:
+                rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
+                said = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
+                last = x[k - 1] if k else self._x
+                return x[:k], IntegrationFailure(said, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+        return x, None
 
     def _feed_back(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> None:
         """Start the next chunk from the projected end of this one."""

@@ -57,10 +57,11 @@ class VelocityProblem:
     def _consistent(self, estimate: np.ndarray) -> np.ndarray:
         """Nearest velocity with ``Phi_q v = nu``."""
         jacobian, nu = self._jacobian, self._nu
-        if nu.size == 0:
+        missing = nu - jacobian @ estimate
+        if largest(missing) <= 1e-15 * (1 + largest(estimate)):
             return estimate.copy()
         root = np.sqrt(self.numeric.weights)
-        step, *_ = np.linalg.lstsq(jacobian / root, nu - jacobian @ estimate, rcond=1e-11)
+        step, *_ = np.linalg.lstsq(jacobian / root, missing, rcond=1e-11)
         v = estimate + step / root
         left_over = jacobian @ v - nu
         if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):

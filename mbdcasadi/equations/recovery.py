@@ -34,6 +34,8 @@ class Recovery:
     def __init__(self, numeric: NumericEquations, *, redundant: bool):
         self.numeric = numeric
         self.redundant = redundant
+        #: largest ``|Phi|`` that was left by the last projection
+        self.left_over = 0.0
         #: smallest relative pivot at each of the poses that were projected last: small near a singular pose
         self.regularity = np.ones(1)
 
@@ -79,6 +81,7 @@ class Recovery:
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
         p, weights = self.numeric.p, self.numeric.weights
+        self.left_over = 0.0
         columns, before = q.T, np.inf
         for _ in range(iterations):
             moved, size, quality = self._position_step(t[None, :], columns, p, weights)
@@ -86,6 +89,7 @@ class Recovery:
             worst = largest(size.full())
             if not np.isfinite(worst) or worst >= before / 2:
                 break
+            self.left_over = worst
             columns, before = moved.full(), worst
             if worst <= ACCURACY * (1 + largest(columns)):
                 break

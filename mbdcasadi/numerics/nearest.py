@@ -70,6 +70,8 @@ def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weig
     """
     root = np.sqrt(weights)
     x = polish(equations, np.array(feasible, float), weights)
+    if largest(x - target) <= EPSILON * (1 + largest(x)):
+        return x
     for _ in range(STEPS):
         _, jacobian = equations(x)
         tangent = _Tangent(jacobian / root)
