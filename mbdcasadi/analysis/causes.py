@@ -43,6 +43,8 @@ def cause_of_failure(
     """
     eom = numeric.eom
     said = _FLAGS.get(flag, flag)
+    if flag.startswith("the constraints"):
+        return said
     for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
         broken = _forces_not_finite(numeric, time, pose, v[0], z[0])
         if broken:
@@ -61,9 +63,7 @@ def cause_of_failure(
     )
 
 
-def _forces_not_finite(
-    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray
-) -> list[str]:
+def _forces_not_finite(numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> list[str]:
     """Elements whose force has no finite value at a state."""
     eom = numeric.eom
     n, m = eom.q.numel(), eom.lam.numel()

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
-from ..errors import Interrupted, MechanismWarning, SingularityError
+from ..errors import AssemblyError, Interrupted, MechanismWarning, SingularityError
 from ..numerics.console import interruptible, quiet
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, solve
 from .singular import SingularPose, describe_singularity
 
 #: Points that are solved by one call of the compiled recursion.
@@ -24,6 +24,8 @@ TRUST, SMALL = 0.5, 1e-3
 CONVERGED = 1e-10
 #: Size of a Jacobian and number of points up to which the sign of its determinant is watched.
 LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
+#: Residual of redundant rows (m or rad, and per unit of speed) from which they contradict each other.
+APART = 1e-8
 #: Steps are divided down to this share of the span.
 SMALLEST = 1e-12
 
@@ -67,6 +69,10 @@ class Continuation:
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
         first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
         if first is None:
+            nothing = DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0])
+            contradiction = None if singular else self._apart(q, float(grid[0]), float(grid[0]), nothing)
+            if contradiction is not None:
+                raise contradiction
             raise self._singular(
                 float(grid[0]), q, DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0])
             )
@@ -104,10 +110,11 @@ class Continuation:
         except RuntimeError:  # a singular matrix on the way: step by step then
             return q[None, :][:0], v[None, :][:0], a[None, :][:0]
         qs, vs, accelerations = (x.full().T for x in found[:3])
-        correction, remainder = (x.full().ravel() for x in found[4:])
+        correction, remainder, apart = (x.full().ravel() for x in found[4:])
         motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
         good = (correction <= TRUST * motion + SMALL * (1 + motion)) & (remainder <= CONVERGED * (1 + largest(q)))
         good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
+        good &= apart <= APART
         good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
         count = int(np.argmin(good)) if not np.all(good) else times.size
         return qs[:count], vs[:count], accelerations[:count]
@@ -156,7 +163,9 @@ class Continuation:
             else:
                 step /= 2
                 if step < smallest:
-                    raise self._singular(now, q, self._motion(grid, blocks))
+                    raise self._apart(q, now, goal, self._motion(grid, blocks)) or self._singular(
+                        now, q, self._motion(grid, blocks)
+                    )
         return q[None, :], v[None, :], a[None, :]
 
     def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
@@ -168,7 +177,7 @@ class Continuation:
             return None
         qn, vn, an = (x.full().ravel() for x in found[:3])
         remainder = float(found[5])
-        settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn))
+        settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn)) and float(found[6]) <= APART
         return (qn, vn, an) if settled else None
 
     @classmethod
@@ -191,6 +200,27 @@ class Continuation:
     def _motion(grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
         q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
         return DrivenMotion(grid[: len(q)], q, v, a)
+
+    def _apart(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
+        """The error for rows that contradict each other from now on, if that is what stops the motion."""
+        if self.driven.square:
+            return None
+        eom = self.numeric.eom
+        closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
+        jacobian, nu = self.numeric.velocity(now, q)
+        v = np.linalg.lstsq(jacobian, nu, rcond=None)[0]
+        at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
+        residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
+        rows = [eom.row_names[eom.position_rows[k]] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > APART]
+        if not rows:
+            return None
+        return AssemblyError(
+            f"the motion cannot be continued beyond t = {now:.9g} s: the redundant rows {', '.join(rows[:6])} "
+            "contradict each other from there on; what was computed is in .partial",
+            residuals={name: float(value) for name, value in zip(rows, sorted(np.abs(residual))[::-1], strict=False)},
+            time=now,
+            partial=self._wrap(motion),
+        )
 
     def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
         pose: SingularPose = describe_singularity(self.numeric, t, q)

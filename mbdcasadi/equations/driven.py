@@ -26,10 +26,10 @@ class DrivenEquations:
     Attributes
     ----------
     step : casadi.Function
-        ``(q, v, a, t before, t, p) -> (q, v, a, t, correction, remainder)``:
+        ``(q, v, a, t before, t, p) -> (q, v, a, t, correction, remainder, apart)``:
         predict, correct by Newton's method, then velocity and acceleration.
         `correction` is how far the pose was moved from the prediction,
-        `remainder` the last Newton step.
+        `remainder` the last Newton step, `apart` by how much redundant rows contradict each other.
     multipliers : casadi.Function
         ``(t, q, v, a, z, u, p) -> lam`` from ``Phi_q^T lam = Q - M a``, of
         least norm where rows are redundant.
@@ -61,16 +61,17 @@ class DrivenEquations:
             phi, jacobian, _ = position(now, q, p)
             change = self._least_squares(jacobian, phi)
             q = q - change
-        _, jacobian, nu = position(now, q, p)
+        phi, jacobian, nu = position(now, q, p)
         v = self._least_squares(jacobian, nu)
         a = self._least_squares(jacobian, acceleration(now, q, v, p))
         moved = ca.norm_inf(q - predicted)
+        apart = ca.fmax(ca.norm_inf(phi), ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v)))
         return ca.Function(
             "kinematic_step",
             [before, rate, second, earlier, now, p],
-            [q, v, a, now, moved, ca.norm_inf(change)],
+            [q, v, a, now, moved, ca.norm_inf(change), apart],
             ["q0", "v0", "a0", "t0", "t", "p"],
-            ["q", "v", "a", "t_now", "correction", "remainder"],
+            ["q", "v", "a", "t_now", "correction", "remainder", "apart"],
         )
 
     def _multipliers(self) -> ca.Function:

@@ -154,7 +154,7 @@ def test_a_periodic_motion_ties_the_end_to_the_start():
 
 def test_closed_loop_stays_closed_and_replays():
     """The four-bar: constraints at mesh points to rounding, IDAS gives the motion back."""
-    problem, tau, crank = four_bar()
+    problem, tau, _ = four_bar()
     solution = mbd.optimize(problem, intervals=40)
     assert solution.statistics.iterations <= 12
     phi = np.array([solution.state(k)[problem.equations.Phi] for k in range(41)])
