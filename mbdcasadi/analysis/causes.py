@@ -43,8 +43,6 @@ def cause_of_failure(
     """
     eom = numeric.eom
     said = _FLAGS.get(flag, flag)
-    if flag.startswith("the constraints"):
-        return said
     for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
         broken = _forces_not_finite(numeric, time, pose, v[0], z[0])
         if broken:
@@ -56,6 +54,8 @@ def cause_of_failure(
     if values.size and values[-1] < NEAR * values[0]:
         pose = describe_singularity(numeric, t, q[0])
         return f"the pose is singular or nearly so, {pose.text} ({said})"
+    if flag.startswith("the constraints"):
+        return said
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "

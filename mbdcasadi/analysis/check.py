@@ -206,7 +206,7 @@ def _contradictory(numeric: NumericEquations, t: float, q: np.ndarray, null_rows
     residual = np.zeros(eom.lam.numel())
     residual[eom.position_rows] = phi
     broken = [combination for combination in null_rows if abs(combination @ residual) > OPEN]
-    return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), -1)))
+    return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
 
 
 def _singularity(numeric: NumericEquations, t: float, q: np.ndarray, singular: bool) -> tuple[str, tuple[str, ...]]:

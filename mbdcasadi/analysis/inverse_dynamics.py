@@ -21,6 +21,7 @@ from .efforts import EffortProblem
 from .inputs import read_signals
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
 from .mappings import pairs_of, parameter_vector, position_in, time_grid
+from .simulate import simulate
 
 #: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
 TOLERANCE = 1e-6
@@ -105,6 +106,7 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
     eom = numeric.eom
     course = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
     frame = kinematic_trajectory(numeric, course)
+    frame.z = _first_order_states(numeric, frame.t, inputs)
     u = _given_inputs(numeric, frame, inputs)
     function = driven_equations(eom).multipliers
     lam = function(frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p).full().T
@@ -119,6 +121,15 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
         return part.q, part.v, part.a, load, there
 
     return _result(frame, u, lam, notes, refine, numeric.p)
+
+
+def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any) -> np.ndarray:
+    """First-order states along a driven motion (k, n_z): their rates are integrated, the drivers holding the motion."""
+    mechanism = numeric.eom.mechanism
+    if not mechanism.states or grid.size < 2:
+        return np.tile(numeric.eom.estimate[2], (grid.size, 1))
+    own = dict(zip(mechanism.parameters, numeric.p, strict=True))
+    return simulate(mechanism, grid, inputs=inputs, parameters=own, reltol=1e-10, abstol=1e-10).z
 
 
 _LEAST_NORM = "the constraints are redundant: reactions are those of least norm, and not unique where check says so"
@@ -188,6 +199,12 @@ def _of_motion(
     numeric: NumericEquations, course: Trajectory, efforts: tuple[Any, ...], inputs: Any, tolerance: float
 ) -> Trajectory:
     eom = numeric.eom
+    if eom.mechanism.states:
+        names = ", ".join(f"'{z.label}'" for z in eom.mechanism.states)
+        raise MechanismError(
+            f"inverse_dynamics: the first-order states {names} do not follow from motion=; prescribe the motion by "
+            "drivers of the mechanism, with which they are integrated"
+        )
     unknown = [position_in(eom.mechanism.inputs, effort, "efforts=") for effort in efforts]
     q, v, a = (course[x].reshape(course.t.size, -1) for x in (eom.q, eom.v, eom.a))
     z = np.tile(eom.estimate[2], (course.t.size, 1))

@@ -77,7 +77,7 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
     """Trajectory without multipliers."""
     eom = numeric.eom
     count = motion.t.size
-    z = np.tile(eom.estimate[2], (count, 1))
+    z = np.full((count, eom.z.numel()), np.nan)  # they follow from forces, which kinematics does not know
     u = np.tile(eom.input_values, (count, 1))
     lam = np.full((count, eom.lam.numel()), np.nan)
     return Trajectory(

@@ -29,7 +29,7 @@ from .schedule import Chunk, chunks_of, merged
 #: change costs more, the pose must be nearer to it.
 NEARLY_SINGULAR, NEARLY_SINGULAR_MANY = 0.02, 1e-4
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
-APART = 1e-7
+APART = 1e-8
 #: A multistep method starts with some hundred small steps of low order: chunks that take fewer steps than this are
 #: joined (measured: twenty chunks of 140 steps take three times as long as one).
 STEPS_PER_CHUNK = 1000

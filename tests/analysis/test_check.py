@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from linkages import four_bar, n_four_bar, pendulum, slider_crank
+from linkages import four_bar, pendulum, slider_crank
 from random_mechanisms import random_case
 
 import mbdcasadi as mbd
@@ -231,9 +231,6 @@ def test_lock_up():
 
 def test_flat_parallelogram():
     """Flat, with the crank driven: a bifurcation, where several motions go on."""
-    flat = n_four_bar(1)
-    drive = mbd.Driver("drive", flat.first.phi, 0.5 * mbd.t)
-    mechanism = flat.mechanism.replace(drivers=[drive])
     bodies = [box("left", pose=(0.5, 0, 0)), box("top", pose=(1.5, 0, 0)), box("right", pose=(1.5, 0, 0))]
     left, top, right = bodies
     joints = [
@@ -246,8 +243,7 @@ def test_flat_parallelogram():
         mbd.Mechanism(bodies=bodies, joints=joints, drivers=[mbd.Driver("drive", left.phi, 0.5 * mbd.t)])
     )
     assert report.singular == "bifurcation"
-    assert report.degrees_of_freedom == 0
-    assert mbd.check(mechanism).degrees_of_freedom == 0
+    assert report.degrees_of_freedom == 0 and report.redundant_rows == 0
 
 
 def test_at_a_state():

@@ -341,10 +341,10 @@ def test_ctrl_c_keeps_what_was_computed():
     """SIGINT in a long run."""
     f = driven_four_bar(0.5 + 6 * mbd.t)
     mbd.kinematics(f.mechanism, np.linspace(0, 1, 1001))
-    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(mbd.Interrupted) as caught:
-        mbd.kinematics(f.mechanism, np.linspace(0, 5000, 5_000_001))
+        mbd.kinematics(f.mechanism, np.linspace(0, 1000, 1_000_001))
     partial = caught.value.partial
     assert len(partial) > 100
     np.testing.assert_allclose(partial[f.A.angle], 0.5 + 6 * partial.t, rtol=1e-12, atol=1e-12)
