@@ -52,7 +52,7 @@ class Timing:
     at_goal : float
         Time at the goal, s.
     set_up : float
-        Least time to set up, s.
+        Longest time to set up, s: that of the first run, where later ones find it done.
     how : {"between", "better", "extrapolated", "not reached"}
         Whether the goal lies between the settings, below the loosest one, beyond the tightest one tried.
     """
@@ -67,21 +67,19 @@ class Timing:
 
 
 # --- finding the settings --------------------------------------------------------------------------
-def bracket(problem: Problem, method: Method) -> list[float]:
-    """Return the two settings on either side of the goal; fewer where the loosest is good enough or none runs."""
-    tried: list[float] = []
-    best = math.inf
+def bracket(problem: Problem, method: Method) -> dict[float, list[Run]]:
+    """Return the runs at the two settings on either side of the goal; fewer where the loosest will do or none runs."""
+    tried: dict[float, list[Run]] = {}
     for setting in method.settings:
         run = attempt(problem, method, setting)
         if not math.isfinite(run.error):
             if run.seconds > PATIENCE:
                 break
             continue
-        tried.append(setting)
-        best = min(best, run.error)
+        tried[setting] = [run]
         if run.error <= problem.model.goal or run.seconds > PATIENCE:
             break
-    return tried[-2:] if len(tried) > 1 or best > problem.model.goal else tried
+    return dict(list(tried.items())[-2:])
 
 
 def attempt(problem: Problem, method: Method, setting: float) -> Run:
@@ -97,22 +95,20 @@ def attempt(problem: Problem, method: Method, setting: float) -> Run:
 def compare(problem: Problem, methods: list[Method], repeats: int) -> list[Timing]:
     """Time every method at the goal, the methods in turn."""
     suited = [method for method in methods if method.suits(problem)]
-    settings = {method.name: bracket(problem, method) for method in suited}
-    runs: dict[tuple[str, float], list[Run]] = {}
+    runs = {method.name: bracket(problem, method) for method in suited}
     for _ in range(repeats):
         for method in suited:
-            for setting in settings[method.name]:
-                runs.setdefault((method.name, setting), []).append(attempt(problem, method, setting))
-    return [_timing(method.name, settings[method.name], runs, problem.model.goal) for method in suited]
+            for setting, found in runs[method.name].items():
+                found.append(attempt(problem, method, setting))
+    return [_timing(name, found, problem.model.goal) for name, found in runs.items()]
 
 
-def _timing(name: str, settings: list[float], runs: dict[tuple[str, float], list[Run]], goal: float) -> Timing:
-    found = [runs[name, setting] for setting in settings]
-    seconds = [min(run.seconds for run in repeated) for repeated in found]
-    errors = [max(run.error for run in repeated) for repeated in found]
-    set_up = min((run.set_up for repeated in found for run in repeated), default=0.0)
+def _timing(name: str, runs: dict[float, list[Run]], goal: float) -> Timing:
+    seconds = [min(run.seconds for run in repeated) for repeated in runs.values()]
+    errors = [max(run.error for run in repeated) for repeated in runs.values()]
+    set_up = max((run.set_up for repeated in runs.values() for run in repeated), default=0.0)
     at_goal, how = _at_goal(seconds, errors, goal)
-    return Timing(name, settings, seconds, errors, at_goal, set_up, how)
+    return Timing(name, list(runs), seconds, errors, at_goal, set_up, how)
 
 
 def _at_goal(seconds: list[float], errors: list[float], goal: float) -> tuple[float, str]:

@@ -190,7 +190,10 @@ def test_n_four_bar(loops, reltol, tolerance):
     wanted = np.array(A02[loops])
     end = int(wanted[-1, 0])
     start = [f.first.phi == np.pi / 2, f.first.omega == -1]
-    motion = mbd.simulate(f.mechanism, np.linspace(0, end, 50 * end + 1), initial=start, reltol=reltol, abstol=reltol)
+    # with 81 bodies the eliminated form has a full Jacobian, which the implicit integrators would have to factorise
+    method = "erk" if loops > 10 else "idas"
+    settings = {"initial": start, "reltol": reltol, "abstol": reltol, "method": method}
+    motion = mbd.simulate(f.mechanism, np.linspace(0, end, 50 * end + 1), **settings)
     found = motion[f.first.at(0.5, 0).position][(50 * wanted[:, 0]).astype(int)]
     np.testing.assert_allclose(found, wanted[:, 1:], atol=tolerance)
     energy = motion.energy.total
