@@ -231,7 +231,10 @@ class Run:
                     raise KeyboardInterrupt from None
                 flag = failure.flag if form == usual else flag
         z = self._z if usual.algebraic else np.zeros(0)
-        raise self._integrator(usual).rescue(flag, self._x, z, chunk.start, chunk.times, p, channel)
+        failure = self._integrator(usual).rescue(flag, self._x, z, chunk.start, chunk.times, p, channel)
+        if self._interruption.requested:
+            raise KeyboardInterrupt
+        raise failure
 
     def _parameters(self, chunk: Chunk) -> np.ndarray:
         """Parameters of the integrator: those of the model, and the rate at which drift decays."""

@@ -17,9 +17,8 @@ import numpy as np
 from ..errors import SimulationError
 from .console import quiet
 
-#: Steps that an integrator may take in a chunk, at first and at the most, and between two outputs at the least.
-FEWEST_STEPS = 500
-FEW_STEPS, MAX_STEPS = 20_000, 200_000
+#: Steps that an integrator may take between two outputs, at first and at the most.
+FEW_STEPS, MAX_STEPS = 5_000, 200_000
 #: Bisections by which the place of a failure is narrowed down.
 APPROACHES = 16
 #: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
@@ -106,8 +105,6 @@ class Integrator:
         self.steps = 0
 
     def _function(self, offsets: np.ndarray, steps: int) -> ca.Function:
-        # the plugin counts steps between two outputs; what is meant is the whole chunk
-        steps = max(steps // len(offsets), FEWEST_STEPS)
         digits = 12 - int(np.ceil(np.log10(max(offsets[-1], 1e-300))))
         key = (steps, *np.round(offsets, digits))
         if key not in self._functions:
@@ -143,7 +140,7 @@ class Integrator:
         u : numpy.ndarray, optional
             Values by interval (n_u, k).
         steps : int
-            Steps that may be taken.
+            Steps that may be taken between two outputs.
 
         Returns
         -------
@@ -248,7 +245,7 @@ class Integrator:
         low, high = start, end
         for _ in range(APPROACHES):
             middle = (low + high) / 2
-            found = self._attempt(x, z, low, np.array([middle]), p, u, FEW_STEPS // 20)
+            found = self._attempt(x, z, low, np.array([middle]), p, u, FEW_STEPS // 5)
             if isinstance(found, str):
                 high = middle
             else:

@@ -483,6 +483,29 @@ def test_flat_parallelogram_keeps_its_branch():
     assert motion[f.first.phi][-1] < -10
 
 
+@pytest.mark.parametrize(("end", "count"), [(10, 101), (40, 401), (40, 41)])
+def test_flat_chain_on_coarse_outputs(end, count):
+    """Six loops, flat five times a second: the branch is kept whatever the outputs and the length of the run."""
+    f = n_four_bar(6)
+    start = [f.first.phi == np.pi / 2, f.first.omega == -1]
+    motion = mbd.simulate(f.mechanism, np.linspace(0, end, count), initial=start)
+    np.testing.assert_allclose(motion[f.cranks[-1].phi], motion[f.first.phi], atol=1e-8)
+    assert motion.drift.position < 1e-12
+    energy = motion.energy.total
+    assert np.abs(energy - energy[0]).max() < 1e-4 * motion.energy.kinetic.max()
+
+
+def test_redundant_drivers_that_part():
+    """Two drivers of one angle that agree at first: the run stops where they part, and names them."""
+    f = four_bar(
+        0.5,
+        drivers=lambda f: [mbd.Driver("one", f.A.angle, 0.5), mbd.Driver("two", f.A.angle, 0.5 + mbd.t**3)],
+    )
+    with pytest.raises(mbd.MechanismError, match="one.*two|two.*one") as caught:
+        mbd.simulate(f.mechanism, np.linspace(0, 1, 11))
+    assert caught.value.partial.drift.position < 1e-6
+
+
 def test_massless_body_that_moves_freely_is_refused():
     """Mass is missing: the body and the coordinate are named."""
     cart = mbd.Body("cart", mass=1.0, inertia=1.0)
@@ -715,19 +738,19 @@ def test_progress_bar(capsys):
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_ctrl_c_keeps_what_was_computed():
     """SIGINT in a long run: Interrupted soon after, with the part that was done."""
-    f = n_four_bar(6)
-    start = [f.first.phi == np.pi / 2, f.first.omega == -1]
+    f = four_bar(0.5, forces=[mbd.Gravity()])
+    start = [f.A.angle == 0.5, f.crank.omega == 12]
     mbd.simulate(f.mechanism, np.linspace(0, 0.1, 3), initial=start)
-    timer = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+    timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
     timer.start()
     began = time.perf_counter()
     with pytest.raises(mbd.Interrupted, match="user") as caught:
         mbd.simulate(f.mechanism, np.linspace(0, 2000, 20001), initial=start)
-    assert time.perf_counter() - began < 20
+    assert time.perf_counter() - began < 10
     partial = caught.value.partial
     assert isinstance(caught.value, KeyboardInterrupt)
-    assert len(partial) >= 1 and caught.value.time == partial.t[-1]
-    assert partial.q.shape == (len(partial), 3 * 13)
+    assert len(partial) >= 1 and caught.value.time == partial.t[-1] < 2000
+    assert partial.drift.position < 1e-12
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
