@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import equations
+from ..equations import Equations, equations
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
@@ -187,6 +187,13 @@ def _course(mechanism: Mechanism, times: Any, motion: Any, parameters: Any, prog
     if not drivers:
         raise MechanismError("inverse_dynamics: motion= prescribes nothing")
     driven = mechanism.replace(drivers=[*mechanism.drivers, *drivers])
+    eom = equations(driven)
+    short = eom.q.numel() - eom.lam.numel()
+    if short > 0:
+        raise MechanismError(
+            f"the motion is under-determined by {short}: motion= prescribes {len(drivers)} quantities; "
+            "prescribe as many as the mechanism has degrees of freedom"
+        )
     return kinematics(driven, times, parameters=parameters, progress=progress)
 
 
@@ -199,7 +206,7 @@ def _of_motion(
     numeric: NumericEquations, course: Trajectory, efforts: tuple[Any, ...], inputs: Any, tolerance: float
 ) -> Trajectory:
     eom = numeric.eom
-    if eom.mechanism.states:
+    if eom.mechanism.states and not _knows_states(eom, course):
         names = ", ".join(f"'{z.label}'" for z in eom.mechanism.states)
         raise MechanismError(
             f"inverse_dynamics: the first-order states {names} do not follow from motion=; prescribe the motion by "
@@ -207,7 +214,7 @@ def _of_motion(
         )
     unknown = [position_in(eom.mechanism.inputs, effort, "efforts=") for effort in efforts]
     q, v, a = (course[x].reshape(course.t.size, -1) for x in (eom.q, eom.v, eom.a))
-    z = np.tile(eom.estimate[2], (course.t.size, 1))
+    z = course[eom.z].reshape(course.t.size, -1) if eom.z.numel() else np.zeros((course.t.size, 0))
     lam = np.full((course.t.size, eom.lam.numel()), np.nan)
     u = np.tile(eom.input_values, (course.t.size, 1))
     frame = Trajectory(eom.mechanism, course.t, q, v, a, z, lam, u, numeric.p)
@@ -225,6 +232,16 @@ def _of_motion(
         return part.q, part.v, part.a, part.lam, part.inputs
 
     return _result(frame, u, lam, notes, refine, numeric.p)
+
+
+def _knows_states(eom: Equations, course: Trajectory) -> bool:
+    """Whether a trajectory has the first-order states of the mechanism."""
+    theirs = course.mechanism.states
+    return (
+        course.z.size > 0
+        and bool(np.all(np.isfinite(course.z)))
+        and all(any(z is o for o in theirs) for z in eom.mechanism.states)
+    )
 
 
 def _check_motion(frame: Trajectory, tolerance: float) -> None:

@@ -35,11 +35,16 @@ APART = 1e-8
 STEPS_PER_CHUNK = 1000
 #: The same, below which no chunk is to end: the projection there is uncertain, and a start from it is off.
 NO_START = 0.02
+#: How far a body may turn in a chunk of the regularised form, rad.
+TURN_PER_CHUNK = 3.0
 #: Decay of drift in the regularised form: so many times in a chunk, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
-NEAR_SINGULAR = "the motion comes near a singular pose: from there on the regularised form is integrated"
+NEAR_SINGULAR = (
+    "the motion comes near a singular pose, where another branch begins: from there on the regularised form is "
+    "integrated; over many such poses compare the energy, or a run with method='erk'"
+)
 
 
 class Outcome(Enum):
@@ -47,6 +52,7 @@ class Outcome(Enum):
 
     DONE = "done"
     WAITING = "it ends near a singular pose and is run again together with the next one"
+    SHORTEN = "it comes near a singular pose and is run again in chunks of the usual length"
     ENDED = "a terminal event ended the run"
 
 
@@ -85,6 +91,7 @@ class Run:
         self._integrators: dict[Formulation, Integrator] = {}
         self._outputs = {flag: Outputs(numeric, feed, redundant=flag) for flag in (False, True)}
         self._regular = 0.0
+        self._fastest = 0.0
 
     @property
     def outputs(self) -> Outputs:
@@ -120,7 +127,7 @@ class Run:
     def _cuts(self) -> dict[str, Any]:
         """What decides on the chunks besides the output grid."""
         signals = self.feed.signals
-        return {"period": self.feed.period, "fine": bool(self.watch.events), "breaks": signals.breaks}
+        return {"period": self.feed.period, "breaks": signals.breaks}
 
     def _chunks(self, chunks: list[Chunk]) -> None:
         waiting: Chunk | None = None
@@ -133,12 +140,21 @@ class Run:
                     self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
                 joined = chunk if waiting is None else waiting.joined(chunk)
                 outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
+                if outcome is Outcome.SHORTEN:
+                    left, waiting = self._shortened([joined, *left]), None
+                    continue
                 bar.update(chunk.length)
                 if outcome is Outcome.ENDED:
                     return
                 waiting = joined if outcome is Outcome.WAITING else None
                 if chunk is chunks[0]:
                     left = self._lengthened(left)
+
+    def _shortened(self, chunks: list[Chunk]) -> list[Chunk]:
+        """Chunks in which no body turns far, so that little drift meets a singular pose."""
+        pieces = [piece for chunk in chunks for piece in chunk.pieces]
+        counts = [int(np.ceil(piece.length * self._fastest / TURN_PER_CHUNK)) for piece in pieces]
+        return [short for piece, n in zip(pieces, counts, strict=True) for short in piece.divided(max(n, 1))]
 
     def _lengthened(self, chunks: list[Chunk]) -> list[Chunk]:
         """Fewer, longer chunks where a multistep method would spend most of its steps on starting."""
@@ -159,8 +175,9 @@ class Run:
         if self.outputs.recovery.left_over > APART:
             x, failure = self._together(times, x)
             times, wanted = times[: len(x)], wanted[: len(x)]
+        self._note_turning(x)
         if failure is None and self._comes_near_singular():
-            return self._one_chunk(chunk, may_wait=may_wait)
+            return Outcome.SHORTEN
         if failure is None and may_wait and self._ends_near_singular():
             return Outcome.WAITING
         ended = False
@@ -231,17 +248,21 @@ class Run:
                     raise KeyboardInterrupt from None
                 flag = failure.flag if form == usual else flag
         z = self._z if usual.algebraic else np.zeros(0)
-        failure = self._integrator(usual).rescue(flag, self._x, z, chunk.start, chunk.times, p, channel)
+        stopped = self._integrator(usual).rescue(flag, self._x, z, chunk.start, chunk.times, p, channel)
         if self._interruption.requested:
             raise KeyboardInterrupt
-        raise failure
+        raise stopped
 
     def _parameters(self, chunk: Chunk) -> np.ndarray:
         """Parameters of the integrator: those of the model, and the rate at which drift decays."""
-        n = self.numeric.eom.q.numel()
-        turning = self._x[n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
-        rate = max(DECAY / min(self._usual_length, chunk.length), DECAY_PER_RADIAN * largest(turning))
+        rate = max(DECAY / min(self._usual_length, chunk.length), DECAY_PER_RADIAN * self._fastest)
         return np.r_[self.numeric.p, rate]
+
+    def _note_turning(self, x: np.ndarray) -> None:
+        """Keep the largest angular velocity that was seen."""
+        n = self.numeric.eom.q.numel()
+        turning = x[:, n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
+        self._fastest = max(self._fastest, largest(turning))
 
     def _comes_near_singular(self) -> bool:
         """Change to the regularised form where the poses of a chunk come near to a singular one."""

@@ -9,8 +9,8 @@ import numpy as np
 
 #: Chunks of a run: every restart of an integrator costs, and progress, cancelling and partial results need some.
 CHUNKS = 20
-#: Points at which a run looks for singular poses, and for events, at the least.
-WATCH_POINTS, EVENT_POINTS = 100, 400
+#: Points at which a run looks for singular poses and for events, at the least.
+WATCH_POINTS = 400
 
 
 @dataclass(frozen=True)
@@ -25,25 +25,38 @@ class Chunk:
         Outputs of the integrator, the last one its end.
     wanted : numpy.ndarray of bool
         Which of them are outputs of the user.
+    parts : tuple of Chunk
+        What it was joined from.
     """
 
     start: float
     times: np.ndarray
     wanted: np.ndarray
+    parts: tuple[Chunk, ...] = ()
+
+    @property
+    def pieces(self) -> list[Chunk]:
+        """The chunks of usual length of which it was made."""
+        return [piece for part in self.parts for piece in part.pieces] if self.parts else [self]
 
     @property
     def length(self) -> float:
         """Time that it takes, s."""
         return float(self.times[-1] - self.start)
 
+    def divided(self, count: int) -> list[Chunk]:
+        """The same stretch in shorter chunks, as far as its outputs allow."""
+        groups = [g for g in np.array_split(np.arange(self.times.size), min(count, self.times.size)) if g.size]
+        starts = [self.start, *[float(self.times[g[-1]]) for g in groups[:-1]]]
+        return [Chunk(s, self.times[g], self.wanted[g]) for s, g in zip(starts, groups, strict=True)]
+
     def joined(self, following: Chunk) -> Chunk:
         """This chunk and the one that follows, as one."""
-        return Chunk(self.start, np.r_[self.times, following.times], np.r_[self.wanted, following.wanted])
+        times, wanted = np.r_[self.times, following.times], np.r_[self.wanted, following.wanted]
+        return Chunk(self.start, times, wanted, (self, following))
 
 
-def chunks_of(
-    grid: np.ndarray, *, period: float | None = None, fine: bool = False, breaks: np.ndarray | None = None
-) -> list[Chunk]:
+def chunks_of(grid: np.ndarray, *, period: float | None = None, breaks: np.ndarray | None = None) -> list[Chunk]:
     """Cut an output grid into chunks.
 
     Parameters
@@ -52,8 +65,6 @@ def chunks_of(
         Output times, the first one the start.
     period : float, optional
         Sampling period of a controller: a chunk ends at each multiple of it.
-    fine : bool
-        Whether many points are added between the outputs, to look for events.
     breaks : numpy.ndarray, optional
         Times at which inputs change; the integrator stops there.
     """
@@ -68,9 +79,8 @@ def chunks_of(
     extra = [borders]
     if breaks is not None and breaks.size:
         extra.append(breaks[(breaks > start) & (breaks < end)])
-    points = EVENT_POINTS if fine else WATCH_POINTS
-    if grid.size < points:
-        pieces = int(np.ceil(points / (grid.size - 1)))
+    if grid.size < WATCH_POINTS:
+        pieces = int(np.ceil(WATCH_POINTS / (grid.size - 1)))
         extra += [np.concatenate([np.linspace(a, b, pieces + 1)[1:] for a, b in pairwise(grid)])]
     times, wanted = _merge(grid[1:], np.concatenate(extra), tolerance=1e-9 * (end - start))
     chunks, first, since = [], 0, float(start)

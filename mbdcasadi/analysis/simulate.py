@@ -111,6 +111,8 @@ def simulate(
     tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if options is not None and not isinstance(options, dict):
+        raise SimulationError(f"simulate: options= takes a dict for the integrator, got {options!r}")
     own = _carried_by(initial, mechanism)
     numeric = NumericEquations(
         eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))

@@ -94,7 +94,7 @@ class Mechanism(Immutable):
             raise ModelError("a mechanism needs at least one body")
         for argument, parts in (("joints", self.joints), ("drivers", self.drivers), ("forces", self.forces)):
             for part in parts:
-                if not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
+                if isinstance(part, type) or not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
                     raise ModelError(f"{argument}= takes model elements, got {part!r}")
                 if argument == "forces" and part.rows.numel():
                     raise ModelError(f"{part.what} is a constraint; give it in joints= or drivers=")

@@ -224,6 +224,14 @@ t = ca.SX.sym("t")
 _TIME_ROLE = register(t, "time", "t", rate=ca.SX(1))
 
 
+def as_expression(value: Any, what: str) -> ca.SX:
+    """Return an expression, or raise where CasADi cannot make one."""
+    try:
+        return ca.SX(value)
+    except (NotImplementedError, TypeError, RuntimeError):
+        raise ExpressionError(f"{what}: expected a casadi.SX expression or numbers, got {value!r}") from None
+
+
 def symbols_of(expression: Any) -> list[ca.SX]:
     """Scalar symbols on which an expression depends, in the order in which they occur."""
     return ca.symvar(ca.SX(expression))
@@ -264,7 +272,7 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
     >>> mbd.time_derivative(mbd.sin(arm.phi))
     SX((cos(arm.phi)*arm.omega))
     """
-    expression = ca.SX(expression)
+    expression = as_expression(expression, "time_derivative")
     rates = {} if mechanism is None else {s.element_hash(): r for s, r in mechanism.state_rates.items()}
     varying, rate = [], []
     for symbol in symbols_of(expression):

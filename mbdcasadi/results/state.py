@@ -10,6 +10,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
+from ..model.symbols import as_expression
 from .finite import refuse_nan
 
 
@@ -78,7 +79,7 @@ class State:
         ExpressionError
             For a symbol that the mechanism does not have, and where the expression has no value.
         """
-        expression = ca.SX(expression)
+        expression = as_expression(expression, "state[…]")
         eom = self.equations
         function = eom.function(expression)
         if self._obstacle is not None and ca.depends_on(expression, ca.vertcat(eom.a, eom.lam)):

@@ -12,6 +12,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.mechanism import Mechanism
+from ..model.symbols import as_expression
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
 from .records import Drift, Energy, EventOccurrence, Statistics
@@ -96,7 +97,7 @@ class Trajectory:
         ExpressionError
             For a symbol that the mechanism does not have, and where the expression has no value.
         """
-        expression = ca.SX(expression)
+        expression = as_expression(expression, "motion[…]")
         function = self.equations.function(expression)
         if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
             raise MechanismError(self._missing_multipliers)
@@ -161,8 +162,10 @@ class Trajectory:
             For times outside the trajectory.
         """
         wanted = np.atleast_1d(np.asarray(times, float))
-        if not self.t.size:
-            raise MechanismError("the trajectory has no times to interpolate between")
+        if not self.t.size or not wanted.size:
+            raise MechanismError(
+                "a trajectory of no times cannot be interpolated" if wanted.size else "at() was given no times"
+            )
         slack = 1e-12 * max(1.0, abs(self.t[-1]))
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
         if np.any(outside):
