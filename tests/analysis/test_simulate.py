@@ -487,13 +487,17 @@ def test_flat_parallelogram_keeps_its_branch():
 
 
 LOSES_BRANCH = pytest.mark.xfail(
-    reason="IDAS at default tolerances leaves the branch after some forty flat poses; a note tells that they were passed"
+    reason="IDAS at default tolerances leaves the branch after some forty flat poses; a note tells of them"
 )
 
 
 @pytest.mark.parametrize(
     ("end", "count"),
-    [(10, 101), pytest.param(40, 401, marks=[pytest.mark.slow, LOSES_BRANCH]), pytest.param(40, 41, marks=LOSES_BRANCH)],
+    [
+        (10, 101),
+        pytest.param(40, 401, marks=[pytest.mark.slow, LOSES_BRANCH]),
+        pytest.param(40, 41, marks=LOSES_BRANCH),
+    ],
 )
 def test_flat_chain_on_coarse_outputs(end, count):
     """Six loops, flat five times a second: the branch is kept whatever the outputs and the length of the run."""
