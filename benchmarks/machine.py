@@ -52,3 +52,13 @@ def describe() -> str:
     found = machine()
     versions = ", ".join(f"{name} {number}" for name, number in found["versions"].items())
     return f"{found['date']}; {found['cores']} cores, {found['processor']}; Python {found['python']}, {versions}"
+
+
+def into_readme(section: str, text: str) -> None:
+    """Put tables between the two marks of a section in README.md."""
+    path = Path(__file__).parent / "README.md"
+    before, _, rest = path.read_text().partition(f"<!-- {section} -->")
+    _, end, after = rest.partition(f"<!-- end of {section} -->")
+    if not end:
+        raise ValueError(f"README.md has no section {section!r}")
+    path.write_text(f"{before}<!-- {section} -->\n{text.strip()}\n{end}{after}")

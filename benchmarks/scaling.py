@@ -18,7 +18,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from machine import describe, machine, one_thread
+from machine import describe, into_readme, machine, one_thread
 
 one_thread()
 
@@ -156,15 +156,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--links", type=int, nargs="+", default=list(LINKS), help="numbers of links")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each measure, of which the least counts")
+    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
     parser.add_argument("--output", type=Path, default=RESULTS / "scaling.json", help="JSON file")
     chosen = parser.parse_args(arguments)
-    print(f"{describe()}; the least of {chosen.repeats} repeats\n")
+    said = [f"{describe()}; the least of {chosen.repeats} repeats."]
     sizes = [measure(links, chosen.repeats) for links in chosen.links]
-    print(scaling_table(sizes) + "\n", flush=True)
+    said.append(scaling_table(sizes))
     first, again = inverse_dynamics(chosen.repeats)
-    print(f"Inverse dynamics of the four-bar, {POINTS} points: {again:.2f} s ({first:.2f} s the first time)")
+    said.append(f"Inverse dynamics of the four-bar, {POINTS} points: {again:.2f} s ({first:.2f} s the first time).")
     imports = import_times(max(chosen.repeats, 3))
-    print("Import: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in imports.items()))
+    said.append("Import: " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in imports.items()) + ".")
+    print("\n\n".join(said))
+    if chosen.readme:
+        into_readme("scaling", "\n\n".join(said))
     content = {
         "machine": machine(),
         "repeats": chosen.repeats,

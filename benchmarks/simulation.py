@@ -2,6 +2,7 @@
 
     python benchmarks/simulation.py                       # the default models
     python benchmarks/simulation.py four_bar chain40 --repeats 5
+    python benchmarks/simulation.py --readme              # and put the tables into README.md
 
 For each model and method the tolerance (or step size) is tightened until the
 largest position error falls below the goal of the model. The two settings on
@@ -16,13 +17,12 @@ import argparse
 import json
 import math
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from machine import describe, machine, one_thread
+from machine import describe, into_readme, machine, one_thread
 
 one_thread()
 
@@ -164,6 +164,21 @@ def build(model: Model, repeats: int) -> Build:
 
 
 # --- the tables ----------------------------------------------------------------------------------------
+def summary_table(compared: dict[str, list[Timing]], durations: dict[str, float]) -> str:
+    """Markdown table of all models: the default in milliseconds, the other methods as ratios to it."""
+    lines = ["| | " + " | ".join(compared) + " |", "|---|" + "---:|" * len(compared)]
+    names = list(dict.fromkeys(timing.method for timings in compared.values() for timing in timings))
+    for k, name in enumerate(names):
+        cells = []
+        for model, timings in compared.items():
+            found = next((timing.at_goal for timing in timings if timing.method == name), math.inf)
+            value = 1e3 * found / durations[model] if k == 0 else found / timings[0].at_goal
+            cells.append(_short(value) if math.isfinite(value) else "–")
+        label = f"**{name}**, ms per simulated second" if k == 0 else f"{name}, ratio"
+        lines.append(f"| {label} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 def comparison_table(problem: Problem, timings: list[Timing]) -> str:
     """Markdown table of one model."""
     model = problem.model
@@ -223,20 +238,29 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("models", nargs="*", default=list(DEFAULT), help=f"of {', '.join(MODELS)}")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each measure, of which the least counts")
     parser.add_argument("--no-jit", action="store_true", help="leave out what takes the C compiler")
+    parser.add_argument("--readme", action="store_true", help="put the tables into README.md")
     parser.add_argument("--output", type=Path, default=RESULTS / "simulation.json", help="JSON file")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.models if name not in MODELS]
     if unknown:
         parser.error(f"unknown model {', '.join(unknown)}; known are {', '.join(MODELS)}")
-    print(f"{describe()}; the least of {chosen.repeats} repeats\n")
+    said: list[str] = []
+
+    def report(text: str) -> None:
+        said.append(text)
+        print(text + "\n", flush=True)
+
+    report(f"{describe()}; the least of {chosen.repeats} repeats.")
     builds: dict[str, Build] = {}
+    compared: dict[str, list[Timing]] = {}
+    durations: dict[str, float] = {}
     results: dict[str, Any] = {}
-    report: Callable[..., None] = lambda text: print(text + "\n", flush=True)  # noqa: E731
     for name in chosen.models:
         model = MODELS[name]()
         builds[model.name] = build(model, chosen.repeats)
         problem = Problem(model)
         timings = compare(problem, all_methods(jit=not chosen.no_jit), chosen.repeats)
+        compared[model.name], durations[model.name] = timings, model.duration
         report(comparison_table(problem, timings))
         results[name] = {
             "goal": model.goal,
@@ -245,7 +269,11 @@ def main(arguments: list[str] | None = None) -> None:
             "build": asdict(builds[model.name]),
             "timings": [asdict(timing) for timing in timings],
         }
+    report(summary_table(compared, durations))
     report(build_table(builds))
+    if chosen.readme:
+        # the summary first
+        into_readme("simulation", "\n\n".join([said[0], said[-2], *said[1:-2], "Build times, ms:", said[-1]]))
     chosen.output.parent.mkdir(parents=True, exist_ok=True)
     content = {"machine": machine(), "repeats": chosen.repeats, "models": results}
     chosen.output.write_text(json.dumps(_finite(content), indent=1) + "\n")
