@@ -56,8 +56,11 @@ from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative
 from .optimal_control.failure import OptimizationError
 from .optimal_control.optimize import optimize
-from .optimal_control.problem import OptimalControlProblem, at_end, at_start, integral
+from .optimal_control.placeholders import at_end, at_start, integral
+from .optimal_control.problem import OptimalControlProblem
 from .optimal_control.solution import Solution
+from .optimal_control.storage import read_solution
+from .optimal_control.waypoints import Waypoint
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .mechanism import Mechanism
 
 #: What a symbol can stand for.
-KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "parameter", "state")
+KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +127,12 @@ class Input(Symbol):
     lower, upper : float, default -inf and inf
         Limits: they hold in optimal control; ``simulate`` warns where they are exceeded.
 
+    Attributes
+    ----------
+    rate : casadi.SX
+        Its rate of change, for costs and path conditions of optimal control;
+        other analyses do not know it.
+
     Examples
     --------
     >>> tau = Input("tau", lower=-50, upper=50)
@@ -138,6 +144,9 @@ class Input(Symbol):
 
     def __init__(self, label: str, value: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
         super().__init__(label)
+        self.rate = ca.SX.sym(f"{label}.rate")
+        self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
+        self._role = register(self, "input", label, rate=self.rate)
         what = f"input '{label}'"
         self.value = number(value, what, "value")
         self.lower, self.upper = _bounds(what, lower, upper)
@@ -258,12 +267,13 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
     Returns
     -------
     casadi.SX
-        Same shape; accelerations occur where velocities did.
+        Same shape; accelerations occur where velocities did, and ``Input.rate``, which
+        optimal control alone knows, where inputs did.
 
     Raises
     ------
     ExpressionError
-        Where the expression holds an input, an acceleration or a multiplier, whose rates the model does not know.
+        Where the expression holds an acceleration or a multiplier, whose rates the model does not know.
 
     Examples
     --------

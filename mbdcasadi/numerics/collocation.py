@@ -1,18 +1,37 @@
-"""Gauss–Legendre collocation of second-order systems: points, weights, exact double integrals."""
+"""Polynomials of collocation on the unit interval: Gauss–Legendre points, Lagrange bases, their integrals."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
 
 
+def powers(share: Any, count: int) -> Any:
+    """``1, s, s², …`` as a column; of numbers (count, k), or of a CasADi expression."""
+    if isinstance(share, ca.SX):
+        return ca.vertcat(ca.SX(0, 1), *[share**k for k in range(count)])
+    return np.asarray(share, float).reshape(1, -1) ** np.arange(count)[:, None]
+
+
+def combine(coefficients: np.ndarray, base: Any) -> Any:
+    """Product of a constant matrix with powers of numbers, or of a CasADi expression."""
+    return ca.DM(coefficients) @ base if isinstance(base, ca.SX) else coefficients @ base
+
+
+def lagrange_coefficients(points: np.ndarray) -> np.ndarray:
+    """Monomial coefficients of the Lagrange polynomials on points (k, k): one row for each, lowest power first."""
+    return np.linalg.inv(np.vander(points, increasing=True)).T if len(points) else np.zeros((0, 0))
+
+
 @dataclass(frozen=True)
 class Gauss:
-    """Coefficients on the unit interval, for values given at d Gauss points.
+    """Gauss–Legendre points on the unit interval and the polynomials through values there.
 
     Attributes
     ----------
@@ -20,58 +39,37 @@ class Gauss:
         ``c`` (d,).
     weights : numpy.ndarray
         ``b`` (d,), of the integral over the interval.
-    once : numpy.ndarray
-        ``A`` (d, d): integrals of the Lagrange polynomials up to each point.
-    twice : numpy.ndarray
-        (d, d): their double integrals up to each point.
-    weights_twice : numpy.ndarray
-        (d,): their double integrals over the interval.
-    at_start, at_end : numpy.ndarray
-        (d,): their values at the ends of the interval.
     """
 
     points: np.ndarray
     weights: np.ndarray
-    once: np.ndarray
-    twice: np.ndarray
-    weights_twice: np.ndarray
-    at_start: np.ndarray
-    at_end: np.ndarray
 
     @property
     def degree(self) -> int:
         """Number of points."""
         return self.points.size
 
-    def basis(self, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Lagrange polynomials, their integrals and double integrals at shares of the interval, each (k, d)."""
-        polynomials = _lagrange(self.points)
+    @cached_property
+    def _levels(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Coefficients of the Lagrange polynomials, their integrals and double integrals, each (d, d + 2)."""
+        polynomials = [Polynomial(row) for row in lagrange_coefficients(self.points)]
         levels = [polynomials, [p.integ() for p in polynomials], [p.integ(2) for p in polynomials]]
-        return tuple(np.column_stack([p(shares) for p in level]) for level in levels)  # type: ignore[return-value]
+        width = self.degree + 2
+        padded = [np.array([np.pad(p.coef, (0, width - p.coef.size)) for p in level]) for level in levels]
+        return padded[0], padded[1], padded[2]
 
+    def basis(self, share: Any) -> tuple[Any, Any, Any]:
+        """Lagrange polynomials, their integrals and double integrals at a share of the interval.
 
-def _lagrange(points: np.ndarray) -> list[Polynomial]:
-    found = []
-    for k, point in enumerate(points):
-        others = np.delete(points, k)
-        found.append(Polynomial.fromroots(others) / np.prod(point - others) if others.size else Polynomial([1.0]))
-    return found
+        Each (d, k) for k numbers, or (d,) for a CasADi expression.
+        """
+        base = powers(share, self.degree + 2)
+        value, once, twice = (combine(level, base) for level in self._levels)
+        return value, once, twice
 
 
 @lru_cache(maxsize=16)
 def gauss(degree: int) -> Gauss:
-    """Return the Gauss–Legendre coefficients with `degree` points; order ``2 degree``."""
-    nodes, _ = leggauss(degree)
-    points = (nodes + 1) / 2
-    polynomials = _lagrange(points)
-    integrals = [p.integ() for p in polynomials]
-    double = [p.integ(2) for p in polynomials]
-    return Gauss(
-        points,
-        np.array([p(1.0) for p in integrals]),
-        np.column_stack([p(points) for p in integrals]),
-        np.column_stack([p(points) for p in double]),
-        np.array([p(1.0) for p in double]),
-        np.array([p(0.0) for p in polynomials]),
-        np.array([p(1.0) for p in polynomials]),
-    )
+    """Return the Gauss–Legendre points with their weights; order ``2 degree``."""
+    nodes, weights = leggauss(degree)
+    return Gauss((nodes + 1) / 2, weights / 2)

@@ -28,8 +28,14 @@ class Interruption:
 
 
 @contextmanager
-def interruptible() -> Iterator[Interruption]:
-    """Remember Ctrl-C: inside an integrator it comes back as an error that does not say so."""
+def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
+    """Remember Ctrl-C: inside compiled code it comes back as an error that does not say so.
+
+    Parameters
+    ----------
+    raising : bool, default True
+        Whether Python code is interrupted too; else who runs must ask `requested`.
+    """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():
         yield interruption
@@ -38,7 +44,8 @@ def interruptible() -> Iterator[Interruption]:
 
     def remember(number: int, frame: Any) -> None:
         interruption.requested = True
-        raise KeyboardInterrupt
+        if raising:
+            raise KeyboardInterrupt
 
     signal.signal(signal.SIGINT, remember)
     try:

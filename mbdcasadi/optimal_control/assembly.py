@@ -31,8 +31,6 @@ class Piece:
         Scalar.
     index : numpy.ndarray
         Where each variable of each copy sits in the whole (n, copies).
-    values : numpy.ndarray
-        Data by copy (n_data, copies).
     """
 
     variables: ca.SX
@@ -68,6 +66,7 @@ class SparseProgram:
             copies = piece.index.shape[1]
             self._data.append(ca.reshape(self._p[first : first + count], piece.data.numel(), copies))
             first += count
+        self.data_size = first
         self.row_count = sum(p.rows.numel() * p.index.shape[1] for p in pieces)
 
     def solver(self, options: dict) -> ca.Function:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MechanismError
-from .program import MotionProgram
 
 if TYPE_CHECKING:
     from .solution import Solution
@@ -39,20 +38,29 @@ class Violation:
     label : str
         Which equation of which element.
     violation : float
-        By how much, in the row's own unit.
+        By how much, in the unit.
+    unit : str
+        Of the row.
     time : float
         When, s.
     interval : int or None
-        In which interval of the mesh; None for conditions at the ends.
+        In which interval of the mesh; None for conditions at one place.
+    share : float
+        Where in that interval, 0 to 1.
     scaled : float
         By how much, relative to the typical size.
     """
 
     label: str
     violation: float
+    unit: str
     time: float
     interval: int | None
+    share: float
     scaled: float
+
+    def __str__(self) -> str:
+        return f"{self.label} by {self.violation:.3g} {self.unit} at t = {self.time:.6g} s"
 
 
 class OptimizationError(MechanismError):
@@ -71,17 +79,24 @@ class OptimizationError(MechanismError):
         self.largest_violations = largest_violations
 
 
-def explain_failure(
-    solution: Solution, program: MotionProgram, mesh: np.ndarray, rows: np.ndarray, equality: np.ndarray, status: str
-) -> OptimizationError:
-    """The error for a solve that did not succeed."""
-    violations = _violations(solution, program, mesh, rows, equality)
+def explain_failure(solution: Solution, rows: np.ndarray, status: str) -> OptimizationError:
+    """The error for a solve that did not succeed.
+
+    Parameters
+    ----------
+    solution : Solution
+        The last iterate.
+    rows : numpy.ndarray
+        Scaled rows of the program there.
+    status : str
+        The solver's own word.
+    """
+    violations = violations_of(solution, rows)
     words = _WORDS.get(status, f"the solver stopped: {status}")
     if status == "Solved_To_Acceptable_Level" or not violations:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
-        first = violations[0]
-        worst = f"; least met is: {first.label} by {first.violation:.3g} at t = {first.time:.6g} s"
+        worst = f"; least met is: {violations[0]}"
     if violations and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(
@@ -92,20 +107,14 @@ def explain_failure(
     )
 
 
-def _violations(
-    solution: Solution, program: MotionProgram, mesh: np.ndarray, rows: np.ndarray, equality: np.ndarray
-) -> list[Violation]:
-    amount = np.where(equality, np.abs(rows), np.maximum(rows, 0.0))
-    found: list[Violation] = []
-    k = 0
-    places = [(i, g) for i in range(program.count) for g in program.interval_groups]
-    for interval, group in [*places, *[(None, g) for g in program.end_groups]]:
-        for label, size in zip(group.labels, group.scale, strict=True):
-            if amount[k] > COUNTS:
-                share = group.share
-                if interval is not None:
-                    share = mesh[interval] + group.share * (mesh[interval + 1] - mesh[interval])
-                time = float(share * solution.duration)
-                found.append(Violation(label, float(amount[k] * size), time, interval, float(amount[k])))
-            k += 1
+def violations_of(solution: Solution, rows: np.ndarray) -> list[Violation]:
+    """Rows that are not met, the largest first."""
+    program, mesh = solution.program, solution.mesh
+    amount = np.where(program.equalities, np.abs(rows), np.maximum(rows, 0.0))
+    found = []
+    for k in np.flatnonzero(~(amount <= COUNTS)):
+        label, unit, size, _, _, interval, share = program.rows[k]
+        time = float(mesh[interval] + share * (mesh[interval + 1] - mesh[interval]))
+        where = interval if k < program.interval_rows else None
+        found.append(Violation(label, float(amount[k] * size), unit, time, where, float(share), float(amount[k])))
     return sorted(found, key=lambda v: -v.scaled)

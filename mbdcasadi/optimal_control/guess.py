@@ -1,119 +1,177 @@
-"""Where the search starts: a motion by continuation, or another solution."""
+"""First guesses of a motion: by continuation of poses, from trajectories, from other solutions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 
-import casadi as ca
 import numpy as np
 
 from ..analysis.pose import PoseProblem
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError
+from ..errors import ModelError
 from ..model.conditions import Condition
-from ..numerics.least_squares import largest, solve
+from ..numerics.least_squares import solve
 from ..results.state import State
 from ..results.trajectory import Trajectory
+from .mesh import Mesh
 from .problem import OptimalControlProblem
 from .program import MotionProgram
 
-#: Steps of the continuation from the first to the last pose, at the least.
+#: Steps of the continuation from pose to pose, at the least.
 STEPS = 40
+
+#: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at times given.
+Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A motion to start from.
+
+    Attributes
+    ----------
+    sample : callable
+        Times (k,) to values by name.
+    marks : numpy.ndarray
+        Times of start, waypoints and end, s.
+    parameters : numpy.ndarray
+        Values of the free parameters.
+    word : str
+        Where it comes from.
+    """
+
+    sample: Sampler
+    marks: np.ndarray
+    parameters: np.ndarray
+    word: str
+
+    def variables(self, program: MotionProgram, mesh: Mesh) -> np.ndarray:
+        """Variables of a program, scaled."""
+        scheme, x = program.scheme, np.zeros(program.size)
+        times = mesh.times(self.marks)
+        nodes = self.sample(times)
+        columns = [nodes[name] for name, size in scheme.node_parts.items() if size]
+        values = np.hstack(columns)
+        for k in range(times.size):
+            x[program.node_index(k)[: values.shape[1]]] = values[k]
+        lengths = np.diff(times)
+        for name, (size, shares) in scheme.block_parts.items():
+            if size and shares.size and np.all(np.isfinite(shares)):
+                inner = (times[:-1, None] + lengths[:, None] * shares[None, :]).ravel()
+                found = self.sample(inner)[name]
+                found = (found[:, scheme.rows] if name == "lam" else found).reshape(lengths.size, -1)
+                part = scheme.block_slice(name)
+                for i in range(lengths.size):
+                    x[program.block_index(i)[part]] = found[i]
+        x[program.mark_index] = self.marks[: program.mark_count]
+        x[program.parameter_index] = self.parameters
+        return x / program.scale
+
+
+def nominal_marks(problem: OptimalControlProblem, duration: float) -> np.ndarray:
+    """Times of start, waypoints and end to begin with: free ones in the middle of what they may be."""
+    marks = [0.0]
+    spans = [w.time for w in problem.waypoints]
+    for k, (low, high) in enumerate(spans):
+        latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
+        high, low = min(high, latest), max(low, marks[-1])
+        left = len(spans) - k + 1  # phases that are still to come
+        even = marks[-1] + (latest - marks[-1]) / left
+        marks.append(low if low == high else float(np.clip(even, low, high)))
+    marks.append(duration)
+    lengths = np.diff(marks)
+    if np.any(lengths <= 0):
+        raise ModelError(f"the times of the waypoints {marks[1:-1]} leave no motion between them")
+    return np.array(marks)
+
+
+def kinematic_poses(
+    problem: OptimalControlProblem, numeric: NumericEquations, start: State, marks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,) and poses (k, n) by continuation from the start through the waypoints to the end.
+
+    The conditions of the next place are moved in steps from the value that
+    they have in the last pose to their target; each pose is assembled from the
+    one before. A straight line in the coordinates would tear closed loops apart.
+    """
+    final = problem.final
+    places = [list(w.conditions) for w in problem.waypoints] + [[] if isinstance(final, State) else list(final)]
+    times, poses = [0.0], [start.q]
+    for k, conditions in enumerate(places):
+        leg = _leg(numeric, _on_positions(conditions), poses[-1], start.z, float(marks[k + 1]))
+        if k == len(places) - 1 and isinstance(final, State):
+            leg = _towards(numeric, poses[-1], final.q, float(marks[-1]))
+        times += (marks[k] + (marks[k + 1] - marks[k]) * np.linspace(0, 1, len(leg) + 1)[1:]).tolist()
+        poses += leg
+    return np.array(times), np.array(poses)
+
+
+def _leg(
+    numeric: NumericEquations, conditions: list[Condition], q: np.ndarray, z: np.ndarray, t: float
+) -> list[np.ndarray]:
+    """Poses from one place to the next; the last one stays where the linkage does not reach further."""
+    if not conditions:
+        return [q]
+    poses = PoseProblem(numeric, conditions, t, z)
+    first, path = poses.values(conditions, q), []
+    for k in range(1, STEPS + 1):
+        rows = poses.rows_with(conditions, (1 - k / STEPS) * first)
+        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=0.5)
+        if not outcome.converged:
+            break  # the solver is left to find out, and says so
+        q = outcome.x
+        path.append(q)
+    return path + [q] * (STEPS - len(path))
+
+
+def _towards(numeric: NumericEquations, q: np.ndarray, target: np.ndarray, t: float) -> list[np.ndarray]:
+    """Poses on the constraints nearest to a straight line to a pose."""
+    path = []
+    for k in range(1, STEPS + 1):
+        line = q + (target - q) / (STEPS + 1 - k)
+        outcome = solve(partial(numeric.position, t), line, numeric.weights, iterations=30, step_limit=0.5)
+        q = outcome.x if outcome.converged else line
+        path.append(q)
+    return path
+
+
+def _on_positions(conditions: Sequence[Condition]) -> list[Condition]:
+    kinds = ("velocity", "acceleration", "multiplier", "input", "input rate")
+    return [c for c in conditions if c.equality and c.depends_on("position") and not c.depends_on(*kinds)]
 
 
 def kinematic_guess(
-    problem: OptimalControlProblem, numeric: NumericEquations, start: State, duration: float, shares: np.ndarray
-) -> np.ndarray:
-    """Poses (k, n) at shares of the duration, by continuation from the start to the final conditions.
+    problem: OptimalControlProblem, start: State, marks: np.ndarray, times: np.ndarray, poses: np.ndarray
+) -> Guess:
+    """A motion through poses, at rest and without loads but for the start."""
+    eom = problem.equations
+    sizes = {"v": eom.q.numel(), "a": eom.q.numel(), "lam": eom.lam.numel(), "rate": eom.z.numel()}
 
-    The final conditions are moved in steps from the value that they have in
-    the first pose to their target; each pose is assembled from the last. A
-    straight line in the coordinates would tear closed loops apart.
-    """
-    conditions = _on_positions(problem.final)
-    if not conditions:
-        return np.tile(start.q, (shares.size, 1))
-    poses = PoseProblem(numeric, conditions, duration, start.z)
-    first = poses.values(conditions, start.q)
-    path, q = [start.q], start.q
-    count = max(STEPS, shares.size)
-    for k in range(1, count + 1):
-        outcome = solve(poses.rows_with(conditions, (1 - k / count) * first), q, numeric.weights, iterations=30)
-        if not outcome.converged:
-            break  # the linkage does not reach there: the solver is left to find out, and says so
-        q = outcome.x
-        path.append(q)
-    path += [q] * (count + 1 - len(path))
-    known = np.linspace(0, 1, count + 1)
-    return np.column_stack([np.interp(shares, known, column) for column in np.array(path).T])
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        found = {name: np.zeros((wanted.size, size)) for name, size in sizes.items()}
+        found["q"] = np.column_stack([np.interp(wanted, times, column) for column in poses.T])
+        found["z"] = np.tile(start.z, (wanted.size, 1))
+        found["u"] = np.zeros((wanted.size, eom.u.numel()))
+        found["v"][wanted <= 0] = start.v
+        return found
+
+    return Guess(sample, marks, np.array([p.value for p in problem.free_parameters]), "kinematic")
 
 
-def _on_positions(final: Sequence[Condition]) -> list[Condition]:
-    kinds = ("velocity", "acceleration", "multiplier", "input")
-    return [c for c in final if c.equality and c.depends_on("position") and not c.depends_on(*kinds)]
+def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks: np.ndarray) -> Guess:
+    """A motion stretched to the times of a problem."""
+    begin, span = motion.t[0], motion.t[-1] - motion.t[0]
+    stretch = (marks[-1] - marks[0]) / span
+    free = np.array([p.value for p in problem.free_parameters])
 
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        at = motion.at(np.clip(begin + wanted / stretch, begin, motion.t[-1]))
+        rates = at._state_rates if at.z.shape[1] else at.z
+        return {
+            "q": at.q, "v": at.v / stretch, "a": at.a / stretch**2, "z": at.z,
+            "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),
+        }  # fmt: skip
 
-def first_guess(program: MotionProgram, start: State, duration: float, mesh: np.ndarray) -> np.ndarray:
-    """Variables of the program from a kinematic guess at rest."""
-    problem, numeric = program.problem, program.numeric
-    try:
-        poses = kinematic_guess(problem, numeric, start, duration, mesh)
-    except AssemblyError:
-        poses = np.tile(start.q, (mesh.size, 1))
-    x = np.zeros(program.size)
-    for k in range(mesh.size):
-        at = program.node_index(k)
-        n = start.q.size
-        x[at[:n]] = poses[k]
-        x[at[2 * n : 2 * n + start.z.size]] = start.z
-    x[program.node_index(0)[: 2 * start.q.size]] = np.r_[start.q, start.v]
-    return _with_globals(program, x, duration)
-
-
-def guess_from(program: MotionProgram, motion: Trajectory, duration: float, mesh: np.ndarray) -> np.ndarray:
-    """Variables of the program from a trajectory on any mesh, stretched to the duration."""
-    scheme = program.scheme
-    span = motion.t[-1] - motion.t[0]
-    points = np.asarray(scheme.coefficients.points)
-    stages = (mesh[:-1, None] + np.diff(mesh)[:, None] * points[None, :]).ravel()
-    stretch = duration / span
-    nodes, inner = (motion.at(motion.t[0] + span * shares) for shares in (mesh, stages))
-    lam = np.nan_to_num(inner.lam)[:, scheme.rows]
-    x = np.zeros(program.size)
-    degree = scheme.degree
-    for k in range(mesh.size):
-        x[program.node_index(k)[: scheme.node_size]] = np.r_[nodes.q[k], nodes.v[k] / stretch, nodes.z[k]]
-    for i in range(mesh.size - 1):
-        rows = slice(i * degree, (i + 1) * degree)
-        a = inner.a[rows].ravel() / stretch**2
-        content = np.r_[a, lam[rows].ravel(), inner.inputs[rows].ravel()]
-        x[program.block_index(i)[: content.size]] = content
-    return _with_globals(program, x, duration)
-
-
-def _with_globals(program: MotionProgram, x: np.ndarray, duration: float) -> np.ndarray:
-    free = [p.value for p in program.problem.free_parameters]
-    x[program.global_index] = np.r_[duration, free]
-    return x / program.scale
-
-
-def start_of(problem: OptimalControlProblem, numeric: NumericEquations, assembled: State) -> bool:
-    """Whether the initial conditions fix the first node."""
-    if isinstance(problem.initial, State):
-        return True
-    eom = numeric.eom
-    rows = [c for c in problem.initial if c.equality]
-    if len(rows) < len(problem.initial):
-        return False
-    free = {p.element_hash() for p in problem.free_parameters}
-    expressions = ca.vertcat(ca.SX(0, 1), *[c.expression for c in rows])
-    if any(s.element_hash() in free for s in ca.symvar(ca.vertcat(expressions, eom.Phi, eom.nu))):
-        return False
-    x = ca.vertcat(eom.q, eom.v, eom.z)
-    all_rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, expressions)
-    jacobian = eom.function(ca.jacobian(all_rows, x))(*assembled.arguments).full()
-    scale = np.concatenate([numeric.column_scale, numeric.column_scale, np.ones(eom.z.numel())])
-    jacobian = jacobian * scale
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    values = np.linalg.svd(jacobian / np.where(size > 1e-12, size, 1.0), compute_uv=False)
-    return int(np.sum(values > 1e-9 * max(largest(values), 1e-300))) == x.numel()
+    return Guess(sample, marks, free, "trajectory")

@@ -18,7 +18,7 @@ TOLERANCE = 1e-11
 
 def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Ends of all intervals by integration, and as the mesh has them, each (N, 2 n)."""
-    program, numeric = solution.program, solution._numeric
+    program, numeric = solution.program, solution.numeric
     eom = numeric.eom
     n = eom.q.numel()
     coefficients = np.stack([piece.coefficients for piece in solution.inputs.values()], axis=2)  # (N, d, n_u)
@@ -30,7 +30,7 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
         ca.SX(0, 1), *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(inputs)]
     )
     t = start + since
-    a, lam = numeric.forward_dynamics(redundant=solution._redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
+    a, lam = numeric.forward_dynamics(redundant=solution.redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
     rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
     system = {
         "t": share,
@@ -40,7 +40,7 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     }
     options = {"reltol": TOLERANCE, "abstol": TOLERANCE, "max_num_steps": 100_000}
     integrator = ca.integrator("interval", "erk", system, 0.0, 1.0, options)
-    count = solution.shares.size - 1
+    count = solution.shares.count
     parameters = np.vstack(
         [
             solution.mesh[:-1],
@@ -49,13 +49,13 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
             coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
         ]
     )
-    starts = solution._nodes[:-1, : program.scheme.node_size]
+    starts = solution.nodes[:-1, : program.scheme.node_size]
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
-    recovery = Recovery(numeric, redundant=solution._redundant)
+    recovery = Recovery(numeric, redundant=solution.redundant)
     times = solution.mesh[1:]
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.hstack([q, v]), solution._nodes[1:, : 2 * n]
+    return np.hstack([q, v]), solution.nodes[1:, : 2 * n]
 
 
 def local_errors(solution: Solution) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -13,68 +13,11 @@ from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import quantity
-from ..model.symbols import Parameter, describe, listed, number, register, role_of, symbols_of
+from ..model.symbols import Parameter, describe, entries, listed, role_of, symbols_of
 from ..results.state import State
-
-
-class Placeholder(ca.SX):
-    """A symbol for an expression at the start, at the end, or integrated over the motion.
-
-    Made by :func:`at_start`, :func:`at_end` and :func:`integral`.
-    """
-
-    def __init__(self, kind: str, expression: Any):
-        self.kind = kind
-        self.expression = ca.SX(quantity(expression, kind, "expression"))
-        self.label = f"{kind}({self.expression})"
-        super().__init__(ca.SX.sym(self.label))
-        self._role = register(self, "placeholder", self.label, owner=self)
-
-    def __hash__(self) -> int:
-        return self.element_hash()
-
-
-#: Placeholders live as long as the expressions in which they may stand, which CasADi does not tell.
-_PLACEHOLDERS: dict[int, Placeholder] = {}
-
-
-def _placeholder(kind: str, expression: Any) -> ca.SX:
-    made = Placeholder(kind, expression)
-    _PLACEHOLDERS[made.element_hash()] = made
-    return made
-
-
-def integral(expression: Any) -> ca.SX:
-    """Stand for the integral of an expression over the motion, in costs and boundary conditions."""
-    return _placeholder("integral", expression)
-
-
-def at_start(expression: Any) -> ca.SX:
-    """Stand for the value of an expression at the start of the motion."""
-    return _placeholder("at_start", expression)
-
-
-def at_end(expression: Any) -> ca.SX:
-    """Stand for the value of an expression at the end of the motion."""
-    return _placeholder("at_end", expression)
-
-
-def placeholders_in(expression: Any) -> list[Placeholder]:
-    """Placeholders on which an expression depends."""
-    found = (_PLACEHOLDERS.get(symbol.element_hash()) for symbol in symbols_of(expression))
-    return [p for p in found if p is not None]
-
-
-def time_span(value: Any, what: str, name: str) -> tuple[float, float]:
-    """A time or a span of times as ``(lower, upper)``."""
-    try:
-        low, high = value
-    except TypeError:
-        low = high = value
-    low, high = number(low, what, name), number(high, what, name)
-    if low < 0 or high < low or high == 0:
-        raise ModelError(f"{what}: {name} must be positive and the limits in order, got {value!r}")
-    return low, high
+from .consistency import check_conditions, check_end
+from .placeholders import placeholder_of
+from .waypoints import Waypoint, time_span
 
 
 class OptimalControlProblem(Immutable):
@@ -88,22 +31,26 @@ class OptimalControlProblem(Immutable):
         Time of the motion, s; two numbers: free between them.
     initial : sequence of relations, or State
         Conditions at the start; what is not stated is free, a state fixes all.
-    final : sequence of relations
-        Conditions at the end.
+    final : sequence of relations, or State
+        Conditions at the end; a state fixes all.
     path : sequence of relations
-        Held all along: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any expression of the model.
+        Held all along: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any
+        expression of the model, rates of inputs (``tau.rate``) included.
     running_cost, terminal_cost : expression
         Minimised: the integral of the one and the value of the other at the
         end, where ``mbd.t`` is the duration and :func:`integral` may occur.
     boundary : sequence of relations
         Between :func:`at_start`, :func:`at_end`, :func:`integral` and parameters.
+    waypoints : sequence of Waypoint
+        Conditions at times between, in the order of time.
     free_parameters : sequence of Parameter
         Optimised with the motion, within their limits; of the mechanism, or the problem's own.
 
     Raises
     ------
     ConditionError, ExpressionError, ModelError
-        For what is no relation, unknown symbols, and limits the wrong way round.
+        For what is no relation, unknown symbols, limits the wrong way round,
+        conditions that contradict each other, and conditions that the constraints already fix.
     """
 
     def __init__(
@@ -116,39 +63,56 @@ class OptimalControlProblem(Immutable):
         running_cost: Any = 0,
         terminal_cost: Any = 0,
         boundary: Any = (),
+        waypoints: Iterable[Waypoint] = (),
         free_parameters: Sequence[Parameter] = (),
     ):
         self.mechanism = mechanism
         self.equations: Equations = equations(mechanism)
         self.duration = time_span(duration, "OptimalControlProblem", "duration")
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
-        self.initial: State | tuple[Condition, ...] = (
-            initial if isinstance(initial, State) else read_conditions(initial)
-        )
-        self.final = read_conditions(final)
+        self.initial = _state_or_conditions(initial, mechanism)
+        self.final = _state_or_conditions(final, mechanism)
         self.path = read_conditions(path)
         self.running_cost = ca.SX(quantity(running_cost, "OptimalControlProblem", "running_cost"))
         self.terminal_cost = ca.SX(quantity(terminal_cost, "OptimalControlProblem", "terminal_cost"))
         self.boundary = read_conditions(boundary)
+        self.waypoints = _in_order(waypoints, self.duration)
         self._given = dict(
             mechanism=mechanism, duration=duration, initial=initial, final=final, path=path,
             running_cost=running_cost, terminal_cost=terminal_cost, boundary=boundary,
-            free_parameters=free_parameters,
+            waypoints=self.waypoints, free_parameters=free_parameters,
         )  # fmt: skip
         self._check()
+        check_conditions(self)
         #: compiled programs, kept for the next solve
         self.memory: dict[Any, Any] = {}
+
+    @property
+    def u_rate(self) -> ca.SX:
+        """Rates of the inputs (n_u,)."""
+        return ca.vertcat(ca.SX(0, 1), *[u.rate for u in self.mechanism.inputs])
+
+    @property
+    def has_free_times(self) -> bool:
+        """Whether the duration or the time of a waypoint is sought."""
+        return any(low < high for low, high in (self.duration, *(w.time for w in self.waypoints)))
+
+    @property
+    def has_input_rates(self) -> bool:
+        """Whether a rate of an input occurs in it."""
+        conditions = [*self.path, *self.boundary, *(c for w in self.waypoints for c in w.conditions)]
+        for end in (self.initial, self.final):
+            conditions += [] if isinstance(end, State) else end
+        expressions = [self.running_cost, self.terminal_cost, *[c.expression for c in conditions]]
+        found = [s for e in expressions for s in symbols_of(e)]
+        found += [s for x in found if (p := placeholder_of(x)) is not None for s in symbols_of(p.expression)]
+        return any(role is not None and role.kind == "input rate" for role in map(role_of, found))
 
     @property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """Free parameters that the mechanism does not have."""
         theirs = self.mechanism.parameters
         return tuple(p for p in self.free_parameters if not any(p is other for other in theirs))
-
-    @property
-    def is_free_time(self) -> bool:
-        """Whether the duration is sought."""
-        return self.duration[0] < self.duration[1]
 
     def replace(self, **changes: Any) -> OptimalControlProblem:
         """Return a new problem with the arguments given replaced."""
@@ -159,26 +123,39 @@ class OptimalControlProblem(Immutable):
             )
         return OptimalControlProblem(**(self._given | changes))
 
+    def started_from(self, initial: Any) -> OptimalControlProblem:
+        """The problem with other conditions at the start, which shares what was compiled."""
+        changed: OptimalControlProblem = object.__new__(OptimalControlProblem)
+        changed.__dict__.update(self.__dict__)
+        given = _state_or_conditions(initial, self.mechanism)
+        changed.__dict__.update(initial=given, _given=self._given | {"initial": initial})
+        changed._check()
+        if not isinstance(given, State):
+            check_end(changed, "initial", given)
+        return changed
+
     # --- checks ------------------------------------------------------------------------
     def _check(self) -> None:
         eom = self.equations
-        groups = (eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p, *self.own_parameters)
+        groups = (*eom.symbols, self.u_rate, *self.own_parameters)
         known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
-        for name, rows in (("path", self.path), ("initial", self.initial), ("final", self.final)):
+        named = [("path", self.path), ("initial", self.initial), ("final", self.final)]
+        named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(self.waypoints, start=1)]
+        for name, rows in named:
             for row in () if isinstance(rows, State) else rows:
                 self._check_symbols(row.expression, known, f"{name}: {row.label}", placeholders=False)
         self._check_symbols(self.running_cost, known, "running_cost", placeholders=False)
         self._check_symbols(self.terminal_cost, known, "terminal_cost", placeholders=True)
         for row in self.boundary:
             self._check_symbols(row.expression, known, f"boundary: {row.label}", placeholders=True)
-        if not eom.u.numel() and not self.free_parameters and not self.is_free_time:
+        if not eom.u.numel() and not self.free_parameters and not self.has_free_times:
             raise ModelError(
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
 
     def _check_symbols(self, expression: ca.SX, known: set[int], where: str, *, placeholders: bool) -> None:
         for symbol in symbols_of(expression):
-            found = _PLACEHOLDERS.get(symbol.element_hash())
+            found = placeholder_of(symbol)
             if found is not None and placeholders:
                 self._check_symbols(found.expression, known, f"{where}: {found.label}", placeholders=False)
             elif found is not None:
@@ -192,3 +169,27 @@ class OptimalControlProblem(Immutable):
         low, high = self.duration
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
         return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
+
+
+def _state_or_conditions(given: Any, mechanism: Mechanism) -> State | tuple[Condition, ...]:
+    if not isinstance(given, State):
+        return read_conditions(given)
+    if given.mechanism is not mechanism and given.q.size != equations(mechanism).q.numel():
+        raise ModelError(f"OptimalControlProblem: the state belongs to {given.mechanism!r}, not to {mechanism!r}")
+    return given
+
+
+def _in_order(waypoints: Any, duration: tuple[float, float]) -> tuple[Waypoint, ...]:
+    """Waypoints, whose times must follow each other within the duration."""
+    found = entries(waypoints, "waypoints=")
+    before = (0.0, 0.0)
+    for k, waypoint in enumerate(found, start=1):
+        if not isinstance(waypoint, Waypoint):
+            raise ModelError(f"waypoints= takes Waypoint objects, got {waypoint!r}")
+        low, high = waypoint.time
+        if high <= before[0] or (low == high and before[0] == before[1] and low <= before[0]):
+            raise ModelError(f"waypoint {k} at {high:g} s does not come after what is before it, at {before[0]:g} s")
+        if low >= duration[1]:
+            raise ModelError(f"waypoint {k} at {low:g} s does not come before the end at {duration[1]:g} s")
+        before = waypoint.time
+    return found

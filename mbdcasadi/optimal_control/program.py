@@ -2,27 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..results.state import State
+from ..model.symbols import Symbol
 from .assembly import Piece, SparseProgram
-from .gauss import GaussCollocation, Point
-from .interval import Rows, Scales
-from .problem import OptimalControlProblem, Placeholder, placeholders_in
+from .mesh import Mesh
+from .placeholders import Placeholder, placeholders_in
+from .problem import OptimalControlProblem
+from .rows import OWN_UNIT, Rows, stack
+from .scaling import Scales, Sizes, parameter_size
+from .transcription import Interval, Point, Transcription
+
+#: Least length of a phase between free times, as a share of the typical duration.
+LEAST_PHASE = 1e-3
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one kind, and for each copy of them the intervals that they see; they stand on the last one."""
+
+    groups: list[Rows]
+    copies: tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Scaled variables and data of one interval, and what they stand for.
+
+    Attributes
+    ----------
+    variables, free, data : casadi.SX
+        Scaled variables without the free parameters, those, and the data.
+    interval : Interval
+        In physical units.
+    gained, next_gained : casadi.SX
+        Integrals up to the mesh points before and after.
+    own : casadi.SX
+        The problem's own parameters.
+    """
+
+    variables: ca.SX
+    free: ca.SX
+    data: ca.SX
+    interval: Interval
+    gained: ca.SX
+    next_gained: ca.SX
+    own: ca.SX
 
 
 class MotionProgram:
     """The nonlinear program of an optimal-control problem on a mesh of N intervals.
 
-    Variables are nodes and blocks in turn, then the duration and the free
-    parameters, each divided by its typical size. The shares of the mesh are
-    data, so that one compiled program serves every mesh of N intervals.
+    Variables are nodes and blocks in turn, then the times of the waypoints and
+    the end where one of them is free, then the free parameters; each divided
+    by its typical size. The shares of the mesh are data, so that one compiled
+    program serves every mesh with as many intervals in each phase.
 
     Parameters
     ----------
@@ -30,49 +71,67 @@ class MotionProgram:
         What to solve.
     numeric : NumericEquations
         Equations at the parameters that are not sought.
-    scheme : GaussCollocation
+    scheme : Transcription
         The transcription.
     scales : Scales
         Typical sizes.
-    count : int
-        Number of intervals.
-    fixed_start : bool
-        Whether the first node is given.
+    mesh : Mesh
+        Intervals of each phase.
+    initial, final : sequence of Condition
+        Rows at the ends; `initial` is None where the first node is given.
     """
 
     def __init__(
         self,
         problem: OptimalControlProblem,
         numeric: NumericEquations,
-        scheme: GaussCollocation,
+        scheme: Transcription,
         scales: Scales,
-        count: int,
-        *,
-        fixed_start: bool,
+        mesh: Mesh,
+        initial: Sequence[Condition] | None,
+        final: Sequence[Condition],
     ):
-        self.problem, self.numeric, self.scheme, self.scales = problem, numeric, scheme, scales
-        self.count = count
-        self.fixed_start = fixed_start
+        self.problem, self.scheme, self.scales = problem, scheme, scales
+        self.count, self._phase = mesh.count, mesh.phase
+        self.initial, self.final = initial, final
         eom = problem.equations
+        own = ca.vertcat(ca.SX(0, 1), *problem.own_parameters)
+        self._arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, problem.u_rate, eom.p, own]
+        values = np.array([p.value for p in problem.own_parameters])
+        self._sizes = Sizes(numeric, scales, self._arguments, values)
         self.placeholders = self._collect_placeholders()
         self.integrals = [p for p in self.placeholders if p.kind == "integral"]
         self.node_size = scheme.node_size + len(self.integrals)
-        node_scale, self.block_scale = scheme.scales(scales)
-        self.node_scale = np.concatenate([node_scale, np.ones(len(self.integrals))])
-        self.global_scale = np.array([scales.time, *[_size_of(p) for p in problem.free_parameters]])
-        self.size = count * (self.node_size + scheme.block_size) + self.node_size + self.global_scale.size
+        node_scale, self.block_scale = scheme.sizes(scales)
+        gained = [scales.time * self._sizes.of_values(p.expression) for p in self.integrals]
+        self.node_scale = np.concatenate([node_scale, gained])
+        self.mark_count = len(problem.waypoints) + 2 if problem.has_free_times else 0
+        free = [parameter_size(p.value, p.lower, p.upper) for p in problem.free_parameters]
+        self.global_scale = np.r_[np.full(self.mark_count, scales.time), free]
+        self.size = self.count * self.stride + self.node_size + self.global_scale.size
+        self.cost_scale = self._cost_size()
         self._given = ca.SX.sym("p", eom.p.numel())
-        self._interval = self._interval_piece()
-        self._ends = self._ends_piece()
-        self.program = SparseProgram(self.size, [self._interval, self._ends], self._given)
+        self.blocks: list[Block] = []
+        pieces = [self._interval_piece(), *self._place_pieces(), *self._end_pieces(), *self._time_pieces()]
+        self.program = SparseProgram(self.size, pieces, self._given)
 
     def _collect_placeholders(self) -> list[Placeholder]:
         expressions = [self.problem.terminal_cost, *[c.expression for c in self.problem.boundary]]
-        found: dict[int, Placeholder] = {}
-        for expression in expressions:
-            for placeholder in placeholders_in(expression):
-                found[placeholder.element_hash()] = placeholder
-        return list(found.values())
+        return list({p.element_hash(): p for e in expressions for p in placeholders_in(e)}.values())
+
+    def _cost_size(self) -> float:
+        """Typical size of the cost, so that the solver's tolerance means the same in any unit."""
+        running, terminal = self.problem.running_cost, self.problem.terminal_cost
+        size = 0.0 if running.is_zero() else self.scales.time * self._sizes.of_values(running)
+        if not terminal.is_zero():
+            symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
+            typical = [self._sizes.of_values(p.expression) for p in self.placeholders]
+            typical = [
+                x * (self.scales.time if p.kind == "integral" else 1.0)
+                for x, p in zip(typical, self.placeholders, strict=True)
+            ]
+            size += self._sizes.of_values(ca.substitute(terminal, symbols, ca.DM(typical)))
+        return size or 1.0
 
     # --- layout ------------------------------------------------------------------------------
     @property
@@ -89,9 +148,15 @@ class MotionProgram:
         return np.arange(self.scheme.block_size) + i * self.stride + self.node_size
 
     @property
-    def global_index(self) -> np.ndarray:
-        """Where duration and free parameters sit."""
-        return np.arange(self.size - self.global_scale.size, self.size)
+    def mark_index(self) -> np.ndarray:
+        """Where the times of start, waypoints and end sit, if one of them is free."""
+        first = self.size - self.global_scale.size
+        return np.arange(first, first + self.mark_count)
+
+    @property
+    def parameter_index(self) -> np.ndarray:
+        """Where the free parameters sit."""
+        return np.arange(self.size - self.global_scale.size + self.mark_count, self.size)
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -99,180 +164,226 @@ class MotionProgram:
         one = np.concatenate([self.node_scale, self.block_scale])
         return np.concatenate([np.tile(one, self.count), self.node_scale, self.global_scale])
 
-    # --- symbols --------------------------------------------------------------------------------
-    def _globals(self, hat: ca.SX) -> tuple[ca.SX, ca.SX, dict[int, ca.SX]]:
-        """Duration, parameter vector, and the problem's own parameters, from scaled globals."""
-        values = ca.DM(self.global_scale) * hat
-        p = ca.SX(self._given)
-        own: dict[int, ca.SX] = {}
-        parameters = self.problem.mechanism.parameters
-        for k, free in enumerate(self.problem.free_parameters):
-            place = next((i for i, x in enumerate(parameters) if x is free), None)
-            if place is None:
-                own[free.element_hash()] = values[1 + k]
-            else:
-                p[place] = values[1 + k]
-        return values[0], p, own
+    def _index(self, i: int) -> np.ndarray:
+        """Variables of an interval: its nodes, its block, the times of its phase."""
+        marks = self.mark_index[self._phase[i] : self._phase[i] + 2]
+        return np.concatenate([self.node_index(i), self.block_index(i), self.node_index(i + 1), marks])
 
-    def _expression(self, expression: ca.SX) -> ca.Function:
-        """Expression of the model as a function of ``(t, q, v, a, z, lam, u, p, own parameters)``."""
-        eom = self.problem.equations
-        own = ca.vertcat(ca.SX(0, 1), *self.problem.own_parameters)
-        return ca.Function("e", [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p, own], [expression])
-
-    def _own(self, own: dict[int, ca.SX]) -> ca.SX:
-        return ca.vertcat(ca.SX(0, 1), *[own[p.element_hash()] for p in self.problem.own_parameters])
-
-    @staticmethod
-    def _at(function: ca.Function, point: Point, p: ca.SX, own: ca.SX) -> ca.SX:
-        return function(point.t, point.q, point.v, point.a, point.z, point.lam, point.u, p, own)
-
-    # --- one interval ---------------------------------------------------------------------------
-    def _interval_piece(self) -> Piece:
-        scheme, n = self.scheme, self.node_size
-        w0, block, w1 = (ca.SX.sym(x, s) for x, s in (("w0", n), ("b", scheme.block_size), ("w1", n)))
-        hats, data = ca.SX.sym("g", self.global_scale.size), ca.SX.sym("d", 2)
-        node, next_node = ca.DM(self.node_scale) * w0, ca.DM(self.node_scale) * w1
+    # --- symbols of one interval -----------------------------------------------------------------
+    def _unknowns(self, free: ca.SX | None = None) -> Unknowns:
+        """New symbols for one interval; `free` are scaled parameters to be shared with another one."""
+        marks = 2 if self.mark_count else 0
+        sizes = [self.node_size, self.scheme.block_size, self.node_size, marks]
+        node, block, next_node, times = (ca.SX.sym(x, size) for x, size in zip("wbxm", sizes, strict=True))
+        free = ca.SX.sym("f", len(self.problem.free_parameters)) if free is None else free
+        data = ca.SX.sym("d", 2)
+        before, after = (ca.DM(self.node_scale) * x for x in (node, next_node))
+        p, own = self._parameters(ca.DM(self.global_scale[self.mark_count :]) * free)
+        start, length = data[0], data[1]
+        if marks:
+            phase = self.scales.time * (times[1] - times[0])
+            start, length = self.scales.time * times[0] + data[0] * phase, data[1] * phase
+        plain = self.scheme.node_size
         inner = ca.DM(self.block_scale) * block
-        duration, p, own_by_hash = self._globals(hats)
-        own = self._own(own_by_hash)
-        start, length = duration * data[0], duration * data[1]
-        plain, next_plain = node[: scheme.node_size], next_node[: scheme.node_size]
-        stages = scheme.stages(plain, inner, start, length)
-        groups = scheme.equations(plain, inner, next_plain, start, length, p, self.scales)
-        for k, placeholder in enumerate(self.integrals):
-            part = self._quadrature(placeholder.expression, stages, length, p, own)
-            row = next_node[scheme.node_size + k] - node[scheme.node_size + k] - part
-            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, np.ones(1)))
-        cost = self._quadrature(self.problem.running_cost, stages, length, p, own)
-        limits = self._path_rows(plain, inner, next_plain, stages, start, length, p, own)
-        self.interval_groups = [*groups, *limits]
-        rows = ca.vertcat(*[g.expression / ca.DM(g.scale) for g in self.interval_groups if g.expression.numel()])
-        index = np.column_stack(
-            [
-                np.concatenate([self.node_index(i), self.block_index(i), self.node_index(i + 1), self.global_index])
-                for i in range(self.count)
-            ]
-        )
-        return Piece(ca.vertcat(w0, block, w1, hats), data, self._given, rows, cost, index)
+        interval = Interval(before[:plain], inner, after[:plain], start, length, p)
+        variables = ca.vertcat(node, block, next_node, times)
+        return Unknowns(variables, free, data, interval, before[plain:], after[plain:], own)
 
-    def _quadrature(self, expression: ca.SX, stages: list[Point], length: ca.SX, p: ca.SX, own: ca.SX) -> ca.SX:
+    def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Parameters of the mechanism and the problem's own, with the free ones put in."""
+        problem, p, own = self.problem, ca.SX(self._given), []
+        for k, symbol in enumerate(problem.free_parameters):
+            place = next((i for i, x in enumerate(problem.mechanism.parameters) if x is symbol), None)
+            if place is None:
+                own.append(free[k])
+            else:
+                p[place] = free[k]
+        return p, ca.vertcat(ca.SX(0, 1), *own)
+
+    def _value(self, expression: ca.SX, at: Point, unknowns: Unknowns) -> ca.SX:
+        function = ca.Function("e", self._arguments, [expression])
+        return function(*at.arguments, unknowns.interval.p, unknowns.own)
+
+    def _integral(self, expression: ca.SX, points: Sequence[Point], unknowns: Unknowns) -> ca.SX:
         if expression.is_zero():
             return ca.SX(0)
-        function = self._expression(expression)
-        total = ca.SX(0)
-        for weight, at in zip(self.scheme.coefficients.weights, stages, strict=True):
-            total += float(weight) * self._at(function, at, p, own)
-        return length * total
+        values = (self._value(expression, at, unknowns) for at in points)
+        weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
+        return unknowns.interval.length * sum(weighted, ca.SX(0))
 
-    def _path_rows(
-        self,
-        node: ca.SX,
-        block: ca.SX,
-        next_node: ca.SX,
-        stages: list[Point],
-        start: ca.SX,
-        length: ca.SX,
-        p: ca.SX,
-        own: ca.SX,
-    ) -> list[Rows]:
+    def _condition(self, condition: Condition, value: ca.SX, label: str, share: float) -> Rows:
+        size = np.array([self._condition_sizes[condition]])
+        return Rows(value, (label,), share, size, (OWN_UNIT,), condition.equality, condition=True)
+
+    @cached_property
+    def _condition_sizes(self) -> dict[Condition, float]:
+        problem = self.problem
+        waypoints = [c for w in problem.waypoints for c in w.conditions]
+        found = {}
+        for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
+            found[c] = self._sizes.of_changes(c.expression)
+        symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
+        for c in problem.boundary:
+            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in self.placeholders])
+            found[c] = self._sizes.of_changes(ca.substitute(c.expression, symbols, inner))
+        return found
+
+    # --- pieces -----------------------------------------------------------------------------------
+    def _piece(self, unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int]) -> Piece:
+        self.blocks.append(Block([g for g in groups if g.labels], tuple((i,) for i in intervals)))
+        index = np.column_stack([np.r_[self._index(i), self.parameter_index] for i in intervals])
+        variables = ca.vertcat(unknowns.variables, unknowns.free)
+        return Piece(variables, unknowns.data, self._given, stack(groups), cost / self.cost_scale, index)
+
+    def _interval_piece(self) -> Piece:
+        unknowns = self._unknowns()
+        points = self.scheme.points(unknowns.interval)
+        groups = self.scheme.equations(unknowns.interval, self.scales)
+        for k, placeholder in enumerate(self.integrals):
+            gain = unknowns.next_gained[k] - unknowns.gained[k]
+            row = gain - self._integral(placeholder.expression, points, unknowns)
+            size = self.node_scale[self.scheme.node_size + k :][:1]
+            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, (OWN_UNIT,)))
+        groups += self._path_rows(unknowns, points)
+        return self._piece(
+            unknowns, groups, self._integral(self.problem.running_cost, points, unknowns), range(self.count)
+        )
+
+    def _path_rows(self, unknowns: Unknowns, points: list[Point]) -> list[Rows]:
         """Path conditions at the stages and at the ends of the interval."""
-        ends = [self.scheme.point(node, block, start, length, share) for share in (0.0, 1.0)]
-        limits = []
-        for condition in [*self.problem.path, *self._own_limits()]:
-            function = self._expression(condition.expression)
-            jumps = condition.depends_on("acceleration", "multiplier", "input")
-            places = list(zip(self.scheme.coefficients.points, stages, strict=True))
+        scheme, groups = self.scheme, []
+        start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
+        inner = list(zip(scheme.stages.tolist(), points, strict=True))
+        for condition in (*self.problem.path, *self.limit_owners):
+            places = inner
             if not condition.equality:
-                if jumps:
-                    places += [(0.0, ends[0]), (1.0, ends[1])]
-                else:
-                    q, v, z = self.scheme.split(next_node)
-                    places.append((1.0, Point(start + length, q, v, ends[1].a, z, ends[1].lam, ends[1].u)))
-            for share, at in places:
-                value = self._at(function, at, p, own)
-                limits.append(Rows(value, (condition.label,), float(share), np.ones(1), condition.equality))
-        return limits
+                inside = [(share, at) for share, at in inner if 0 < share < 1]
+                jumps = condition.depends_on("acceleration", "multiplier", "input", "input rate")
+                places = [*([(0.0, start)] if jumps else []), *inside, (1.0, end)]
+            held = self._held_by_bounds.get(condition, ())
+            groups += [
+                self._condition(condition, self._value(condition.expression, at, unknowns), condition.label, share)
+                for share, at in places
+                if share not in held
+            ]
+        return groups
 
-    def _own_limits(self) -> list[Condition]:
-        """Limits that inputs and states carry themselves."""
-        found = []
+    @cached_property
+    def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
+        """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+        found = {}
         for symbol in (*self.problem.mechanism.inputs, *self.problem.mechanism.states):
             for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
                 if np.isfinite(bound):
-                    size = max(abs(bound), 1e-9)
                     text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
-                    found.append(Condition(sign * (symbol - bound) / size, False, text))
+                    found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
         return found
 
-    # --- both ends --------------------------------------------------------------------------------
-    def _ends_piece(self) -> Piece:
-        scheme, n = self.scheme, self.node_size
-        names = (("w0", n), ("b0", scheme.block_size), ("wl", n), ("bl", scheme.block_size), ("wN", n))
-        w0, b0, w_last, b_last, w_end = (ca.SX.sym(name, size) for name, size in names)
-        hats, data = ca.SX.sym("g", self.global_scale.size), ca.SX.sym("d", 2)
-        nodes = [ca.DM(self.node_scale) * w for w in (w0, w_last, w_end)]
-        blocks = [ca.DM(self.block_scale) * b for b in (b0, b_last)]
-        duration, p, own_by_hash = self._globals(hats)
-        own = self._own(own_by_hash)
-        first, before, last = (node[: scheme.node_size] for node in nodes)
-        begin = scheme.point(first, blocks[0], ca.SX(0), duration * data[0], 0.0)
-        inner = scheme.point(before, blocks[1], duration * (1 - data[1]), duration * data[1], 1.0)
-        q, v, z = scheme.split(last)
-        end = Point(duration, q, v, inner.a, z, inner.lam, inner.u)
-        groups = self._boundary_rows(first, begin, end, nodes[2] - nodes[0], p, own)
-        cost = self._boundary_value(self.problem.terminal_cost, begin, end, nodes[2] - nodes[0], p, own)
-        self.end_groups = groups
-        rows = ca.vertcat(ca.SX(0, 1), *[g.expression / ca.DM(g.scale) for g in groups if g.expression.numel()])
-        index = np.concatenate(
-            [
-                self.node_index(0),
-                self.block_index(0),
-                self.node_index(self.count - 1),
-                self.block_index(self.count - 1),
-                self.node_index(self.count),
-                self.global_index,
-            ]
-        )[:, None]
-        return Piece(ca.vertcat(w0, b0, w_last, b_last, w_end, hats), data, self._given, rows, cost, index)
+    @cached_property
+    def _held_by_bounds(self) -> dict[Condition, tuple[float, ...]]:
+        """Shares at which a limit is a bound of a variable and needs no row."""
+        shares = tuple(self.scheme.inputs.shares.tolist())
+        return {c: shares if c.depends_on("input") else (1.0,) for c in self.limit_owners}
 
-    def _boundary_rows(self, first: ca.SX, begin: Point, end: Point, gained: ca.SX, p: ca.SX, own: ca.SX) -> list[Rows]:
-        groups: list[Rows] = []
+    def _place_pieces(self) -> list[Piece]:
+        """Conditions at the start, at waypoints and at the end."""
+        pieces = []
+        if self.initial is not None:
+            unknowns = self._unknowns()
+            interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
+            groups = self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.scales)
+            groups += self._conditions(self.initial, "initial", at, unknowns, 0.0)
+            pieces.append(self._piece(unknowns, groups, ca.SX(0), [0]))
+        nodes = [int(np.sum(self._phase <= k)) for k in range(len(self.problem.waypoints))]
+        places = [(f"waypoint {k + 1}", w.conditions, nodes[k]) for k, w in enumerate(self.problem.waypoints)]
+        for word, conditions, node in [*places, ("final", self.final, self.count)]:
+            if conditions:
+                unknowns = self._unknowns()
+                at = self.scheme.end(unknowns.interval)
+                groups = self._conditions(conditions, word, at, unknowns, 1.0)
+                pieces.append(self._piece(unknowns, groups, ca.SX(0), [node - 1]))
+        return pieces
+
+    def _conditions(
+        self, conditions: Sequence[Condition], word: str, at: Point, unknowns: Unknowns, share: float
+    ) -> list[Rows]:
+        return [
+            self._condition(c, self._value(c.expression, at, unknowns), f"{word}: {c.label}", share) for c in conditions
+        ]
+
+    def _end_pieces(self) -> list[Piece]:
+        """Boundary conditions and the terminal cost, which see the start and the end."""
         problem = self.problem
-        if not self.fixed_start:
-            groups += [*self.scheme.consistent(first, ca.SX(0), p, self.scales)]
-            for condition in () if isinstance(problem.initial, State) else problem.initial:
-                value = self._at(self._expression(condition.expression), begin, p, own)
-                groups.append(Rows(value, (f"initial: {condition.label}",), 0.0, np.ones(1), condition.equality))
-        for condition in problem.final:
-            value = self._at(self._expression(condition.expression), end, p, own)
-            groups.append(Rows(value, (f"final: {condition.label}",), 1.0, np.ones(1), condition.equality))
-        for condition in problem.boundary:
-            value = self._boundary_value(condition.expression, begin, end, gained, p, own)
-            groups.append(Rows(value, (f"boundary: {condition.label}",), 1.0, np.ones(1), condition.equality))
-        return groups
+        if problem.terminal_cost.is_zero() and not problem.boundary:
+            return []
+        first = self._unknowns()
+        last = self._unknowns(first.free)
+        conditions = problem.boundary
+        values = [self._boundary_value(c.expression, first, last) for c in conditions]
+        groups = [
+            self._condition(c, value, f"boundary: {c.label}", 1.0) for c, value in zip(conditions, values, strict=True)
+        ]
+        cost = self._boundary_value(problem.terminal_cost, first, last) / self.cost_scale
+        self.blocks.append(Block(groups, ((0, self.count - 1),)))
+        index = np.r_[self._index(0), self._index(self.count - 1), self.parameter_index][:, None]
+        variables = ca.vertcat(first.variables, last.variables, first.free)
+        return [Piece(variables, ca.vertcat(first.data, last.data), self._given, stack(groups), cost, index)]
 
-    def _boundary_value(
-        self, expression: ca.SX, begin: Point, end: Point, gained: ca.SX, p: ca.SX, own: ca.SX
-    ) -> ca.SX:
+    def _boundary_value(self, expression: ca.SX, first: Unknowns, last: Unknowns) -> ca.SX:
         """Expression with placeholders put in; other symbols are taken at the end."""
-        symbols, values = [], []
-        for k, placeholder in enumerate(self.integrals):
-            symbols.append(placeholder)
-            values.append(gained[self.scheme.node_size + k])
+        begin, end = self.scheme.start(first.interval), self.scheme.end(last.interval)
+        gained = last.next_gained - first.gained
+        values = []
         for placeholder in self.placeholders:
-            if placeholder.kind != "integral":
-                at = begin if placeholder.kind == "at_start" else end
-                symbols.append(placeholder)
-                values.append(self._at(self._expression(placeholder.expression), at, p, own))
-        bare = [ca.SX.sym(f"e{k}") for k in range(len(symbols))]
-        replaced = ca.substitute(expression, ca.vertcat(ca.SX(0, 1), *symbols), ca.vertcat(ca.SX(0, 1), *bare))
-        eom = self.problem.equations
-        own_symbols = ca.vertcat(ca.SX(0, 1), *self.problem.own_parameters)
-        arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p, own_symbols, *bare]
-        function = ca.Function("boundary", arguments, [replaced])
-        return function(end.t, end.q, end.v, end.a, end.z, end.lam, end.u, p, own, *values)
+            if placeholder.kind == "integral":
+                values.append(gained[next(k for k, x in enumerate(self.integrals) if x is placeholder)])
+            else:
+                at, unknowns = (begin, first) if placeholder.kind == "at_start" else (end, last)
+                values.append(self._value(placeholder.expression, at, unknowns))
+        symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
+        function = ca.Function("boundary", [*self._arguments, symbols], [expression])
+        return function(*end.arguments, last.interval.p, last.own, ca.vertcat(ca.SX(0, 1), *values))
 
+    def _time_pieces(self) -> list[Piece]:
+        """Order of the free times of waypoints."""
+        if self.mark_count < 3:
+            return []
+        times = ca.SX.sym("m", self.mark_count)
+        count = self.mark_count - 1
+        names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
+        labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
+        rows = Rows(times[:-1] - times[1:] + LEAST_PHASE, labels, 1.0, np.ones(count), ("durations",) * count, False)
+        self.blocks.append(Block([rows], ((),)))
+        return [Piece(times, ca.SX(0, 1), self._given, stack([rows]), ca.SX(0), self.mark_index[:, None])]
 
-def _size_of(parameter: Any) -> float:
-    return max(abs(parameter.value), 1e-6)
+    # --- what enters a solve --------------------------------------------------------------------
+    def data(self, numeric: NumericEquations, mesh: Mesh, marks: np.ndarray) -> np.ndarray:
+        """Parameters of the compiled program: those of the mechanism, and the intervals."""
+        if self.mark_count:
+            begin, length = mesh.begin, mesh.length
+        else:
+            times = mesh.times(marks)
+            begin, length = times[:-1], np.diff(times)
+        seen = [k for block in self.blocks for copy in block.copies for k in copy]
+        return np.r_[numeric.p, np.column_stack([begin[seen], length[seen]]).ravel()]
+
+    @cached_property
+    def rows(self) -> list[tuple[str, str, float, bool, bool, int, float]]:
+        """Of every row its label, unit, size, whether it is an equality, a condition; its interval and share."""
+        return [
+            (label, unit, float(size), group.equality, group.condition, copy[-1] if copy else -1, group.share)
+            for block in self.blocks
+            for copy in block.copies
+            for group in block.groups
+            for label, unit, size in zip(group.labels, group.units, group.scale, strict=True)
+        ]
+
+    @cached_property
+    def interval_rows(self) -> int:
+        """How many of the rows belong to the intervals; those of places follow."""
+        return self.count * sum(len(group.labels) for group in self.blocks[0].groups)
+
+    @cached_property
+    def equalities(self) -> np.ndarray:
+        """Which rows are equalities."""
+        return np.array([row[3] for row in self.rows], bool)

@@ -1,40 +1,71 @@
-"""Mesh refinement: intervals are split until their local error is small enough."""
+"""Mesh refinement: intervals are split and merged until their local errors suit the tolerance."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import SimulationError
 from .local_error import scaled_errors
-
-if TYPE_CHECKING:
-    from .optimize import Solver
-    from .solution import Solution
+from .mesh import Mesh
+from .solution import Pass, Solution
+from .solver import Solver
 
 #: Passes of the refinement, and pieces into which an interval is split at the most.
 PASSES, PIECES = 12, 6
+#: Share of the tolerance below which the error of two merged intervals must be foreseen.
+WELL_BELOW = 0.05
 
 
 def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
-    """Solve on finer meshes until the local error of every interval is below a tolerance.
+    """Solve on other meshes until the local error of every interval is below a tolerance.
 
-    An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (2 d + 1)))``
-    pieces, d the degree; each pass starts from the last solution.
+    An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
+    pieces, r the order of the scheme; neighbours whose common interval is
+    foreseen to stay far below the tolerance are merged. Each pass starts from
+    the last solution.
     """
-    power = 1.0 / (2 * solver.scheme.degree + 1)
+    passes = []
     for _ in range(PASSES):
         errors = scaled_errors(solution)
+        s = solution.statistics
+        passes.append(Pass(solution.shares.count, float(np.max(errors)), solution.cost, s.iterations, s.seconds))
+        solution.statistics = replace(s, passes=passes)
         if np.max(errors) <= tolerance:
             return solution
-        pieces = np.clip(np.ceil((2 * errors / tolerance) ** power), 1, PIECES).astype(int)
-        pieces[errors <= tolerance] = 1
-        shares = solution.shares
-        finer = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(shares[:-1], shares[1:], pieces, strict=True)]
-        solution = solver.solve(np.r_[np.concatenate(finer), 1.0], solution)
+        mesh = adapted(solution.shares, errors, tolerance, solution.program.scheme.order)
+        solution = solver.solve(mesh, solution.as_guess(solver.problem), warm=True)
     raise SimulationError(
-        f"the mesh was refined {PASSES} times to {solution.shares.size - 1} intervals and the local error is still "
+        f"the mesh was refined {PASSES} times to {solution.shares.count} intervals and the local error is still "
         f"{np.max(errors):.2g}, above the tolerance {tolerance:g}",
         partial=solution,
     )
+
+
+def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int) -> Mesh:
+    """Mesh whose intervals are split or merged by their local errors (N,).
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The mesh so far.
+    errors : numpy.ndarray
+        Local errors (N,).
+    tolerance : float
+        What they should stay below.
+    order : int
+        Of the scheme: local errors go with the power ``order + 1`` of the length.
+    """
+    pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / (order + 1))), 1, PIECES).astype(int)
+    pieces[errors <= tolerance] = 1
+    merge = np.zeros(errors.size, bool)
+    k = 0
+    while k + 1 < errors.size:
+        together = (mesh.length[k] + mesh.length[k + 1]) / np.minimum(mesh.length[k], mesh.length[k + 1])
+        foreseen = max(errors[k], errors[k + 1]) * together ** (order + 1)
+        if mesh.phase[k] == mesh.phase[k + 1] and foreseen <= WELL_BELOW * tolerance:
+            merge[k] = True
+            k += 1
+        k += 1
+    return mesh.refined(pieces, merge)

@@ -1,14 +1,59 @@
-"""Typical sizes of a mechanism and its motion, so that a solver sees numbers near one."""
+"""Typical sizes of a mechanism and its motion, so that a solver sees numbers near one.
+
+Everything follows from lengths, masses and the duration of the model: in other
+units the same problem gives the same numbers to the solver.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from .interval import Scales
+from ..model.bodies import ground
+
+#: States at which the size of an expression is found.
+SAMPLES = 7
 
 
-def scales_of(numeric: NumericEquations, duration: float) -> Scales:
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes, in the units of the model.
+
+    Attributes
+    ----------
+    time : float
+        Duration, s.
+    q, v, a : numpy.ndarray
+        Of coordinates and their rates (n,).
+    load : numpy.ndarray
+        Of the equations of motion, N and N m (n,).
+    lam : numpy.ndarray
+        Of the multipliers (m,).
+    rows : numpy.ndarray
+        Of the constraint rows, m or rad (m,).
+    z, u : numpy.ndarray
+        Of first-order states and inputs.
+    angles, angular_rows : numpy.ndarray
+        Which coordinates are angles (n,), and which rows (m,).
+    """
+
+    time: float
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    load: np.ndarray
+    lam: np.ndarray
+    rows: np.ndarray
+    z: np.ndarray
+    u: np.ndarray
+    angles: np.ndarray
+    angular_rows: np.ndarray
+
+
+def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> Scales:
     """Sizes from lengths, masses and the duration.
 
     Lengths are typical distances of joint points from centres of mass; angles
@@ -20,52 +65,133 @@ def scales_of(numeric: NumericEquations, duration: float) -> Scales:
         Equations at given parameters.
     duration : float
         Time of the motion, s.
+    poses : numpy.ndarray
+        Some that the motion may pass (k, n).
     """
     eom = numeric.eom
-    bodies = len(eom.mechanism.bodies)
+    bodies, n = len(eom.mechanism.bodies), eom.q.numel()
     q0 = eom.estimate[0]
-    length = _length(numeric, q0)
-    q = np.full(q0.size, length)
-    q[2 : 3 * bodies : 3] = 1.0
-    mass = float(np.max(numeric.mass[[k for k in range(3 * bodies) if k % 3 < 2]], initial=0.0)) or 1.0
-    force = max(mass * length / duration**2, _load_at_rest(numeric, q0))
-    load = np.where(q == 1.0, force * length, force)
-    load[3 * bodies :] = force
+    angles = np.zeros(n, bool)
+    angles[2 : 3 * bodies : 3] = True
+    length = _length(numeric, poses)
+    q = np.where(angles, 1.0, length)
+    mass = float(np.max(numeric.mass[~angles], initial=0.0)) or 1.0
+    force = max(mass * length / duration**2, _load_at_rest(numeric, q0, ~angles))
+    load = np.where(angles, force * length, force)
     jacobian = numeric.velocity(0.0, q0)[0]
-    rows = np.maximum(np.max(np.abs(jacobian) * q, axis=1, initial=0.0), 1e-9) if eom.lam.numel() else np.zeros(0)
+    # a row in metres changes by a length with displacements; a row of angles by one with angles alone
+    angular_rows = ~np.any(np.abs(jacobian[:, ~angles]) > 0, axis=1)
+    rows = np.max(np.abs(jacobian) * q, axis=1, initial=0.0)
+    rows = np.where(rows > 0, rows, np.where(angular_rows, 1.0, length))
     lam = force * length / rows
-    u = np.array([_input_scale(x, force, length) for x in eom.mechanism.inputs])
-    z = np.array([_finite_span(x.lower, x.upper) or 1.0 for x in eom.mechanism.states])
-    return Scales(duration, q, q / duration, q / duration**2, load, lam, rows, z, u)
+    base = duration, q, q / duration, q / duration**2, load, lam, rows
+    u, z = _inputs_and_states(numeric, base)
+    return Scales(*base, z, u, angles, angular_rows)
 
 
-def _length(numeric: NumericEquations, q0: np.ndarray) -> float:
-    """Typical length: levers of the joints, distances of the bodies."""
-    bodies = len(numeric.eom.mechanism.bodies)
-    jacobian = np.abs(numeric.velocity(0.0, q0)[0])
-    levers = jacobian[:, 2 : 3 * bodies : 3]
-    lever = float(np.max(levers[levers != 1.0], initial=0.0))
-    spread = float(np.max(np.abs(q0[[k for k in range(3 * bodies) if k % 3 < 2]]), initial=0.0))
-    return max(lever, spread) or 1.0
+def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
+    """Typical length: levers of the joints, distances between the bodies, the ground's points and the poses."""
+    eom = numeric.eom
+    markers = [m for e in eom.mechanism.elements for m in e.markers]
+    points = _at_parameters(numeric, [m.local for m in markers]).reshape(-1, 2)
+    fixed = np.array([m.body is ground for m in markers], bool)
+    levers = np.linalg.norm(points[~fixed], axis=1) if markers else np.zeros(0)
+    bodies = len(eom.mechanism.bodies)
+    places = np.vstack([points[fixed], poses[:, : 3 * bodies].reshape(-1, 3)[:, :2]])
+    spread = np.ptp(places, axis=0) / 2
+    return float(np.max(np.r_[levers, spread], initial=0.0)) or 1.0
 
 
-def _load_at_rest(numeric: NumericEquations, q0: np.ndarray) -> float:
+def _at_parameters(numeric: NumericEquations, expressions: list[ca.SX]) -> np.ndarray:
+    if not expressions:
+        return np.zeros(0)
+    stacked = ca.vertcat(*[ca.SX(e) for e in expressions])
+    return ca.Function("lengths", [numeric.eom.p], [ca.densify(stacked)])(numeric.p).full().ravel()
+
+
+def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.ndarray) -> float:
     """Largest applied force on a body at the estimated pose, at rest and with the inputs' own values, N."""
     eom = numeric.eom
     n, m = eom.q.numel(), eom.lam.numel()
     zero = np.zeros(n)
     loads = eom.function(eom.Q)(0.0, q0, zero, zero, eom.estimate[2], np.zeros(m), eom.input_values, numeric.p).full()
-    translations = [k for k in range(3 * len(eom.mechanism.bodies)) if k % 3 < 2]
     found = np.abs(loads.ravel()[translations])
     return float(np.max(found[np.isfinite(found)], initial=0.0))
 
 
-def _finite_span(lower: float, upper: float) -> float:
-    values = [abs(x) for x in (lower, upper) if np.isfinite(x)]
-    return max(values, default=0.0)
+def _inputs_and_states(numeric: NumericEquations, base: tuple) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of inputs, from the loads that they make or their limits, and of first-order states."""
+    eom = numeric.eom
+    duration, load = base[0], base[4]
+    q0, v0, z0 = eom.estimate
+    at = (0.0, q0, v0, 0 * q0, z0, np.zeros(eom.lam.numel()), eom.input_values, numeric.p)
+    by_input = np.abs(eom.function(ca.jacobian(eom.Q, eom.u))(*at).full()) if eom.u.numel() else np.zeros((q0.size, 0))
+    u = np.ones(eom.u.numel())
+    for k, symbol in enumerate(eom.mechanism.inputs):
+        column = by_input[:, k]
+        works = np.isfinite(column) & (column > 0)
+        needed = float(np.min(load[works] / column[works])) if np.any(works) else np.inf
+        limit = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=np.inf)
+        size = min(needed, limit if limit > 0 else np.inf)
+        u[k] = size if np.isfinite(size) else abs(symbol.value) or 1.0
+    z = np.ones(eom.z.numel())
+    for k, symbol in enumerate(eom.mechanism.states):
+        span = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=0.0)
+        rates = eom.function(ca.jacobian(eom.z_rate[k], ca.vertcat(eom.v, eom.u)))(*at).full().ravel()
+        reached = np.abs(rates[np.isfinite(rates)]) @ np.r_[base[2], u][np.isfinite(rates)] * duration
+        z[k] = span or max(abs(symbol.initial), float(reached)) or 1.0
+    return u, z
 
 
-def _input_scale(symbol: object, force: float, length: float) -> float:
-    """Size of an input: its limits, or between a force and a torque."""
-    limit = _finite_span(symbol.lower, symbol.upper)  # type: ignore[attr-defined]
-    return limit or max(force, force * length)
+class Sizes:
+    """Sizes of expressions, found at states scattered over the typical ones.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    scales : Scales
+        Of the mechanism.
+    arguments : list of casadi.SX
+        ``t, q, v, a, z, lam, u, u_rate, p, own parameters``.
+    own : numpy.ndarray
+        Values of the problem's own parameters.
+    """
+
+    def __init__(self, numeric: NumericEquations, scales: Scales, arguments: list[ca.SX], own: np.ndarray):
+        random = np.random.default_rng(0)
+        self._arguments = arguments
+        q0 = numeric.eom.estimate[0]
+        widths = [scales.v, scales.a, scales.z, scales.lam, scales.u, scales.u / scales.time]
+        columns = [random.uniform(0, scales.time, (1, SAMPLES))]
+        columns.append(q0[:, None] + 0.5 * scales.q[:, None] * random.uniform(-1, 1, (q0.size, SAMPLES)))
+        columns += [width[:, None] * random.uniform(-1, 1, (width.size, SAMPLES)) for width in widths]
+        own_size = np.where(own == 0, 1.0, np.abs(own))
+        p_size = np.where(numeric.p == 0, 1.0, np.abs(numeric.p))
+        self._values = [*columns, np.tile(numeric.p[:, None], (1, SAMPLES)), np.tile(own[:, None], (1, SAMPLES))]
+        time = np.array([scales.time])
+        self._steps = np.concatenate([time, scales.q, *widths, p_size, own_size])
+
+    def _sampled(self, expression: ca.SX) -> np.ndarray:
+        function = ca.Function("size", self._arguments, [ca.densify(expression)])
+        return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, -1)
+
+    def of_values(self, expression: ca.SX) -> float:
+        """Typical absolute value of a scalar; 1 where it has none."""
+        found = np.abs(self._sampled(expression).ravel())
+        found = found[np.isfinite(found) & (found > 0)]
+        return float(np.median(found)) if found.size else 1.0
+
+    def of_changes(self, expression: ca.SX) -> float:
+        """By how much a scalar changes over the typical sizes of what it depends on; 1 where it does not."""
+        slopes = ca.jacobian(expression, ca.vertcat(*self._arguments)).T
+        columns = self._sampled(slopes)[:, :, 0]
+        found = np.max(np.abs(columns) * self._steps[:, None], axis=0, initial=0.0)
+        found = found[np.isfinite(found) & (found > 0)]
+        return float(np.median(found)) if found.size else 1.0
+
+
+def parameter_size(value: float, lower: float, upper: float) -> float:
+    """Typical size of a free parameter: its value, or its limits where that is zero."""
+    limits = [abs(x) for x in (lower, upper) if np.isfinite(x)]
+    return abs(value) or max(limits, default=0.0) or 1.0

@@ -98,7 +98,7 @@ class Trajectory:
             For a symbol that the mechanism does not have, and where the expression has no value.
         """
         expression = as_expression(expression, "motion[…]")
-        function = self.equations.function(expression)
+        function, given = self._compiled(expression)
         if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
             raise MechanismError(self._missing_multipliers)
         rows, columns = expression.shape
@@ -106,15 +106,19 @@ class Trajectory:
         if count == 0:
             values = np.zeros((0, rows, columns))
         else:
-            given = self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
             stacked = function(*[x.T for x in given]).full()
             if stacked.shape[1] == columns:  # nothing in it varies: CasADi evaluated it once
                 stacked = np.tile(stacked, (1, count))
             values = stacked.reshape(rows, count, columns).transpose(1, 0, 2)
-            refuse_nan(self.equations, expression, values, given)
+            refuse_nan(self.equations, expression, values, given[: len(self.equations.symbols)])
         if rows * columns == 1:
             return values.reshape(count)
         return values.reshape(count, rows * columns) if 1 in (rows, columns) else values
+
+    def _compiled(self, expression: ca.SX) -> tuple[ca.Function, tuple[np.ndarray, ...]]:
+        """Function of an expression, and its arguments by time."""
+        given = self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
+        return self.equations.function(expression), given
 
     def state(self, index: int) -> State:
         """State at one of the times, by index."""
@@ -177,13 +181,22 @@ class Trajectory:
                 "this trajectory was read from arrays and knows no way to interpolate between its times"
             )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
+        q, v, z, u = self._between(wanted)
+        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
+        return self._at(wanted, q, v, a, z, lam, u)
+
+    def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)
         z = cubic(self.t, self.z, self._state_rates, wanted)
-        u = linear(self.t, self.inputs, wanted)
-        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
+        return q, v, z, linear(self.t, self.inputs, wanted)
+
+    def _at(self, t: np.ndarray, *arrays: np.ndarray) -> Trajectory:
+        """Trajectory at other times, from ``q, v, a, z, lam, u``."""
+        q, v, a, z, lam, u = arrays
         return Trajectory(
             self.mechanism,
-            wanted,
+            t,
             q,
             v,
             a,

@@ -1,0 +1,216 @@
+"""Whether the conditions of a problem can hold together, told before anything is solved.
+
+Ranks are taken at consistent states scattered about the estimate: a condition
+whose gradient vanishes at one singular pose alone (a dead centre) is none that
+the constraints fix.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ..analysis.assemble import assemble_at
+from ..analysis.inputs import read_signals
+from ..equations.numeric import LARGE, NumericEquations
+from ..errors import AssemblyError, ConditionError
+from ..model.conditions import Condition
+from ..model.symbols import symbols_of
+from ..numerics.least_squares import solve
+from ..numerics.rank import analyse_rank, dependent_rows
+from ..results.state import State
+
+if TYPE_CHECKING:
+    from .problem import OptimalControlProblem
+
+#: Consistent states at which ranks are taken, and attempts to find them.
+STATES, ATTEMPTS = 3, 12
+#: Rest of a unit row outside the span of others below which it counts as dependent.
+DEPENDENT = 1e-7
+#: Violation of a limit that counts, relative to its values.
+COUNTS = 1e-6
+
+
+class ConditionRank:
+    """Ranks of conditions together with the constraints at position and velocity level.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    free : casadi.SX
+        What else the conditions may be met by: free parameters, a free time.
+    """
+
+    def __init__(self, numeric: NumericEquations, free: ca.SX):
+        self.numeric = numeric
+        eom = numeric.eom
+        self._x = ca.vertcat(eom.q, eom.v, eom.z, free)
+        own = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
+        self._own = ca.vertcat(ca.SX(0, 1), *own)
+        self._constraints = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+        scale = numeric.column_scale
+        self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
+        self.states = self._scattered()
+
+    def _scattered(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+        """Consistent states about the estimate."""
+        numeric, random = self.numeric, np.random.default_rng(1)
+        q0, v0, z0 = numeric.eom.estimate
+        found: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
+        for _ in range(ATTEMPTS):
+            moved = q0 + 0.2 * random.uniform(-1, 1, q0.size) * numeric.column_scale / numeric.column_scale.max()
+            t = float(random.uniform(0, 1))
+            outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=0.5)
+            if outcome.converged:
+                jacobian, nu = numeric.velocity(t, outcome.x)
+                v = v0 + random.uniform(-1, 1, v0.size)
+                v -= np.linalg.lstsq(jacobian, jacobian @ v - nu, rcond=None)[0]
+                found.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
+            if len(found) == STATES:
+                break
+        return found
+
+    def gradients(self, expressions: ca.SX, state: tuple) -> np.ndarray:
+        """Gradients of expressions at a state, scaled to size one by row."""
+        eom = self.numeric.eom
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
+        function = ca.Function("gradients", arguments, [ca.densify(ca.jacobian(expressions, self._x))])
+        rows = function(*state, self.numeric.p, np.ones(self._own.numel())).full() * self._columns
+        size = np.linalg.norm(rows, axis=1, keepdims=True)
+        return rows / np.where(size > 1e-12, size, 1.0)
+
+    def constraints_span(self, state: tuple) -> np.ndarray:
+        """Orthonormal basis of the gradients of the constraints at a state, by row."""
+        return _span(self.gradients(self._constraints, state))
+
+    def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
+        """Which conditions depend on the constraints, and on other conditions given, at every state."""
+        if not conditions or not self.states:
+            return [False] * len(conditions)
+        result = np.ones(len(conditions), bool)
+        for state in self.states:
+            span = _span(np.vstack([self.constraints_span(state), self.gradients(_stacked(given), state)]))
+            rows = self.gradients(_stacked(conditions), state)
+            result &= np.linalg.norm(rows - rows @ span.T @ span, axis=1) <= DEPENDENT
+        return result.tolist()
+
+    def count(self, conditions: Sequence[Condition]) -> int:
+        """How many of the conditions are independent of each other and of the constraints."""
+        counts = [len(conditions)] if not self.states or not conditions else []
+        for state in self.states if conditions else []:
+            span = self.constraints_span(state)
+            rows = self.gradients(_stacked(conditions), state)
+            counts.append(analyse_rank(rows - rows @ span.T @ span, DEPENDENT).rank)
+        return max(counts)
+
+    def independent(self, conditions: Sequence[Condition], state: tuple) -> list[Condition]:
+        """Independent conditions at a state that meets them all, those of steepest gradient first."""
+        count = self.count(conditions)
+        if count == len(conditions):
+            return list(conditions)
+        span = self.constraints_span(state)
+        rows = self.gradients(_stacked(conditions), state)
+        rest = rows - rows @ span.T @ span
+        order = np.argsort(-np.linalg.norm(rest, axis=1), kind="stable")
+        dependent = {int(order[k]) for k in dependent_rows(rest[order], DEPENDENT)}
+        return [c for k, c in enumerate(conditions) if k not in dependent]
+
+
+def _stacked(conditions: Sequence[Condition]) -> ca.SX:
+    return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
+
+
+def _span(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of the rows, by row."""
+    _, values, right = np.linalg.svd(rows, full_matrices=False)
+    return right[: int(np.sum(values > 1e-9 * np.max(values, initial=0.0)))]
+
+
+def on_states(conditions: Sequence[Condition]) -> list[Condition]:
+    """Conditions that positions, velocities and first-order states decide."""
+    return [c for c in conditions if not c.depends_on("acceleration", "multiplier", "input", "input rate")]
+
+
+def check_conditions(problem: OptimalControlProblem) -> None:
+    """Refuse conditions that contradict each other, and those that the constraints already fix.
+
+    Mechanisms of hundreds of bodies are left to the solver.
+
+    Raises
+    ------
+    ConditionError
+        Naming the conditions.
+    """
+    _refuse_empty_limits(problem)
+    for name in ("initial", "final"):
+        conditions = getattr(problem, name)
+        if not isinstance(conditions, State):
+            check_end(problem, name, conditions)
+
+
+def check_end(problem: OptimalControlProblem, name: str, conditions: Sequence[Condition]) -> None:
+    """Check the conditions at the start or at the end of a motion."""
+    eom = problem.equations
+    rows = on_states([c for c in conditions if c.equality])
+    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+        return
+    free = [*problem.free_parameters] + ([eom.t] if name == "final" and problem.has_free_times else [])
+    ranks = ConditionRank(NumericEquations(eom, eom.parameter_values), ca.vertcat(ca.SX(0, 1), *free))
+    for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
+        if fixed:
+            raise ConditionError(f"{name}: {condition.label} is already decided by the constraints alone; leave it out")
+    limits = on_states([c for c in problem.path if not c.equality])
+    limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
+    contradiction = ranks.count(rows) < len(rows)
+    if not limits and not contradiction:
+        return
+    try:
+        time = 0.0 if name == "initial" else problem.duration[1]
+        state = assemble_at(ranks.numeric, rows, time, read_signals(eom, None))
+    except (AssemblyError, ConditionError) as error:
+        if contradiction:
+            raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
+        return  # whether the linkage reaches there is for the solver to find out
+    for limit in limits:
+        amount = float(state[limit.expression])
+        if amount > COUNTS * (1 + abs(float(state[limit.expression.dep(0)]) if limit.expression.n_dep() else 0.0)):
+            raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
+
+
+def _refuse_empty_limits(problem: OptimalControlProblem) -> None:
+    """Refuse limits of one quantity that leave nothing between them."""
+    sides: list[tuple[ca.SX, str]] = []
+    for condition in problem.path:
+        sides.append((condition.expression, condition.label))
+        if condition.equality:
+            sides.append((-condition.expression, condition.label))
+    for symbol in (*problem.mechanism.inputs, *problem.mechanism.states):
+        if np.isfinite(symbol.lower):
+            sides.append((symbol.lower - symbol, f"{symbol.label} >= {symbol.lower:g}"))
+        if np.isfinite(symbol.upper):
+            sides.append((symbol - symbol.upper, f"{symbol.label} <= {symbol.upper:g}"))
+    for (one, first), (other, second) in itertools.combinations(sides, 2):
+        gap = _constant(one + other)
+        if gap is not None and gap > 1e-12 and first != second:
+            raise ConditionError(f"path: {first} and {second} contradict each other by {gap:.6g}")
+
+
+def _constant(expression: Any) -> float | None:
+    """Value of an expression that depends on nothing, though symbols occur in it; else None."""
+    symbols = symbols_of(expression)
+    vector = ca.vertcat(ca.SX(0, 1), *symbols)
+    function = ca.Function("sum", [vector], [expression, ca.densify(ca.jacobian(expression, vector))])
+    random = np.random.default_rng(2)
+    values = []
+    for _ in range(2):
+        value, slopes = function(random.uniform(0.5, 1.5, len(symbols)))
+        if not np.max(np.abs(slopes.full()), initial=0.0) <= 1e-12:
+            return None
+        values.append(float(value))
+    return values[0] if abs(values[0] - values[1]) <= 1e-9 * (1 + abs(values[0])) else None

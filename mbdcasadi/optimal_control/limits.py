@@ -1,0 +1,142 @@
+"""Which limits a solution touches, when, and what they cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .program import MotionProgram
+    from .solution import Solution
+
+
+@dataclass(frozen=True)
+class ActiveLimit:
+    """A limit that holds the motion.
+
+    Attributes
+    ----------
+    label : str
+        The limit.
+    spans : tuple of (float, float)
+        Times between which it is touched, s.
+    costate : float
+        Largest decrease of the cost for one unit by which the limit is
+        loosened over one second; for a condition at a place, for one unit.
+    """
+
+    label: str
+    spans: tuple[tuple[float, float], ...]
+    costate: float
+
+    def __repr__(self) -> str:
+        spans = ", ".join(f"{a:.4g} … {b:.4g} s" if b > a else f"{a:.4g} s" for a, b in self.spans)
+        return f"{self.label}: active at {spans}, costate up to {self.costate:.4g}"
+
+
+def costates(solution: Solution) -> dict[str, np.ndarray | float]:
+    """Costates by label.
+
+    For path limits, the limits of inputs and of states: by interval (N,), the
+    decrease of the cost for one unit by which the limit is loosened, per
+    second. For conditions at the start, at waypoints, at the end and between
+    both: the change of the cost for one unit added to the right-hand side.
+    """
+    program = solution.program
+    _, multipliers = solution.multipliers
+    lengths = np.diff(solution.mesh)
+    found: dict[str, Any] = {}
+    for k, (label, _, size, equality, condition, interval, _) in enumerate(program.rows):
+        if not condition:
+            continue
+        value = multipliers[k] * program.cost_scale / size
+        if k < program.interval_rows:
+            found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
+        else:
+            found[label] = -value if equality else value
+    for label, interval, value in _of_bounds(solution):
+        found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
+    return found
+
+
+def _of_bounds(solution: Solution) -> list[tuple[str, int, float]]:
+    """Label, interval and multiplier of the limits that are bounds of variables."""
+    program, found = solution.program, []
+    multipliers = solution.multipliers[0] * program.cost_scale / program.scale
+    last = program.count - 1
+    for label, sign, index, intervals in _bounded(program):
+        for place, interval in zip(index, intervals, strict=True):
+            value = max(sign * multipliers[place], 0.0)
+            if interval is None:  # shared by the intervals before and after
+                k = place // program.stride
+                around = [i for i in (k - 1, k) if 0 <= i <= last]
+                found += [(label, i, value / len(around)) for i in around]
+            else:
+                found.append((label, interval, value))
+    return found
+
+
+def _bounded(program: MotionProgram) -> list[tuple[str, int, list[int], list[int | None]]]:
+    """Labels of limits that are bounds, their side, the variables that they bound, and their intervals.
+
+    None where the variable belongs to a mesh point.
+    """
+    scheme, mechanism, count = program.scheme, program.problem.mechanism, program.count
+    n, inputs, result = program.problem.equations.q.numel(), len(mechanism.inputs), []
+    for condition, (symbol, sign) in program.limit_owners.items():
+        index: list[int] = []
+        where: list[int | None] = []
+        input_place = next((k for k, u in enumerate(mechanism.inputs) if u is symbol), None)
+        if input_place is None:
+            node = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
+        else:
+            first = scheme.block_slice("u").start + input_place
+            for i in range(count):
+                places = program.block_index(i)[first : first + inputs * len(scheme.inputs.inner) : inputs]
+                index += places.tolist()
+                where += [i] * places.size
+            node = scheme.node_size - inputs + input_place
+        if input_place is None or scheme.inputs.joined:
+            index += [int(program.node_index(i)[node]) for i in range(count + 1)]
+            where += [None] * (count + 1)
+        result.append((condition.label, sign, index, where))
+    return result
+
+
+def active_limits(solution: Solution) -> list[ActiveLimit]:
+    """Limits that hold the motion back, the costliest first."""
+    program, mesh, found = solution.program, solution.mesh, []
+    rows = {label: (equality, share) for label, _, _, equality, condition, _, share in program.rows if condition}
+    for label, values in solution.costates.items():
+        equality, share = rows.get(label, (False, 0.0))
+        if equality:
+            continue
+        if isinstance(values, float):
+            if values > 1e-6 * abs(solution.cost):
+                time = float(share * solution.duration)
+                found.append(ActiveLimit(label, ((time, time),), values))
+            continue
+        active = values > 1e-3 * max(float(np.max(values)), 1e-6 * abs(solution.cost))
+        if np.any(active):
+            found.append(ActiveLimit(label, _spans(active, mesh), float(np.max(values))))
+    return sorted(found, key=lambda limit: -limit.costate)
+
+
+def _spans(active: np.ndarray, mesh: np.ndarray) -> tuple[tuple[float, float], ...]:
+    """Stretches of intervals that are active."""
+    edges = np.flatnonzero(np.diff(np.r_[False, active, False].astype(int)))
+    return tuple((float(mesh[a]), float(mesh[b])) for a, b in edges.reshape(-1, 2))
+
+
+def limit_excess(solution: Solution) -> dict[str, float]:
+    """By how much each limit is passed between the points at which it is held, by label."""
+    program = solution.program
+    limits = [c for c in (*solution.problem.path, *program.limit_owners) if not c.equality]
+    if not limits:
+        return {}
+    shares = np.linspace(0, 1, 21)
+    times = np.unique((solution.mesh[:-1, None] + np.diff(solution.mesh)[:, None] * shares).ravel())
+    motion = solution.trajectory.at(times)
+    return {c.label: max(float(np.max(motion[c.expression])), 0.0) for c in limits}

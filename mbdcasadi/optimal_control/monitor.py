@@ -1,0 +1,85 @@
+"""What happens while the solver runs: progress, and Ctrl-C."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.console import Interruption
+
+
+class Monitor(ca.Callback):
+    """Called by the solver after every iteration.
+
+    It shows iteration, cost and violation where that is wanted, and stops the
+    solver after Ctrl-C, so that the last iterate is not lost.
+
+    Parameters
+    ----------
+    size : int
+        Variables of the program.
+    equalities : numpy.ndarray
+        Which rows are equalities.
+    cost_scale : float
+        By which the cost was divided.
+    """
+
+    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float):
+        super().__init__()
+        self._sizes = {"x": size, "f": 1, "g": equalities.size, "lam_x": size, "lam_g": equalities.size, "lam_p": 0}
+        self._equalities = equalities
+        self._cost_scale = cost_scale
+        self._bar: Any = None
+        self.interruption: Interruption | None = None
+        self.data_size = 0
+
+    def finish(self, data_size: int) -> Monitor:
+        """Make it known to CasADi for a number of data."""
+        self._sizes["lam_p"] = data_size
+        self.construct("monitor", {})
+        return self
+
+    # --- one solve ------------------------------------------------------------------------
+    def watch(self, interruption: Interruption, show: bool) -> None:
+        """Begin a solve."""
+        self.interruption = interruption
+        if show:
+            from tqdm.auto import tqdm
+
+            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format="{desc}: {n} iterations{postfix}")
+
+    def close(self) -> None:
+        """End a solve."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+    # --- what CasADi calls --------------------------------------------------------------------
+    def get_n_in(self) -> int:
+        """Number of values that the solver hands over."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """One: whether to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of a value."""
+        return str(ca.nlpsol_out(i))
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Shape of a value."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: list) -> list:
+        """Show the iterate; 1 asks the solver to stop."""
+        if self._bar is not None:
+            rows = arg[2].full().ravel()
+            violation = np.where(self._equalities, np.abs(rows), np.maximum(rows, 0.0))
+            worst = float(np.max(violation, initial=0.0))
+            cost = float(arg[1]) * self._cost_scale
+            self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
+            self._bar.update(1)
+        return [int(self.interruption is not None and self.interruption.requested)]

@@ -1,0 +1,53 @@
+"""Equations and limits of a transcription, each row with its label and its unit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A group of equations or limits on one interval.
+
+    Attributes
+    ----------
+    expression : casadi.SX
+        (k,); zero, or not above zero for limits.
+    labels : tuple of str
+        What each row says, in words.
+    share : float
+        Where in the interval it holds, 0 to 1.
+    scale : numpy.ndarray
+        Size of each row by which it is divided (k,).
+    units : tuple of str
+        Unit of each row.
+    equality : bool
+        Whether the rows are zero, or stay below it.
+    condition : bool
+        Whether the user stated them: their multipliers are reported.
+    """
+
+    expression: ca.SX
+    labels: tuple[str, ...]
+    share: float
+    scale: np.ndarray
+    units: tuple[str, ...]
+    equality: bool = True
+    condition: bool = False
+
+    @property
+    def scaled(self) -> ca.SX:
+        """Rows divided by their sizes."""
+        return self.expression / ca.DM(self.scale)
+
+
+#: Unit of a row whose expression the user wrote.
+OWN_UNIT = "in the units of the condition"
+
+
+def stack(groups: list[Rows]) -> ca.SX:
+    """All rows of groups, scaled, as one column."""
+    return ca.vertcat(ca.SX(0, 1), *[group.scaled for group in groups if group.labels])

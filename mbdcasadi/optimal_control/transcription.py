@@ -1,0 +1,285 @@
+"""What a transcription says of one interval of the mesh; everything else is the same for all of them.
+
+A transcription names the unknowns of an interval, the equations between them,
+and the polynomials by which the motion runs between the mesh points. The
+program, the scaling, the guess, the refinement, the labels and the results
+know no scheme by name.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import casadi as ca
+import numpy as np
+
+from ..equations import Equations
+from .controls import InputBasis
+from .rows import Rows
+from .scaling import Scales
+
+
+@dataclass(frozen=True)
+class Point:
+    """Everything that an expression of the model may hold, at one point of an interval."""
+
+    t: ca.SX
+    q: ca.SX
+    v: ca.SX
+    a: ca.SX
+    z: ca.SX
+    lam: ca.SX
+    u: ca.SX
+    u_rate: ca.SX
+
+    @property
+    def arguments(self) -> tuple[ca.SX, ...]:
+        """All of them in order."""
+        return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.u_rate
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Unknowns of one interval as expressions, in physical units.
+
+    Attributes
+    ----------
+    node, next_node : casadi.SX
+        At the mesh points before and after.
+    block : casadi.SX
+        Those of the interval alone.
+    start, length : casadi.SX
+        Time at which it begins, and its length, s.
+    p : casadi.SX
+        Parameters of the mechanism.
+    """
+
+    node: ca.SX
+    block: ca.SX
+    next_node: ca.SX
+    start: ca.SX
+    length: ca.SX
+    p: ca.SX
+
+
+class Transcription(ABC):
+    """Base class of transcriptions.
+
+    A subclass sets :attr:`block_parts` and :attr:`stages`, and writes
+    :meth:`equations` and :meth:`point`.
+
+    Parameters
+    ----------
+    eom : Equations
+        The equations of motion.
+    rows : sequence of int
+        Independent constraint rows; others are implied by them.
+    weights : numpy.ndarray
+        Metric W in which states are moved onto the constraints (n,).
+    inputs : InputBasis
+        How the inputs vary.
+
+    Attributes
+    ----------
+    stages : numpy.ndarray
+        Shares of the interval at which the equations of motion hold.
+    quadrature : numpy.ndarray
+        Weights of the stages in an integral over the interval.
+    order : int
+        Order of the states at the mesh points.
+    block_parts : dict of str to (int, numpy.ndarray)
+        Unknowns of the interval by name: rows, and the shares at which they
+        live, one column each; ``nan`` for what lives nowhere.
+    """
+
+    name: ClassVar[str]
+    stages: np.ndarray
+    quadrature: np.ndarray
+    order: int
+    block_parts: dict[str, tuple[int, np.ndarray]]
+
+    def __init__(self, eom: Equations, rows: Sequence[int], weights: np.ndarray, inputs: InputBasis):
+        self.eom = eom
+        self.rows = [int(k) for k in rows]
+        self.weights = weights
+        self.inputs = inputs
+        #: compiled functions of the scheme
+        self.memory: dict[str, ca.Function] = {}
+        place = {int(k): i for i, k in enumerate(eom.position_rows)}
+        self._position_rows = [place[k] for k in self.rows if k in place]
+        self._jacobian_rows = [k for k in self.rows if k in place]
+        self.node_parts = {
+            "q": eom.q.numel(),
+            "v": eom.q.numel(),
+            "z": eom.z.numel(),
+            "u": eom.u.numel() if inputs.joined else 0,
+        }
+        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
+        acceleration = (eom.Phi_q @ eom.a - eom.gamma)[self.rows]
+        self._motion = ca.Function("motion", [*eom.symbols], [motion, acceleration, eom.z_rate])
+        self._constraints = ca.Function(
+            "constraints",
+            [eom.t, eom.q, eom.p],
+            [
+                eom.Phi[self._position_rows],
+                eom.Phi_q[self._jacobian_rows, :],
+                eom.Phi_q[self.rows, :],
+                eom.nu[self.rows],
+            ],
+        )
+
+    # --- unknowns -------------------------------------------------------------------------
+    @property
+    def node_size(self) -> int:
+        """Unknowns of a mesh point."""
+        return sum(self.node_parts.values())
+
+    @property
+    def block_size(self) -> int:
+        """Unknowns of an interval alone."""
+        return sum(size * shares.size for size, shares in self.block_parts.values())
+
+    def node(self, values: Any) -> dict[str, Any]:
+        """Unknowns of a mesh point by name."""
+        found, first = {}, 0
+        for name, size in self.node_parts.items():
+            found[name] = values[first : first + size]
+            first += size
+        return found
+
+    def block(self, values: Any) -> dict[str, Any]:
+        """Unknowns of an interval by name, one column for each share at which they live."""
+        found, first = {}, 0
+        for name, (size, shares) in self.block_parts.items():
+            count = size * shares.size
+            found[name] = ca.reshape(values[first : first + count], size, shares.size)
+            first += count
+        return found
+
+    def block_slice(self, name: str) -> slice:
+        """Where a part of the block sits in it."""
+        first = 0
+        for key, (size, shares) in self.block_parts.items():
+            if key == name:
+                return slice(first, first + size * shares.size)
+            first += size * shares.size
+        raise KeyError(name)
+
+    def sizes(self, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
+        """Typical sizes of the unknowns of a mesh point and of an interval."""
+        correction = scales.q.max(initial=0.0) * self.weights.mean()
+        known = {
+            "a": scales.a,
+            "lam": scales.lam[self.rows],
+            "rate": scales.z / scales.time,
+            "u": scales.u,
+            "mu_1": np.full(len(self._position_rows), correction),
+            "mu_2": np.full(len(self.rows), correction / scales.time),
+        }
+        node = [scales.q, scales.v, scales.z, scales.u if self.inputs.joined else np.zeros(0)]
+        block = [np.tile(known[name], shares.size) for name, (_, shares) in self.block_parts.items()]
+        return np.concatenate(node), np.concatenate([np.zeros(0), *block])
+
+    # --- the motion between the mesh points ---------------------------------------------------
+    @abstractmethod
+    def point(self, interval: Interval, share: Any) -> Point:
+        """State at a share of the interval by the polynomials of the scheme."""
+
+    @abstractmethod
+    def equations(self, interval: Interval, scales: Scales) -> list[Rows]:
+        """Equations of motion in the interval, and the step to the next mesh point."""
+
+    def points(self, interval: Interval) -> list[Point]:
+        """States at the stages."""
+        return [self.point(interval, float(share)) for share in self.stages]
+
+    def start(self, interval: Interval) -> Point:
+        """State at the beginning."""
+        return self.point(interval, 0.0)
+
+    def end(self, interval: Interval) -> Point:
+        """State at the next mesh point; accelerations, multipliers and inputs as the interval ends."""
+        inner, node = self.point(interval, 1.0), self.node(interval.next_node)
+        return Point(inner.t, node["q"], node["v"], inner.a, node["z"], inner.lam, inner.u, inner.u_rate)
+
+    def _inputs(self, interval: Interval, share: Any) -> tuple[ca.SX, ca.SX]:
+        """Inputs and their rates at a share of the interval."""
+        values = self.block(interval.block)["u"]
+        if self.inputs.joined:
+            ends = [self.node(node)["u"] for node in (interval.node, interval.next_node)]
+            values = ca.horzcat(ends[0], values, ends[1])
+        weights, slopes = (ca.SX(w(share)) for w in (self.inputs.weights, self.inputs.rate_weights))
+        return values @ weights, values @ slopes / interval.length
+
+    def full_multipliers(self, lam: ca.SX) -> ca.SX:
+        """Multipliers of all rows; those of implied rows are zero."""
+        full = ca.SX(self.eom.lam.numel(), 1)
+        if self.rows:
+            full[self.rows] = lam
+        return full
+
+    # --- equations in common --------------------------------------------------------------------
+    def motion_rows(self, at: Point, p: ca.SX, share: float, scales: Scales) -> list[Rows]:
+        """``M a + Phi_q^T lam - Q = 0`` and ``Phi_q a - gamma = 0`` at a point."""
+        motion, acceleration, _ = self._motion(at.t, at.q, at.v, at.a, at.z, at.lam, at.u, p)
+        eom = self.eom
+        return [
+            Rows(
+                motion,
+                tuple(f"equation of motion of {name}" for name in eom.coordinate_names),
+                share,
+                scales.load,
+                tuple("N m" if angle else "N" for angle in scales.angles),
+            ),
+            Rows(
+                acceleration,
+                tuple(f"acceleration equation of {eom.row_names[k]}" for k in self.rows),
+                share,
+                scales.rows[self.rows] / scales.time**2,
+                self._row_units(self.rows, scales, "/s²"),
+            ),
+        ]
+
+    def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> list[Rows]:
+        """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
+        phi, _, jacobian, nu = self._constraints(t, q, p)
+        names = self.eom.row_names
+        return [
+            Rows(
+                phi,
+                tuple(f"constraint {names[k]}" for k in self._jacobian_rows),
+                share,
+                scales.rows[self._jacobian_rows],
+                self._row_units(self._jacobian_rows, scales, ""),
+            ),
+            Rows(
+                jacobian @ v - nu,
+                tuple(f"velocity equation of {names[k]}" for k in self.rows),
+                share,
+                scales.rows[self.rows] / scales.time,
+                self._row_units(self.rows, scales, "/s"),
+            ),
+        ]
+
+    def _continuity(self, residual: ca.SX, kind: str, scale: np.ndarray, scales: Scales) -> Rows:
+        """Rows that carry the coordinates or their rates over to the next mesh point."""
+        what, per = ("continuity of", "") if kind == "q" else ("continuity of the velocity of", "/s")
+        return Rows(
+            residual,
+            tuple(f"{what} {name}" for name in self.eom.coordinate_names),
+            1.0,
+            scale,
+            tuple(("rad" if angle else "m") + per for angle in scales.angles),
+        )
+
+    def _state_rows(self, residual: ca.SX, what: str, share: float, scale: np.ndarray) -> Rows:
+        """Rows of first-order states."""
+        names = tuple(f"{what} {z.label}" for z in self.eom.mechanism.states)
+        return Rows(residual, names, share, scale, tuple("in the state's unit" for _ in names))
+
+    @staticmethod
+    def _row_units(rows: Sequence[int], scales: Scales, per: str) -> tuple[str, ...]:
+        return tuple(("rad" if scales.angular_rows[k] else "m") + per for k in rows)
