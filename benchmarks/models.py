@@ -8,7 +8,7 @@ A model is a list of bodies, pins, springs and torques in numbers
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -94,14 +94,21 @@ class Model:
         """Output times (outputs + 1,), s."""
         return np.linspace(0.0, self.duration, self.outputs + 1)
 
-    def mechanism(self, drivers: Callable[[list[mbd.Body]], list] = lambda bodies: []) -> mbd.Mechanism:
+    def mechanism(
+        self,
+        drivers: Callable[[list[mbd.Body]], list] = lambda bodies: [],
+        motors: Mapping[int, mbd.Input] | None = None,
+    ) -> mbd.Mechanism:
         """Make the mechanism; called again it makes a new one on new symbols.
 
         Parameters
         ----------
         drivers : callable, optional
             ``bodies -> list of Driver``.
+        motors : mapping, optional
+            Index of a body to the input that is the couple on it.
         """
+        motors = motors or {}
         bodies = [mbd.Body(b.name, mass=b.mass, inertia=b.inertia, pose=b.pose) for b in self.bodies]
 
         def marker(index: int | None, point: tuple[float, float]) -> mbd.Marker:
@@ -114,7 +121,15 @@ class Model:
             for s in self.springs
         ]
         forces += [mbd.Torque(f"torque on {bodies[k].name}", bodies[k], value) for k, value in self.torques]
-        return mbd.Mechanism(bodies=bodies, joints=joints, drivers=drivers(bodies), forces=forces, name=self.name)
+        forces += [mbd.Torque(f"motor of {bodies[k].name}", bodies[k], couple) for k, couple in motors.items()]
+        return mbd.Mechanism(
+            bodies=bodies,
+            joints=joints,
+            drivers=drivers(bodies),
+            forces=forces,
+            inputs=list(motors.values()),
+            name=self.name,
+        )
 
     def start(self, mechanism: mbd.Mechanism) -> list:
         """Conditions at the start: the angular velocities that are stated."""

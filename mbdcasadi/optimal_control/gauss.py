@@ -86,7 +86,11 @@ class GaussLegendre(Transcription):
         for j, (share, at) in enumerate(zip(self.stages, self.points(interval), strict=True)):
             rate = self._motion(at.t, at.q, at.v, at.a, at.z, at.lam, at.u, interval.p)[2]
             groups += self.motion_rows(at, interval.p, float(share), scales)
-            groups.append(self._state_rows(parts["rate"][:, j] - rate, "rate of", float(share), scales.z / scales.time))
+            groups.append(
+                self._state_rows(
+                    parts["rate"][:, j] - rate, "rate of", float(share), scales.z * scales.steps / scales.time
+                )
+            )
         end, after = self.point(interval, 1.0), self.node(interval.next_node)
         q, v = after["q"], after["v"]
         _, position_jacobian, jacobian, _ = self._constraints(end.t, q, interval.p)
@@ -94,7 +98,7 @@ class GaussLegendre(Transcription):
         return [
             *groups,
             self._continuity(q - end.q - over @ (position_jacobian.T @ parts["mu_1"]), "q", scales.q, scales),
-            self._continuity(v - end.v - over @ (jacobian.T @ parts["mu_2"]), "v", scales.v, scales),
+            self._continuity(v - end.v - over @ (jacobian.T @ parts["mu_2"]), "v", scales.v * scales.steps, scales),
             self._state_rows(after["z"] - end.z, "continuity of", 1.0, scales.z),
             *self.constraint_rows(q, v, end.t, interval.p, 1.0, scales),
         ]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
+import casadi as ca
 import numpy as np
 
 from ..analysis.pose import PoseProblem
@@ -13,8 +14,10 @@ from ..equations.numeric import NumericEquations
 from ..errors import ModelError
 from ..model.conditions import Condition
 from ..numerics.least_squares import solve
+from ..results.interpolation import hermite, linear
 from ..results.state import State
 from ..results.trajectory import Trajectory
+from .balance import Balance
 from .mesh import Mesh
 from .problem import OptimalControlProblem
 from .program import MotionProgram
@@ -143,19 +146,25 @@ def _on_positions(conditions: Sequence[Condition]) -> list[Condition]:
 
 
 def kinematic_guess(
-    problem: OptimalControlProblem, start: State, marks: np.ndarray, times: np.ndarray, poses: np.ndarray
+    problem: OptimalControlProblem,
+    numeric: NumericEquations,
+    start: State,
+    marks: np.ndarray,
+    times: np.ndarray,
+    poses: np.ndarray,
 ) -> Guess:
-    """A motion through poses, at rest and without loads but for the start."""
-    eom = problem.equations
-    sizes = {"v": eom.q.numel(), "a": eom.q.numel(), "lam": eom.lam.numel(), "rate": eom.z.numel()}
+    """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
+    balance = Balance(numeric)
+    velocities = np.gradient(poses, times, axis=0)
+    accelerations = np.gradient(velocities, times, axis=0)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        found = {name: np.zeros((wanted.size, size)) for name, size in sizes.items()}
-        found["q"] = np.column_stack([np.interp(wanted, times, column) for column in poses.T])
-        found["z"] = np.tile(start.z, (wanted.size, 1))
-        found["u"] = np.zeros((wanted.size, eom.u.numel()))
-        found["v"][wanted <= 0] = start.v
-        return found
+        z = np.tile(start.z, (wanted.size, 1))
+        q, v = hermite(times, poses, velocities, accelerations, wanted)
+        a = linear(times, accelerations, wanted)
+        q, v, a = balance.states(wanted, q, v, a, z)
+        lam, u = balance.loads(wanted, q, v, a, z)
+        return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
     return Guess(sample, marks, np.array([p.value for p in problem.free_parameters]), "kinematic")
 
@@ -175,3 +184,35 @@ def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks:
         }  # fmt: skip
 
     return Guess(sample, marks, free, "trajectory")
+
+
+def guess_from_other(
+    problem: OptimalControlProblem, numeric: NumericEquations, motion: Trajectory, marks: np.ndarray
+) -> Guess:
+    """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
+
+    Multipliers and inputs are those that come nearest to the equations of
+    motion: for an inverse dynamics the effort of the driver.
+
+    Raises
+    ------
+    ModelError
+        Where the other mechanism lacks a coordinate.
+    """
+    eom, other = problem.equations, motion.equations
+    place = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(other.q))}
+    missing = [s.name() for s in ca.vertsplit(eom.q) if s.element_hash() not in place]
+    if missing:
+        raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
+    columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
+    begin, stretch = motion.t[0], (marks[-1] - marks[0]) / (motion.t[-1] - motion.t[0])
+    balance = Balance(numeric)
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        at = motion.at(np.clip(begin + wanted / stretch, begin, motion.t[-1]))
+        q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
+        z = np.tile(eom.estimate[2], (wanted.size, 1))
+        lam, u = balance.loads(wanted, q, v, a, z)
+        return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
+
+    return Guess(sample, marks, np.array([p.value for p in problem.free_parameters]), "inverse dynamics")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -91,7 +91,7 @@ class MotionProgram:
         initial: Sequence[Condition] | None,
         final: Sequence[Condition],
     ):
-        self.problem, self.scheme, self.scales = problem, scheme, scales
+        self.problem, self.scheme, self.scales = problem, scheme, replace(scales, steps=mesh.count)
         self.count, self._phase = mesh.count, mesh.phase
         self.initial, self.final = initial, final
         eom = problem.equations

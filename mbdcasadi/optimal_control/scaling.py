@@ -38,6 +38,9 @@ class Scales:
         Of first-order states and inputs.
     angles, angular_rows : numpy.ndarray
         Which coordinates are angles (n,), and which rows (m,).
+    steps : int
+        Intervals of the mesh. Rows of velocities count by what they do to the
+        coordinates in one interval, those of accelerations and loads likewise.
     """
 
     time: float
@@ -51,6 +54,7 @@ class Scales:
     u: np.ndarray
     angles: np.ndarray
     angular_rows: np.ndarray
+    steps: int = 1
 
 
 def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> Scales:

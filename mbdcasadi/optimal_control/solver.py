@@ -22,10 +22,9 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from .consistency import ConditionRank, on_states
 from .controls import input_basis
-from .duals import guess_by_inverse_dynamics
 from .failure import explain_failure
 from .gauss import GaussLegendre
-from .guess import Guess, guess_from_motion, kinematic_guess, kinematic_poses, nominal_marks
+from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess, kinematic_poses, nominal_marks
 from .hermite_simpson import HermiteSimpson
 from .mesh import Mesh
 from .monitor import Monitor
@@ -272,7 +271,7 @@ class Solver:
     def guess(self, given: Any) -> Guess:
         """A guess from what the user gave: nothing, a solution, or a trajectory."""
         if given is None:
-            return kinematic_guess(self.problem, self.start, self.marks, self.times, self.poses)
+            return kinematic_guess(self.problem, self.numeric, self.start, self.marks, self.times, self.poses)
         if isinstance(given, Solution):
             return given.as_guess(self.problem)
         if isinstance(given, Trajectory):
@@ -281,7 +280,7 @@ class Solver:
             marks = nominal_marks(self.problem, duration)
             if given.mechanism is self.problem.mechanism and not given._missing_multipliers:
                 return guess_from_motion(self.problem, given, marks)
-            return guess_by_inverse_dynamics(self.problem, self.numeric, given, marks)
+            return guess_from_other(self.problem, self.numeric, given, marks)
         raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {given!r}")
 
 

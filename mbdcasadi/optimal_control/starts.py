@@ -53,7 +53,7 @@ def wandering(solver: Solver, random: np.random.Generator) -> Guess:
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=0.5)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(solver.problem, solver.start, solver.marks, times, np.array(moved))
+    guess = kinematic_guess(solver.problem, numeric, solver.start, solver.marks, times, np.array(moved))
     return replace(guess, word=f"kinematic with a detour of {waves} half waves")
 
 

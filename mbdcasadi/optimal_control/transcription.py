@@ -231,14 +231,14 @@ class Transcription(ABC):
                 motion,
                 tuple(f"equation of motion of {name}" for name in eom.coordinate_names),
                 share,
-                scales.load,
+                scales.load * scales.steps**2,
                 tuple("N m" if angle else "N" for angle in scales.angles),
             ),
             Rows(
                 acceleration,
                 tuple(f"acceleration equation of {eom.row_names[k]}" for k in self.rows),
                 share,
-                scales.rows[self.rows] / scales.time**2,
+                scales.rows[self.rows] * (scales.steps / scales.time) ** 2,
                 self._row_units(self.rows, scales, "/s²"),
             ),
         ]
@@ -259,7 +259,7 @@ class Transcription(ABC):
                 jacobian @ v - nu,
                 tuple(f"velocity equation of {names[k]}" for k in self.rows),
                 share,
-                scales.rows[self.rows] / scales.time,
+                scales.rows[self.rows] * scales.steps / scales.time,
                 self._row_units(self.rows, scales, "/s"),
             ),
         ]
