@@ -79,7 +79,7 @@ def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: 
                 'optimize: an input that is constant on the intervals has no rate; use control="linear" or "polynomial"'
             )
         return InputBasis(control, (0.5,), False)
-    if rates and not joined:  # a polynomial of the same number of unknowns that does not jump between intervals
-        inner, joined = inner[:-1] if len(inner) > 1 else (), True
-        inner = tuple(np.linspace(0, 1, len(inner) + 2)[1:-1])
+    if rates and not joined:
+        # of the degree that the stages determine: a higher one could move between them unseen
+        inner, joined = tuple(np.linspace(0, 1, max(len(inner), 2))[1:-1].tolist()), True
     return InputBasis(control, inner, joined)

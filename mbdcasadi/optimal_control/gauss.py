@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
 from ..numerics.collocation import gauss
+from .constraints import MotionConstraints
 from .controls import InputBasis
 from .rows import Rows
 from .scaling import Scales
@@ -44,8 +43,9 @@ class GaussLegendre(Transcription):
 
     name = "gauss-legendre"
 
-    def __init__(self, eom: Equations, rows: Sequence[int], weights: np.ndarray, inputs: InputBasis, degree: int):
-        super().__init__(eom, rows, weights, inputs)
+    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis, degree: int):
+        super().__init__(constraints, weights, inputs)
+        eom = self.eom
         self.coefficients = gauss(degree)
         self.stages, self.quadrature = self.coefficients.points, self.coefficients.weights
         self.order = 2 * degree
@@ -55,8 +55,8 @@ class GaussLegendre(Transcription):
             "lam": (len(self.rows), self.stages),
             "u": (eom.u.numel(), np.array(inputs.inner)),
             "rate": (eom.z.numel(), self.stages),
-            "mu_1": (len(self._position_rows), nowhere),
-            "mu_2": (len(self.rows), nowhere),
+            "mu_1": (constraints.position_count, nowhere),
+            "mu_2": (constraints.velocity_count, nowhere),
         }
 
     @staticmethod
@@ -93,7 +93,7 @@ class GaussLegendre(Transcription):
             )
         end, after = self.point(interval, 1.0), self.node(interval.next_node)
         q, v = after["q"], after["v"]
-        _, position_jacobian, jacobian, _ = self._constraints(end.t, q, interval.p)
+        _, position_jacobian, jacobian, _ = self.constraints.function(end.t, q, interval.p)
         over = ca.diag(ca.DM(1 / self.weights))
         return [
             *groups,

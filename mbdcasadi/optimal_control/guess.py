@@ -1,19 +1,15 @@
-"""First guesses of a motion: by continuation of poses, from trajectories, from other solutions."""
+"""First guesses of a motion: through poses, from trajectories, from other solutions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import casadi as ca
 import numpy as np
 
-from ..analysis.pose import PoseProblem
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError
-from ..model.conditions import Condition
-from ..numerics.least_squares import solve
 from ..results.interpolation import hermite, linear
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -21,9 +17,6 @@ from .balance import Balance
 from .mesh import Mesh
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-
-#: Steps of the continuation from pose to pose, at the least.
-STEPS = 40
 
 #: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at times given.
 Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
@@ -88,61 +81,6 @@ def nominal_marks(problem: OptimalControlProblem, duration: float) -> np.ndarray
     if np.any(lengths <= 0):
         raise ModelError(f"the times of the waypoints {marks[1:-1]} leave no motion between them")
     return np.array(marks)
-
-
-def kinematic_poses(
-    problem: OptimalControlProblem, numeric: NumericEquations, start: State, marks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times (k,) and poses (k, n) by continuation from the start through the waypoints to the end.
-
-    The conditions of the next place are moved in steps from the value that
-    they have in the last pose to their target; each pose is assembled from the
-    one before. A straight line in the coordinates would tear closed loops apart.
-    """
-    final = problem.final
-    places = [list(w.conditions) for w in problem.waypoints] + [[] if isinstance(final, State) else list(final)]
-    times, poses = [0.0], [start.q]
-    for k, conditions in enumerate(places):
-        leg = _leg(numeric, _on_positions(conditions), poses[-1], start.z, float(marks[k + 1]))
-        if k == len(places) - 1 and isinstance(final, State):
-            leg = _towards(numeric, poses[-1], final.q, float(marks[-1]))
-        times += (marks[k] + (marks[k + 1] - marks[k]) * np.linspace(0, 1, len(leg) + 1)[1:]).tolist()
-        poses += leg
-    return np.array(times), np.array(poses)
-
-
-def _leg(
-    numeric: NumericEquations, conditions: list[Condition], q: np.ndarray, z: np.ndarray, t: float
-) -> list[np.ndarray]:
-    """Poses from one place to the next; the last one stays where the linkage does not reach further."""
-    if not conditions:
-        return [q]
-    poses = PoseProblem(numeric, conditions, t, z)
-    first, path = poses.values(conditions, q), []
-    for k in range(1, STEPS + 1):
-        rows = poses.rows_with(conditions, (1 - k / STEPS) * first)
-        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=0.5)
-        if not outcome.converged:
-            break  # the solver is left to find out, and says so
-        q = outcome.x
-        path.append(q)
-    return path + [q] * (STEPS - len(path))
-
-
-def _towards(numeric: NumericEquations, q: np.ndarray, target: np.ndarray, t: float) -> list[np.ndarray]:
-    """Poses on the constraints nearest to a straight line to a pose."""
-    path = []
-    for k in range(1, STEPS + 1):
-        line = q + (target - q) / (STEPS + 1 - k)
-        outcome = solve(partial(numeric.position, t), line, numeric.weights, iterations=30, step_limit=0.5)
-        q = outcome.x if outcome.converged else line
-        path.append(q)
-    return path
-
-
-def _on_positions(conditions: Sequence[Condition]) -> list[Condition]:
-    kinds = ("velocity", "acceleration", "multiplier", "input", "input rate")
-    return [c for c in conditions if c.equality and c.depends_on("position") and not c.depends_on(*kinds)]
 
 
 def kinematic_guess(

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
+from .constraints import MotionConstraints
 from .controls import InputBasis
 from .rows import Rows
 from .scaling import Scales
@@ -42,13 +41,14 @@ class HermiteSimpson(Transcription):
     stages = np.array([0.0, 0.5, 1.0])
     quadrature = np.array([1.0, 4.0, 1.0]) / 6
 
-    def __init__(self, eom: Equations, rows: Sequence[int], weights: np.ndarray, inputs: InputBasis):
-        super().__init__(eom, rows, weights, inputs)
+    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis):
+        super().__init__(constraints, weights, inputs)
+        eom = self.eom
         self.block_parts = {
             "a": (eom.q.numel(), self.stages[[0, 2]]),
             "lam": (len(self.rows), self.stages),
             "u": (eom.u.numel(), np.array(inputs.inner)),
-            "mu_1": (len(self._position_rows), np.array([np.nan])),
+            "mu_1": (constraints.position_count, np.array([np.nan])),
         }
 
     @staticmethod
@@ -95,20 +95,31 @@ class HermiteSimpson(Transcription):
         first, last = self.node(interval.node), self.node(interval.next_node)
         begin, middle, end = self.points(interval)
         slack = self.block(interval.block)["mu_1"]
-        _, position_jacobian, _, _ = self._constraints(middle.t, middle.q, p)
+        _, position_jacobian, _, _ = self.constraints.function(middle.t, middle.q, p)
         over = ca.diag(ca.DM(1 / self.weights))
         slope = _cubic_slope(first["q"], last["q"], h * first["v"], h * last["v"], 0.5)
         f = self._rates(interval)
         slope_z = _cubic_slope(first["z"], last["z"], h * f[0], h * f[1], 0.5)
         rate = self._motion(middle.t, middle.q, middle.v, middle.a, middle.z, middle.lam, middle.u, p)[2]
         return [
-            *self.motion_rows(begin, p, 0.0, scales),
+            *self._joints_only(self.motion_rows(begin, p, 0.0, scales)),
             self.motion_rows(middle, p, 0.5, scales)[0],
             *self.motion_rows(end, p, 1.0, scales),
             self._continuity(slope - h * (middle.v + over @ (position_jacobian.T @ slack)), "q", scales.q, scales),
             self._state_rows(slope_z - h * rate, "continuity of", 0.5, scales.z),
             *self.constraint_rows(last["q"], last["v"], end.t, p, 1.0, scales),
         ]
+
+    def _joints_only(self, rows: list[Rows]) -> list[Rows]:
+        """Rows without the accelerations of path conditions: the interval before has them at the same point."""
+        motion, acceleration = rows
+        count = len(self.rows)
+        return [motion, acceleration.first(count)]
+
+    def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
+        """Accelerations of path conditions at the start of the motion."""
+        rows = self.motion_rows(self.start(interval), interval.p, 0.0, scales)[1]
+        return [rows.after(len(self.rows))] if self.constraints.held else []
 
 
 def _cubic(x0: ca.SX, x1: ca.SX, d0: ca.SX, d1: ca.SX, s: Any) -> ca.SX:

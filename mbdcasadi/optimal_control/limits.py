@@ -55,7 +55,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
         if k < program.interval_rows:
             found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
         else:
-            found[label] = -value if equality else value
+            found[label] = float(-value if equality else value)
     for label, interval, value in _of_bounds(solution):
         found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
     return found

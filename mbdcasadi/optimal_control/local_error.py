@@ -18,7 +18,7 @@ TOLERANCE = 1e-11
 
 def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Ends of all intervals by integration, and as the mesh has them, each (N, 2 n)."""
-    program, numeric = solution.program, solution.numeric
+    numeric = solution.numeric
     eom = numeric.eom
     n = eom.q.numel()
     coefficients = np.stack([piece.coefficients for piece in solution.inputs.values()], axis=2)  # (N, d, n_u)
@@ -49,7 +49,7 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
             coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
         ]
     )
-    starts = solution.nodes[:-1, : program.scheme.node_size]
+    starts = solution.nodes[:-1, : 2 * n + eom.z.numel()]
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
     recovery = Recovery(numeric, redundant=solution.redundant)
     times = solution.mesh[1:]

@@ -254,17 +254,18 @@ class MotionProgram:
         scheme, groups = self.scheme, []
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
         inner = list(zip(scheme.stages.tolist(), points, strict=True))
-        for condition in (*self.problem.path, *self.limit_owners):
+        held = set(scheme.constraints.held)
+        for condition in (c for c in (*self.problem.path, *self.limit_owners) if c not in held):
             places = inner
             if not condition.equality:
                 inside = [(share, at) for share, at in inner if 0 < share < 1]
                 jumps = condition.depends_on("acceleration", "multiplier", "input", "input rate")
                 places = [*([(0.0, start)] if jumps else []), *inside, (1.0, end)]
-            held = self._held_by_bounds.get(condition, ())
+            bounded = self._held_by_bounds.get(condition, ())
             groups += [
                 self._condition(condition, self._value(condition.expression, at, unknowns), condition.label, share)
                 for share, at in places
-                if share not in held
+                if share not in bounded
             ]
         return groups
 
@@ -288,11 +289,13 @@ class MotionProgram:
     def _place_pieces(self) -> list[Piece]:
         """Conditions at the start, at waypoints and at the end."""
         pieces = []
+        unknowns = self._unknowns()
+        interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
+        groups = self.scheme.start_rows(interval, self.scales)
         if self.initial is not None:
-            unknowns = self._unknowns()
-            interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
-            groups = self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.scales)
+            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.scales)
             groups += self._conditions(self.initial, "initial", at, unknowns, 0.0)
+        if groups:
             pieces.append(self._piece(unknowns, groups, ca.SX(0), [0]))
         nodes = [int(np.sum(self._phase <= k)) for k in range(len(self.problem.waypoints))]
         places = [(f"waypoint {k + 1}", w.conditions, nodes[k]) for k, w in enumerate(self.problem.waypoints)]

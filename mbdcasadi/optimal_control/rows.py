@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -37,6 +37,18 @@ class Rows:
     units: tuple[str, ...]
     equality: bool = True
     condition: bool = False
+
+    def first(self, count: int) -> Rows:
+        """The first rows of the group."""
+        return self._part(slice(0, count))
+
+    def after(self, count: int) -> Rows:
+        """The group without its first rows."""
+        return self._part(slice(count, len(self.labels)))
+
+    def _part(self, which: slice) -> Rows:
+        expression, labels, units = self.expression[which], self.labels[which], self.units[which]
+        return replace(self, expression=expression, labels=labels, scale=self.scale[which], units=units)
 
     @property
     def scaled(self) -> ca.SX:

@@ -15,19 +15,21 @@ from ..analysis.mappings import pairs_of, parameter_vector
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError, Interrupted, ModelError
 from ..model.conditions import Condition
-from ..model.symbols import symbols_of
+from ..model.symbols import symbols_of, time_derivative
 from ..numerics.console import interruptible, quiet
 from ..numerics.rank import dependent_rows
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from .consistency import ConditionRank, on_states
+from .constraints import MotionConstraints, prescribes_motion
 from .controls import input_basis
 from .failure import explain_failure
 from .gauss import GaussLegendre
-from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess, kinematic_poses, nominal_marks
+from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess, nominal_marks
 from .hermite_simpson import HermiteSimpson
 from .mesh import Mesh
 from .monitor import Monitor
+from .poses import kinematic_poses
 from .problem import OptimalControlProblem
 from .program import MotionProgram
 from .scaling import scales_of
@@ -139,15 +141,36 @@ class Solver:
         return [*kept, *others], final
 
     def _scheme(self) -> Transcription:
-        settings, eom = self.settings, self.problem.equations
-        rows = self._independent_rows()
-        weights, rates = self.numeric.weights, self.problem.has_input_rates
+        settings, problem = self.settings, self.problem
+        own = {p.element_hash() for p in problem.free_parameters}
+        held = [
+            c
+            for c in problem.path
+            if prescribes_motion(c) and not own & {s.element_hash() for s in symbols_of(c.expression)}
+        ]
+        constraints = MotionConstraints(self.numeric, self._independent_rows(), held)
+        self._check_start(held)
+        weights, rates = self.numeric.weights, problem.has_input_rates
         if settings.transcription == GaussLegendre.name:
             inner, joined = GaussLegendre.input_points(settings.degree)
             basis = input_basis(settings.control, inner, joined, rates=rates)
-            return GaussLegendre(eom, rows, weights, basis, settings.degree)
+            return GaussLegendre(constraints, weights, basis, settings.degree)
         inner, joined = HermiteSimpson.input_points()
-        return HermiteSimpson(eom, rows, weights, input_basis(settings.control, inner, joined, rates=rates))
+        return HermiteSimpson(constraints, weights, input_basis(settings.control, inner, joined, rates=rates))
+
+    def _check_start(self, held: list[Condition]) -> None:
+        """Refuse a start off the motion that path conditions prescribe."""
+        for condition in held if self.initial is None else ():
+            levels = [condition.expression]
+            if not condition.depends_on("velocity"):
+                levels.append(time_derivative(condition.expression))
+            for level, what in zip(levels, ("", "the rate of "), strict=False):
+                amount = float(self.start[level])
+                if abs(amount) > 1e-6:
+                    raise ConditionError(
+                        f"the initial state does not meet {what}the path condition {condition.label}: "
+                        f"it is off by {amount:.3g}"
+                    )
 
     def _independent_rows(self) -> list[int]:
         """Constraint rows without those that others imply; of the poses passed the one with the most counts."""

@@ -9,14 +9,13 @@ know no scheme by name.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
+from .constraints import MotionConstraints
 from .controls import InputBasis
 from .rows import Rows
 from .scaling import Scales
@@ -73,10 +72,8 @@ class Transcription(ABC):
 
     Parameters
     ----------
-    eom : Equations
-        The equations of motion.
-    rows : sequence of int
-        Independent constraint rows; others are implied by them.
+    constraints : MotionConstraints
+        Rows that hold all along.
     weights : numpy.ndarray
         Metric W in which states are moved onto the constraints (n,).
     inputs : InputBasis
@@ -101,16 +98,13 @@ class Transcription(ABC):
     order: int
     block_parts: dict[str, tuple[int, np.ndarray]]
 
-    def __init__(self, eom: Equations, rows: Sequence[int], weights: np.ndarray, inputs: InputBasis):
-        self.eom = eom
-        self.rows = [int(k) for k in rows]
+    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis):
+        eom = self.eom = constraints.eom
+        self.constraints = constraints
         self.weights = weights
         self.inputs = inputs
         #: compiled functions of the scheme
         self.memory: dict[str, ca.Function] = {}
-        place = {int(k): i for i, k in enumerate(eom.position_rows)}
-        self._position_rows = [place[k] for k in self.rows if k in place]
-        self._jacobian_rows = [k for k in self.rows if k in place]
         self.node_parts = {
             "q": eom.q.numel(),
             "v": eom.q.numel(),
@@ -118,18 +112,13 @@ class Transcription(ABC):
             "u": eom.u.numel() if inputs.joined else 0,
         }
         motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
-        acceleration = (eom.Phi_q @ eom.a - eom.gamma)[self.rows]
+        acceleration = constraints.jacobian @ eom.a - constraints.gamma
         self._motion = ca.Function("motion", [*eom.symbols], [motion, acceleration, eom.z_rate])
-        self._constraints = ca.Function(
-            "constraints",
-            [eom.t, eom.q, eom.p],
-            [
-                eom.Phi[self._position_rows],
-                eom.Phi_q[self._jacobian_rows, :],
-                eom.Phi_q[self.rows, :],
-                eom.nu[self.rows],
-            ],
-        )
+
+    @property
+    def rows(self) -> list[int]:
+        """Constraint rows of the joints that are independent; others are implied by them."""
+        return self.constraints.rows
 
     # --- unknowns -------------------------------------------------------------------------
     @property
@@ -176,8 +165,8 @@ class Transcription(ABC):
             "lam": scales.lam[self.rows],
             "rate": scales.z / scales.time,
             "u": scales.u,
-            "mu_1": np.full(len(self._position_rows), correction),
-            "mu_2": np.full(len(self.rows), correction / scales.time),
+            "mu_1": np.full(self.constraints.position_count, correction),
+            "mu_2": np.full(self.constraints.velocity_count, correction / scales.time),
         }
         node = [scales.q, scales.v, scales.z, scales.u if self.inputs.joined else np.zeros(0)]
         block = [np.tile(known[name], shares.size) for name, (_, shares) in self.block_parts.items()]
@@ -234,35 +223,20 @@ class Transcription(ABC):
                 scales.load * scales.steps**2,
                 tuple("N m" if angle else "N" for angle in scales.angles),
             ),
-            Rows(
-                acceleration,
-                tuple(f"acceleration equation of {eom.row_names[k]}" for k in self.rows),
-                share,
-                scales.rows[self.rows] * (scales.steps / scales.time) ** 2,
-                self._row_units(self.rows, scales, "/s²"),
-            ),
+            self.constraints.acceleration_rows(acceleration, share, scales),
         ]
 
     def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> list[Rows]:
         """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
-        phi, _, jacobian, nu = self._constraints(t, q, p)
-        names = self.eom.row_names
+        constraints = self.constraints
         return [
-            Rows(
-                phi,
-                tuple(f"constraint {names[k]}" for k in self._jacobian_rows),
-                share,
-                scales.rows[self._jacobian_rows],
-                self._row_units(self._jacobian_rows, scales, ""),
-            ),
-            Rows(
-                jacobian @ v - nu,
-                tuple(f"velocity equation of {names[k]}" for k in self.rows),
-                share,
-                scales.rows[self.rows] * scales.steps / scales.time,
-                self._row_units(self.rows, scales, "/s"),
-            ),
+            constraints.position_rows(q, t, p, share, scales),
+            constraints.velocity_rows(q, v, t, p, share, scales),
         ]
+
+    def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
+        """Equations that hold at the start of the motion alone, besides the constraints there."""
+        return []
 
     def _continuity(self, residual: ca.SX, kind: str, scale: np.ndarray, scales: Scales) -> Rows:
         """Rows that carry the coordinates or their rates over to the next mesh point."""
@@ -279,7 +253,3 @@ class Transcription(ABC):
         """Rows of first-order states."""
         names = tuple(f"{what} {z.label}" for z in self.eom.mechanism.states)
         return Rows(residual, names, share, scale, tuple("in the state's unit" for _ in names))
-
-    @staticmethod
-    def _row_units(rows: Sequence[int], scales: Scales, per: str) -> tuple[str, ...]:
-        return tuple(("rad" if scales.angular_rows[k] else "m") + per for k in rows)

@@ -1,0 +1,125 @@
+"""Rows that hold all along a motion: those of the joints, and path conditions that prescribe the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+from ..model.conditions import Condition
+from ..model.symbols import role_of, symbols_of
+from .rows import OWN_UNIT, Rows
+from .scaling import Scales
+
+
+def prescribes_motion(condition: Condition) -> bool:
+    """Whether an equality is one in positions, or linear in velocities, and so can be differentiated.
+
+    Imposed at stages alone such a condition would be a differential-algebraic
+    equation of higher index, for which collocation at Gauss points is unstable:
+    it is treated like a constraint whose multipliers are the inputs.
+    """
+    roles = [role_of(s) for s in symbols_of(condition.expression)]
+    kinds = {role.kind for role in roles if role is not None}
+    if not condition.equality or not kinds <= {"time", "position", "velocity", "parameter"}:
+        return False
+    if not kinds & {"position", "velocity"}:
+        return False
+    named = zip(symbols_of(condition.expression), roles, strict=True)
+    speeds = [s for s, role in named if role is not None and role.kind == "velocity"]
+    slopes = ca.jacobian(condition.expression, ca.vertcat(ca.SX(0, 1), *speeds))
+    return not speeds or not ca.depends_on(slopes, ca.vertcat(*speeds))
+
+
+class MotionConstraints:
+    """Constraints of a motion at the levels of position, velocity and acceleration.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    rows : sequence of int
+        Independent rows of the joints.
+    held : sequence of Condition
+        Path conditions that prescribe the motion, see :func:`prescribes_motion`;
+        their parameters are those of the mechanism.
+
+    Attributes
+    ----------
+    rows : list of int
+        Rows of the joints.
+    position_count, velocity_count : int
+        Rows at the level of positions, and of velocities and accelerations.
+    """
+
+    def __init__(self, numeric: NumericEquations, rows: Sequence[int], held: Sequence[Condition]):
+        eom = numeric.eom
+        self.eom, self.rows = eom, [int(k) for k in rows]
+        place = {int(k): i for i, k in enumerate(eom.position_rows)}
+        positions = [c for c in held if not c.depends_on("velocity")]
+        velocities = [c for c in held if c.depends_on("velocity")]
+        self._joint_positions = [k for k in self.rows if k in place]
+        self.held = [*positions, *velocities]
+        prescribed = ca.vertcat(ca.SX(0, 1), *[c.expression for c in positions])
+        speeds = ca.vertcat(ca.SX(0, 1), *[c.expression for c in velocities])
+        position_jacobian = ca.jacobian(prescribed, eom.q)
+        speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
+        jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
+        still = ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
+        nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -still)
+        bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
+        self.gamma = ca.vertcat(eom.gamma[self.rows], bend)
+        self.jacobian = jacobian
+        self.position_count = len(self._joint_positions) + len(positions)
+        self.velocity_count = len(self.rows) + len(self.held)
+        self.function = ca.Function(
+            "constraints",
+            [eom.t, eom.q, eom.p],
+            [
+                ca.vertcat(eom.Phi[[place[k] for k in self._joint_positions]], prescribed),
+                ca.vertcat(eom.Phi_q[self._joint_positions, :], position_jacobian),
+                jacobian,
+                nu,
+            ],
+        )
+        self._held_slopes = self.function(0.0, eom.estimate[0], numeric.p)[2].full()[len(self.rows) :]
+
+    def _sizes(self, scales: Scales) -> np.ndarray:
+        """Sizes of the rows as they change over typical coordinates."""
+        slopes = np.max(np.abs(self._held_slopes) * scales.q, axis=1, initial=0.0)
+        return np.r_[scales.rows[self.rows], np.where(slopes > 0, slopes, 1.0)]
+
+    def _words(self, scales: Scales, per: str) -> tuple[list[str], list[str]]:
+        """Names and units of the rows."""
+        names = [self.eom.row_names[k] for k in self.rows] + [f"path condition {c.label}" for c in self.held]
+        units = [("rad" if scales.angular_rows[k] else "m") + per for k in self.rows]
+        return names, units + [OWN_UNIT] * len(self.held)
+
+    def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> Rows:
+        """``Phi = 0``."""
+        names, units = self._words(scales, "")
+        at_position = [self.rows.index(k) for k in self._joint_positions]
+        at_position += range(len(self.rows), len(self.rows) + self.position_count - len(at_position))
+        return Rows(
+            self.function(t, q, p)[0],
+            tuple(names[k] if k >= len(self.rows) else f"constraint {names[k]}" for k in at_position),
+            share,
+            self._sizes(scales)[at_position],
+            tuple(units[k] for k in at_position),
+        )
+
+    def velocity_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> Rows:
+        """``Phi_q v - nu = 0``."""
+        _, _, jacobian, nu = self.function(t, q, p)
+        names, units = self._words(scales, "/s")
+        labels = tuple(f"velocity equation of {name}" for name in names)
+        size = self._sizes(scales) * scales.steps / scales.time
+        return Rows(jacobian @ v - nu, labels, share, size, tuple(units))
+
+    def acceleration_rows(self, residual: ca.SX, share: float, scales: Scales) -> Rows:
+        """``Phi_q a - gamma = 0`` from its residual."""
+        names, units = self._words(scales, "/s²")
+        labels = tuple(f"acceleration equation of {name}" for name in names)
+        return Rows(residual, labels, share, self._sizes(scales) * (scales.steps / scales.time) ** 2, tuple(units))

@@ -1,0 +1,133 @@
+"""Poses on the way from the start through the waypoints to the end, by continuation.
+
+The conditions of the next place are moved in steps from the value that they
+have in the last pose to their target; each pose is assembled from the one
+before. A straight line in the coordinates would tear closed loops apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from ..analysis.pose import PoseProblem
+from ..equations.numeric import LARGE, NumericEquations
+from ..model.conditions import Condition
+from ..model.symbols import symbols_of
+from ..numerics.least_squares import solve
+from ..numerics.rank import dependent_rows
+from ..results.state import State
+from .placeholders import placeholder_of
+from .problem import OptimalControlProblem
+
+#: Steps from place to place, at the least.
+STEPS = 40
+#: Rows of a unit gradient that are nearer to others than this are not used to steer by.
+TOO_NEAR = 1e-3
+
+
+def kinematic_poses(
+    problem: OptimalControlProblem, numeric: NumericEquations, start: State, marks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times (k,) and poses (k, n) from the start through the waypoints to the end.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Whose conditions are met, as far as they are equalities in positions.
+    numeric : NumericEquations
+        Equations at given parameters.
+    start : State
+        First state.
+    marks : numpy.ndarray
+        Times of start, waypoints and end, s.
+    """
+    held = _on_positions(problem, problem.path)
+    places = [_on_positions(problem, w.conditions) for w in problem.waypoints]
+    last = problem.final
+    if isinstance(last, State):
+        places.append(_steering(numeric, last))
+    else:
+        places.append(_on_positions(problem, [*last, *_periodic(problem, start)]))
+    times, poses = [np.zeros(1)], [start.q]
+    for k, conditions in enumerate(places):
+        span = np.linspace(marks[k], marks[k + 1], STEPS + 1)
+        times.append(span[1:])
+        poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+    return np.concatenate(times), np.array(poses)
+
+
+def _leg(
+    numeric: NumericEquations,
+    conditions: list[Condition],
+    held: list[Condition],
+    q: np.ndarray,
+    z: np.ndarray,
+    span: np.ndarray,
+) -> list[np.ndarray]:
+    """Poses from one place to the next; the last one stays where the linkage does not reach further."""
+    rows = [*conditions, *held]
+    if not rows and not numeric.eom.nu.numel():
+        return [q] * (span.size - 1)
+    place = PoseProblem(numeric, rows, float(span[0]), z)
+    first, path = place.values(conditions, q), []
+    for k in range(1, span.size):
+        place.t = float(span[k])
+        offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(held))]
+        outcome = solve(place.rows_with(rows, offset), q, numeric.weights, iterations=30, step_limit=0.5)
+        if not outcome.converged:
+            break  # whether there is a way is for the solver to find out, and it says so
+        q = outcome.x
+        path.append(q)
+    return path + [q] * (span.size - 1 - len(path))
+
+
+def _on_positions(problem: OptimalControlProblem, conditions: Sequence[Condition]) -> list[Condition]:
+    """Equalities in positions, with the values of the problem's own parameters put in."""
+    others = ("velocity", "acceleration", "multiplier", "input", "input rate")
+    found = [c for c in conditions if c.equality and c.depends_on("position") and not c.depends_on(*others)]
+    own = ca.vertcat(ca.SX(0, 1), *problem.own_parameters)
+    values = ca.DM([p.value for p in problem.own_parameters])
+    return [Condition(ca.substitute(c.expression, own, values), True, c.label) for c in found] if own.numel() else found
+
+
+def _periodic(problem: OptimalControlProblem, start: State) -> list[Condition]:
+    """Boundary conditions as conditions at the end, with the start's values put in."""
+    found = []
+    for condition in problem.boundary:
+        placeholders = [p for s in symbols_of(condition.expression) if (p := placeholder_of(s)) is not None]
+        own = {p.element_hash() for p in problem.own_parameters}
+        inner = [s.element_hash() for p in placeholders for s in symbols_of(p.expression)]
+        kinds = {p.kind for p in placeholders}
+        if not kinds <= {"at_start", "at_end"} or own & {*inner} or not condition.equality:
+            continue
+        if any(p.kind == "at_start" and _unknown_at_start(p.expression, problem) for p in placeholders):
+            continue
+        values = [ca.SX(float(start[p.expression])) if p.kind == "at_start" else p.expression for p in placeholders]
+        replaced = ca.substitute(condition.expression, ca.vertcat(*placeholders), ca.vertcat(*values))
+        found.append(Condition(replaced, True, condition.label))
+    return found
+
+
+def _unknown_at_start(expression: ca.SX, problem: OptimalControlProblem) -> bool:
+    eom = problem.equations
+    return bool(ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u, problem.u_rate)))
+
+
+def _steering(numeric: NumericEquations, target: State) -> list[Condition]:
+    """Independent coordinates of a pose and their values; angles first, since they know the number of turns."""
+    eom = numeric.eom
+    symbols = ca.vertsplit(eom.q)
+    angles = [k for k in range(3 * len(eom.mechanism.bodies)) if k % 3 == 2]
+    order = [*angles, *[k for k in range(eom.q.numel()) if k not in set(angles)]]
+    conditions = [Condition(symbols[k] - float(target.q[k]), True, symbols[k].name()) for k in order]
+    if eom.q.numel() * eom.lam.numel() > LARGE:
+        return conditions
+    jacobian = numeric.velocity(target.t, target.q)[0] * numeric.column_scale
+    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
+    joints = jacobian / np.where(size > 1e-12, size, 1.0)
+    coordinates = np.eye(eom.q.numel())[order]
+    dependent = set(dependent_rows(np.vstack([joints, coordinates]), TOO_NEAR))
+    return [c for k, c in enumerate(conditions) if k + len(joints) not in dependent]
