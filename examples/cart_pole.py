@@ -1,10 +1,17 @@
-"""A cart swings a pole up: the tutorial problem of trajectory optimisation (Kelly, SIAM Review 2017).
+"""A cart swings a pole up in two seconds: which force takes the least effort?
 
-The force is found by direct collocation on the same equations that IDAS
-integrates, and proved by simulating the cart with it.
+The tutorial problem of trajectory optimisation (Kelly, SIAM Review 59, 2017,
+849–904). It has two good optima: the usual guess leads to the published one
+of 58.81 N²s, other starts to a better one of 57.94 N²s. The mesh of each is
+refined until the motion is accurate, and IDAS proves the force.
 """
 
+import sys
+from pathlib import Path
+
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
 
@@ -29,17 +36,40 @@ swing_up = mbd.OptimalControlProblem(
     path=[mbd.bounded(-2, cart.x, 2)],
     running_cost=force**2,
 )
-solution = mbd.optimize(swing_up, intervals=50)
-print(solution)
-print(solution.verify())
+usual = mbd.optimize(swing_up, intervals=50)
+best = mbd.optimize(swing_up, intervals=50, starts=8)
+print("starts:")
+for start in best.statistics.starts:
+    print(f"  {start.guess:36} cost {start.cost:9.4f} N²s, {start.iterations} iterations")
 
-figure = mbd.plot(
-    solution.trajectory,
-    {
-        "force, N": force,
-        "cart, m": cart.x,
-        "pole, rad": bob.phi,
-        "load of the pole's pin, N": mbd.norm(pole.reaction_on(bob).force),
-    },
-)
-figure.savefig("cart_pole.png", dpi=120)
+found = {}
+for name, coarse in {"usual start": usual, "best of eight starts": best}.items():
+    fine = mbd.optimize(swing_up, tolerance=1e-8, guess=coarse, intervals=20)
+    found[name] = fine
+    print(f"\n{name}: {fine}\n{fine.verify()}\n  intervals  local error        cost  iterations")
+    for k in fine.statistics.passes:
+        print(f"  {k.intervals:9d}  {k.error:11.1e}  {k.cost:10.6f}  {k.iterations:10d}")
+
+# --- picture ---------------------------------------------------------------------------------
+matplotlib.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False})
+figure = Figure(figsize=(10, 6), layout="constrained")
+axes = figure.subplot_mosaic([["usual start", "best of eight starts"], ["force", "cart"]], height_ratios=(1.2, 1))
+for (name, solution), colour in zip(found.items(), ("#1f5fa8", "#d1495b"), strict=True):
+    strobe, motion = (solution.trajectory.at(np.linspace(0, 2, n)) for n in (25, 401))
+    scene = axes[name]
+    scene.axhline(0, color="#a9b4bd", linewidth=1, zorder=0)
+    scene.plot(*motion[bob.position].T, color=colour, linewidth=1, alpha=0.5)
+    for k, share in enumerate(np.linspace(0.15, 1, len(strobe))):
+        hinge, tip = strobe[cart.position][k], strobe[bob.position][k]
+        scene.plot(*np.transpose([hinge, tip]), color=colour, alpha=share)
+        scene.plot(*hinge, "s", color="black", markersize=7, alpha=share)
+        scene.plot(*tip, "o", color=colour, markersize=6, alpha=share)
+    scene.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{name}: {solution.cost:.2f} N²s", xlim=(-0.3, 1.7))
+    axes["force"].plot(motion.t, motion[force], color=colour, label=name)
+    axes["cart"].plot(motion.t, motion[cart.x], color=colour, label=name)
+for level in (-20, 20):
+    axes["force"].axhline(level, color="black", linewidth=0.8, linestyle="--")
+axes["force"].set(xlabel="t, s", ylabel="force, N")
+axes["cart"].set(xlabel="t, s", ylabel="cart, m")
+axes["cart"].legend()
+figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)
