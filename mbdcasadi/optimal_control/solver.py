@@ -37,7 +37,13 @@ from .solution import Solution, SolveStatistics
 from .transcription import Transcription
 
 #: Options of IPOPT that were measured best on these programs.
-DEFAULTS = {"ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-8, "ipopt.mumps_permuting_scaling": 0}
+DEFAULTS = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-8,
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_pivot_order": 0,
+}
 #: Further ones where the guess is a solution of nearly the same problem.
 WARM = {"ipopt.mu_init": 1e-4}
 #: What ``transcription=`` may say.
