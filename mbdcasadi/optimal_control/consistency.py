@@ -95,8 +95,8 @@ class ConditionRank:
             return [False] * len(conditions)
         result = np.ones(len(conditions), bool)
         for state in self.states:
-            span = _span(np.vstack([self.constraints_span(state), self.gradients(_stacked(given), state)]))
-            rows = self.gradients(_stacked(conditions), state)
+            span = _span(np.vstack([self.constraints_span(state), self.gradients(stacked(given), state)]))
+            rows = self.gradients(stacked(conditions), state)
             result &= np.linalg.norm(rows - rows @ span.T @ span, axis=1) <= DEPENDENT
         return result.tolist()
 
@@ -105,7 +105,7 @@ class ConditionRank:
         counts = [len(conditions)] if not self.states or not conditions else []
         for state in self.states if conditions else []:
             span = self.constraints_span(state)
-            rows = self.gradients(_stacked(conditions), state)
+            rows = self.gradients(stacked(conditions), state)
             counts.append(analyse_rank(rows - rows @ span.T @ span, DEPENDENT).rank)
         return max(counts)
 
@@ -115,14 +115,15 @@ class ConditionRank:
         if count == len(conditions):
             return list(conditions)
         span = self.constraints_span(state)
-        rows = self.gradients(_stacked(conditions), state)
+        rows = self.gradients(stacked(conditions), state)
         rest = rows - rows @ span.T @ span
         order = np.argsort(-np.linalg.norm(rest, axis=1), kind="stable")
         dependent = {int(order[k]) for k in dependent_rows(rest[order], DEPENDENT)}
         return [c for k, c in enumerate(conditions) if k not in dependent]
 
 
-def _stacked(conditions: Sequence[Condition]) -> ca.SX:
+def stacked(conditions: Sequence[Condition]) -> ca.SX:
+    """Expressions of conditions as a column."""
     return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 

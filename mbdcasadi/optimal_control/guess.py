@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -16,10 +17,27 @@ from ..results.trajectory import Trajectory
 from .balance import Balance
 from .mesh import Mesh
 from .problem import OptimalControlProblem
-from .program import MotionProgram
+
+if TYPE_CHECKING:
+    from .program import MotionProgram
 
 #: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at times given.
 Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Iterate:
+    """Variables and multipliers of a program, scaled, on one mesh."""
+
+    program: MotionProgram
+    mesh: Mesh
+    x: np.ndarray
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+
+    def belongs_to(self, program: MotionProgram, mesh: Mesh) -> bool:
+        """Whether it is an iterate of a program on a mesh."""
+        return self.program is program and self.mesh.is_same(mesh)
 
 
 @dataclass(frozen=True)
@@ -36,12 +54,15 @@ class Guess:
         Values of the free parameters.
     word : str
         Where it comes from.
+    iterate : Iterate, optional
+        Variables and multipliers of a solution of the same program.
     """
 
     sample: Sampler
     marks: np.ndarray
     parameters: np.ndarray
     word: str
+    iterate: Iterate | None = None
 
     def variables(self, program: MotionProgram, mesh: Mesh) -> np.ndarray:
         """Variables of a program, scaled."""
@@ -64,23 +85,6 @@ class Guess:
         x[program.mark_index] = self.marks[: program.mark_count]
         x[program.parameter_index] = self.parameters
         return x / program.scale
-
-
-def nominal_marks(problem: OptimalControlProblem, duration: float) -> np.ndarray:
-    """Times of start, waypoints and end to begin with: free ones in the middle of what they may be."""
-    marks = [0.0]
-    spans = [w.time for w in problem.waypoints]
-    for k, (low, high) in enumerate(spans):
-        latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
-        high, low = min(high, latest), max(low, marks[-1])
-        left = len(spans) - k + 1  # phases that are still to come
-        even = marks[-1] + (latest - marks[-1]) / left
-        marks.append(low if low == high else float(np.clip(even, low, high)))
-    marks.append(duration)
-    lengths = np.diff(marks)
-    if np.any(lengths <= 0):
-        raise ModelError(f"the times of the waypoints {marks[1:-1]} leave no motion between them")
-    return np.array(marks)
 
 
 def kinematic_guess(

@@ -56,6 +56,10 @@ class Mesh:
         """Share of its phase that each interval takes (N,)."""
         return np.concatenate([np.diff(shares) for shares in self.phases])
 
+    def is_same(self, other: Mesh) -> bool:
+        """Whether another mesh has the same points."""
+        return self.counts == other.counts and all(map(np.array_equal, self.phases, other.phases))
+
     def times(self, marks: np.ndarray) -> np.ndarray:
         """Mesh points (N + 1,), s, for phases that begin and end at given times."""
         lengths = np.diff(marks)

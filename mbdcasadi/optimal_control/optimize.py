@@ -8,10 +8,11 @@ from ..errors import ModelError
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
 from .mesh import Mesh
+from .preparation import TRANSCRIPTIONS, Settings
 from .problem import OptimalControlProblem
 from .refine import refine
 from .solution import Solution
-from .solver import TRANSCRIPTIONS, Settings, Solver
+from .solver import Solver
 from .starts import best_of, guesses
 
 
@@ -83,7 +84,7 @@ def optimize(
         problem = problem.started_from(initial)
     settings = _settings(transcription, degree, control, options, progress)
     solver = Solver(problem, settings, parameters)
-    mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.marks)
+    mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.prepared.marks)
     candidates = guesses(solver, starts, guess)
     solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution) and starts is None)
     if tolerance is None:

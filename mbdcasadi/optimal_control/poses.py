@@ -14,6 +14,7 @@ import numpy as np
 
 from ..analysis.pose import PoseProblem
 from ..equations.numeric import LARGE, NumericEquations
+from ..errors import ModelError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
@@ -26,6 +27,23 @@ from .problem import OptimalControlProblem
 STEPS = 40
 #: Rows of a unit gradient that are nearer to others than this are not used to steer by.
 TOO_NEAR = 1e-3
+
+
+def nominal_marks(problem: OptimalControlProblem, duration: float) -> np.ndarray:
+    """Times of start, waypoints and end to begin with: free ones in the middle of what they may be."""
+    marks = [0.0]
+    spans = [w.time for w in problem.waypoints]
+    for k, (low, high) in enumerate(spans):
+        latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
+        high, low = min(high, latest), max(low, marks[-1])
+        left = len(spans) - k + 1  # phases that are still to come
+        even = marks[-1] + (latest - marks[-1]) / left
+        marks.append(low if low == high else float(np.clip(even, low, high)))
+    marks.append(duration)
+    lengths = np.diff(marks)
+    if np.any(lengths <= 0):
+        raise ModelError(f"the times of the waypoints {marks[1:-1]} leave no motion between them")
+    return np.array(marks)
 
 
 def kinematic_poses(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
@@ -11,14 +11,12 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..model.symbols import Symbol
 from .assembly import Piece, SparseProgram
+from .layout import Layout, Unknowns
 from .mesh import Mesh
-from .placeholders import Placeholder, placeholders_in
-from .problem import OptimalControlProblem
+from .preparation import Preparation
 from .rows import OWN_UNIT, Rows, stack
-from .scaling import Scales, Sizes, parameter_size
-from .transcription import Interval, Point, Transcription
+from .transcription import Point
 
 #: Least length of a phase between free times, as a share of the typical duration.
 LEAST_PHASE = 1e-3
@@ -32,176 +30,30 @@ class Block:
     copies: tuple[tuple[int, ...], ...]
 
 
-@dataclass(frozen=True)
-class Unknowns:
-    """Scaled variables and data of one interval, and what they stand for.
-
-    Attributes
-    ----------
-    variables, free, data : casadi.SX
-        Scaled variables without the free parameters, those, and the data.
-    interval : Interval
-        In physical units.
-    gained, next_gained : casadi.SX
-        Integrals up to the mesh points before and after.
-    own : casadi.SX
-        The problem's own parameters.
-    """
-
-    variables: ca.SX
-    free: ca.SX
-    data: ca.SX
-    interval: Interval
-    gained: ca.SX
-    next_gained: ca.SX
-    own: ca.SX
-
-
-class MotionProgram:
+class MotionProgram(Layout):
     """The nonlinear program of an optimal-control problem on a mesh of N intervals.
 
-    Variables are nodes and blocks in turn, then the times of the waypoints and
-    the end where one of them is free, then the free parameters; each divided
-    by its typical size. The shares of the mesh are data, so that one compiled
-    program serves every mesh with as many intervals in each phase.
+    The shares of the mesh are data, so that one compiled program serves every
+    mesh with as many intervals in each phase.
 
     Parameters
     ----------
-    problem : OptimalControlProblem
-        What to solve.
-    numeric : NumericEquations
-        Equations at the parameters that are not sought.
-    scheme : Transcription
-        The transcription.
-    scales : Scales
-        Typical sizes.
+    prepared : Preparation
+        Problem, transcription, sizes, conditions at the ends.
     mesh : Mesh
         Intervals of each phase.
-    initial, final : sequence of Condition
-        Rows at the ends; `initial` is None where the first node is given.
     """
 
-    def __init__(
-        self,
-        problem: OptimalControlProblem,
-        numeric: NumericEquations,
-        scheme: Transcription,
-        scales: Scales,
-        mesh: Mesh,
-        initial: Sequence[Condition] | None,
-        final: Sequence[Condition],
-    ):
-        self.problem, self.scheme, self.scales = problem, scheme, replace(scales, steps=mesh.count)
-        self.count, self._phase = mesh.count, mesh.phase
-        self.initial, self.final = initial, final
-        eom = problem.equations
-        own = ca.vertcat(ca.SX(0, 1), *problem.own_parameters)
-        self._arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, problem.u_rate, eom.p, own]
-        values = np.array([p.value for p in problem.own_parameters])
-        self._sizes = Sizes(numeric, scales, self._arguments, values)
-        self.placeholders = self._collect_placeholders()
-        self.integrals = [p for p in self.placeholders if p.kind == "integral"]
-        self.node_size = scheme.node_size + len(self.integrals)
-        node_scale, self.block_scale = scheme.sizes(scales)
-        gained = [scales.time * self._sizes.of_values(p.expression) for p in self.integrals]
-        self.node_scale = np.concatenate([node_scale, gained])
-        self.mark_count = len(problem.waypoints) + 2 if problem.has_free_times else 0
-        free = [parameter_size(p.value, p.lower, p.upper) for p in problem.free_parameters]
-        self.global_scale = np.r_[np.full(self.mark_count, scales.time), free]
-        self.size = self.count * self.stride + self.node_size + self.global_scale.size
-        self.cost_scale = self._cost_size()
-        self._given = ca.SX.sym("p", eom.p.numel())
+    def __init__(self, prepared: Preparation, mesh: Mesh):
+        super().__init__(prepared, mesh)
+        self.initial, self.final = prepared.initial, prepared.final
         self.blocks: list[Block] = []
         pieces = [self._interval_piece(), *self._place_pieces(), *self._end_pieces(), *self._time_pieces()]
-        self.program = SparseProgram(self.size, pieces, self._given)
+        self.program = SparseProgram(self.size, pieces, self.given)
 
-    def _collect_placeholders(self) -> list[Placeholder]:
-        expressions = [self.problem.terminal_cost, *[c.expression for c in self.problem.boundary]]
-        return list({p.element_hash(): p for e in expressions for p in placeholders_in(e)}.values())
-
-    def _cost_size(self) -> float:
-        """Typical size of the cost, so that the solver's tolerance means the same in any unit."""
-        running, terminal = self.problem.running_cost, self.problem.terminal_cost
-        size = 0.0 if running.is_zero() else self.scales.time * self._sizes.of_values(running)
-        if not terminal.is_zero():
-            symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
-            typical = [self._sizes.of_values(p.expression) for p in self.placeholders]
-            typical = [
-                x * (self.scales.time if p.kind == "integral" else 1.0)
-                for x, p in zip(typical, self.placeholders, strict=True)
-            ]
-            size += self._sizes.of_values(ca.substitute(terminal, symbols, ca.DM(typical)))
-        return size or 1.0
-
-    # --- layout ------------------------------------------------------------------------------
-    @property
-    def stride(self) -> int:
-        """Variables of a node and a block."""
-        return self.node_size + self.scheme.block_size
-
-    def node_index(self, k: int) -> np.ndarray:
-        """Where a node sits among the variables."""
-        return np.arange(self.node_size) + k * self.stride
-
-    def block_index(self, i: int) -> np.ndarray:
-        """Where the block of an interval sits."""
-        return np.arange(self.scheme.block_size) + i * self.stride + self.node_size
-
-    @property
-    def mark_index(self) -> np.ndarray:
-        """Where the times of start, waypoints and end sit, if one of them is free."""
-        first = self.size - self.global_scale.size
-        return np.arange(first, first + self.mark_count)
-
-    @property
-    def parameter_index(self) -> np.ndarray:
-        """Where the free parameters sit."""
-        return np.arange(self.size - self.global_scale.size + self.mark_count, self.size)
-
-    @cached_property
-    def scale(self) -> np.ndarray:
-        """Size of every variable."""
-        one = np.concatenate([self.node_scale, self.block_scale])
-        return np.concatenate([np.tile(one, self.count), self.node_scale, self.global_scale])
-
-    def _index(self, i: int) -> np.ndarray:
-        """Variables of an interval: its nodes, its block, the times of its phase."""
-        marks = self.mark_index[self._phase[i] : self._phase[i] + 2]
-        return np.concatenate([self.node_index(i), self.block_index(i), self.node_index(i + 1), marks])
-
-    # --- symbols of one interval -----------------------------------------------------------------
-    def _unknowns(self, free: ca.SX | None = None) -> Unknowns:
-        """New symbols for one interval; `free` are scaled parameters to be shared with another one."""
-        marks = 2 if self.mark_count else 0
-        sizes = [self.node_size, self.scheme.block_size, self.node_size, marks]
-        node, block, next_node, times = (ca.SX.sym(x, size) for x, size in zip("wbxm", sizes, strict=True))
-        free = ca.SX.sym("f", len(self.problem.free_parameters)) if free is None else free
-        data = ca.SX.sym("d", 2)
-        before, after = (ca.DM(self.node_scale) * x for x in (node, next_node))
-        p, own = self._parameters(ca.DM(self.global_scale[self.mark_count :]) * free)
-        start, length = data[0], data[1]
-        if marks:
-            phase = self.scales.time * (times[1] - times[0])
-            start, length = self.scales.time * times[0] + data[0] * phase, data[1] * phase
-        plain = self.scheme.node_size
-        inner = ca.DM(self.block_scale) * block
-        interval = Interval(before[:plain], inner, after[:plain], start, length, p)
-        variables = ca.vertcat(node, block, next_node, times)
-        return Unknowns(variables, free, data, interval, before[plain:], after[plain:], own)
-
-    def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Parameters of the mechanism and the problem's own, with the free ones put in."""
-        problem, p, own = self.problem, ca.SX(self._given), []
-        for k, symbol in enumerate(problem.free_parameters):
-            place = next((i for i, x in enumerate(problem.mechanism.parameters) if x is symbol), None)
-            if place is None:
-                own.append(free[k])
-            else:
-                p[place] = free[k]
-        return p, ca.vertcat(ca.SX(0, 1), *own)
-
+    # --- expressions ------------------------------------------------------------------------------
     def _value(self, expression: ca.SX, at: Point, unknowns: Unknowns) -> ca.SX:
-        function = ca.Function("e", self._arguments, [expression])
+        function = ca.Function("e", self.arguments, [expression])
         return function(*at.arguments, unknowns.interval.p, unknowns.own)
 
     def _integral(self, expression: ca.SX, points: Sequence[Point], unknowns: Unknowns) -> ca.SX:
@@ -221,22 +73,22 @@ class MotionProgram:
         waypoints = [c for w in problem.waypoints for c in w.conditions]
         found = {}
         for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
-            found[c] = self._sizes.of_changes(c.expression)
+            found[c] = self.sizes.of_changes(c.expression)
         symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
         for c in problem.boundary:
             inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in self.placeholders])
-            found[c] = self._sizes.of_changes(ca.substitute(c.expression, symbols, inner))
+            found[c] = self.sizes.of_changes(ca.substitute(c.expression, symbols, inner))
         return found
 
     # --- pieces -----------------------------------------------------------------------------------
     def _piece(self, unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int]) -> Piece:
         self.blocks.append(Block([g for g in groups if g.labels], tuple((i,) for i in intervals)))
-        index = np.column_stack([np.r_[self._index(i), self.parameter_index] for i in intervals])
+        index = np.column_stack([np.r_[self.interval_index(i), self.parameter_index] for i in intervals])
         variables = ca.vertcat(unknowns.variables, unknowns.free)
-        return Piece(variables, unknowns.data, self._given, stack(groups), cost / self.cost_scale, index)
+        return Piece(variables, unknowns.data, self.given, stack(groups), cost / self.cost_scale, index)
 
     def _interval_piece(self) -> Piece:
-        unknowns = self._unknowns()
+        unknowns = self.unknowns()
         points = self.scheme.points(unknowns.interval)
         groups = self.scheme.equations(unknowns.interval, self.scales)
         for k, placeholder in enumerate(self.integrals):
@@ -270,17 +122,6 @@ class MotionProgram:
         return groups
 
     @cached_property
-    def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
-        """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
-        found = {}
-        for symbol in (*self.problem.mechanism.inputs, *self.problem.mechanism.states):
-            for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
-                if np.isfinite(bound):
-                    text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
-                    found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
-        return found
-
-    @cached_property
     def _held_by_bounds(self) -> dict[Condition, tuple[float, ...]]:
         """Shares at which a limit is a bound of a variable and needs no row."""
         shares = tuple(self.scheme.inputs.shares.tolist())
@@ -289,7 +130,7 @@ class MotionProgram:
     def _place_pieces(self) -> list[Piece]:
         """Conditions at the start, at waypoints and at the end."""
         pieces = []
-        unknowns = self._unknowns()
+        unknowns = self.unknowns()
         interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
         groups = self.scheme.start_rows(interval, self.scales)
         if self.initial is not None:
@@ -301,7 +142,7 @@ class MotionProgram:
         places = [(f"waypoint {k + 1}", w.conditions, nodes[k]) for k, w in enumerate(self.problem.waypoints)]
         for word, conditions, node in [*places, ("final", self.final, self.count)]:
             if conditions:
-                unknowns = self._unknowns()
+                unknowns = self.unknowns()
                 at = self.scheme.end(unknowns.interval)
                 groups = self._conditions(conditions, word, at, unknowns, 1.0)
                 pieces.append(self._piece(unknowns, groups, ca.SX(0), [node - 1]))
@@ -319,8 +160,8 @@ class MotionProgram:
         problem = self.problem
         if problem.terminal_cost.is_zero() and not problem.boundary:
             return []
-        first = self._unknowns()
-        last = self._unknowns(first.free)
+        first = self.unknowns()
+        last = self.unknowns(first.free)
         conditions = problem.boundary
         values = [self._boundary_value(c.expression, first, last) for c in conditions]
         groups = [
@@ -328,9 +169,9 @@ class MotionProgram:
         ]
         cost = self._boundary_value(problem.terminal_cost, first, last) / self.cost_scale
         self.blocks.append(Block(groups, ((0, self.count - 1),)))
-        index = np.r_[self._index(0), self._index(self.count - 1), self.parameter_index][:, None]
+        index = np.r_[self.interval_index(0), self.interval_index(self.count - 1), self.parameter_index][:, None]
         variables = ca.vertcat(first.variables, last.variables, first.free)
-        return [Piece(variables, ca.vertcat(first.data, last.data), self._given, stack(groups), cost, index)]
+        return [Piece(variables, ca.vertcat(first.data, last.data), self.given, stack(groups), cost, index)]
 
     def _boundary_value(self, expression: ca.SX, first: Unknowns, last: Unknowns) -> ca.SX:
         """Expression with placeholders put in; other symbols are taken at the end."""
@@ -344,7 +185,7 @@ class MotionProgram:
                 at, unknowns = (begin, first) if placeholder.kind == "at_start" else (end, last)
                 values.append(self._value(placeholder.expression, at, unknowns))
         symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
-        function = ca.Function("boundary", [*self._arguments, symbols], [expression])
+        function = ca.Function("boundary", [*self.arguments, symbols], [expression])
         return function(*end.arguments, last.interval.p, last.own, ca.vertcat(ca.SX(0, 1), *values))
 
     def _time_pieces(self) -> list[Piece]:
@@ -357,7 +198,7 @@ class MotionProgram:
         labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
         rows = Rows(times[:-1] - times[1:] + LEAST_PHASE, labels, 1.0, np.ones(count), ("durations",) * count, False)
         self.blocks.append(Block([rows], ((),)))
-        return [Piece(times, ca.SX(0, 1), self._given, stack([rows]), ca.SX(0), self.mark_index[:, None])]
+        return [Piece(times, ca.SX(0, 1), self.given, stack([rows]), ca.SX(0), self.mark_index[:, None])]
 
     # --- what enters a solve --------------------------------------------------------------------
     def data(self, numeric: NumericEquations, mesh: Mesh, marks: np.ndarray) -> np.ndarray:

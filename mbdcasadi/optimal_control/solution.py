@@ -15,7 +15,7 @@ from ..equations.numeric import NumericEquations
 from ..model.symbols import Parameter
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
-from .guess import Guess, guess_from_motion
+from .guess import Guess, Iterate, guess_from_motion
 from .limits import ActiveLimit, active_limits, costates, limit_excess
 from .local_error import scaled_errors
 from .mesh import Mesh
@@ -225,7 +225,8 @@ class Solution:
         marks = np.array([np.clip(t, low, high) for t, (low, high) in zip(marks, spans, strict=True)])
         guess = guess_from_motion(problem, self.trajectory, marks)
         free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
-        return Guess(guess.sample, marks, np.array(free), "solution")
+        iterate = Iterate(self.program, self.shares, self._x / self.program.scale, *self.multipliers)
+        return Guess(guess.sample, marks, np.array(free), "solution", iterate)
 
     # --- proof ---------------------------------------------------------------------------------
     def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Replay:

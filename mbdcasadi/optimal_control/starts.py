@@ -37,9 +37,11 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
 
 def wandering(solver: Solver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour: a few half waves in the free directions of each pose."""
-    numeric, times, poses = solver.numeric, solver.times, solver.poses
+    numeric, times, poses = solver.numeric, *solver.way
     waves = random.integers(1, 4)
-    direction = random.normal(size=poses.shape[1]) * np.where(solver.scales.angles, 1.0, 0.5 * solver.scales.q)
+    direction = random.normal(size=poses.shape[1]) * np.where(
+        solver.prepared.scales.angles, 1.0, 0.5 * solver.prepared.scales.q
+    )
     amplitude = random.uniform(0.5, 2.0)
     detour = amplitude * np.sin(np.pi * waves * times / times[-1])
     moved, before = [], 0.0
@@ -53,32 +55,39 @@ def wandering(solver: Solver, random: np.random.Generator) -> Guess:
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=0.5)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(solver.problem, numeric, solver.start, solver.marks, times, np.array(moved))
+    guess = kinematic_guess(solver.problem, numeric, solver.start, solver.prepared.marks, times, np.array(moved))
     return replace(guess, word=f"kinematic with a detour of {waves} half waves")
 
 
 def best_of(solver: Solver, mesh: Mesh, candidates: list[Guess], *, warm: bool) -> Solution:
     """Solve from every guess and keep the best; all are reported in the statistics.
 
+    A guess that is another solution is tried with the settings of a warm start
+    first, and where these fail once more without them.
+
     Raises
     ------
     OptimizationError
-        Where none succeeds: that of the first.
+        Where none succeeds: that of the last.
     """
     found: list[Solution] = []
     reports, errors = [], []
-    for guess in candidates:
+    attempts = [(guess, warm) for guess in candidates]
+    while attempts:
+        guess, is_warm = attempts.pop(0)
+        word = f"{guess.word}, warm" if is_warm else guess.word
         try:
-            solution = solver.solve(mesh, guess, warm=warm)
+            solution = solver.solve(mesh, guess, warm=is_warm)
             found.append(solution)
-            reports.append(Start(guess.word, solution.cost, solution.statistics.iterations, solution.statistics.status))
+            reports.append(Start(word, solution.cost, solution.statistics.iterations, solution.statistics.status))
         except OptimizationError as error:
             errors.append(error)
             s = error.partial.statistics
-            reports.append(Start(guess.word, float("nan"), s.iterations, s.status))
+            reports.append(Start(word, float("nan"), s.iterations, s.status))
+            attempts += [(guess, False)] if is_warm else []
     if not found:
-        raise errors[0]
+        raise errors[-1]
     best = min(found, key=lambda solution: solution.cost)
-    if len(candidates) > 1:
+    if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best

@@ -74,7 +74,8 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
-    from .solver import Settings, Solver
+    from .preparation import Settings
+    from .solver import Solver
 
     settings = Settings(**json.loads(str(content["settings"])), options={}, progress=False)
     phases = [content[f"phase {k}"] for k in range(sum(name.startswith("phase ") for name in content))]

@@ -1,0 +1,195 @@
+"""What the solves of a problem on all meshes have in common: start, ends, sizes, transcription."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..analysis.assemble import assemble_at
+from ..analysis.inputs import read_signals
+from ..equations.numeric import LARGE, NumericEquations
+from ..errors import AssemblyError, ConditionError
+from ..model.conditions import Condition
+from ..model.symbols import symbols_of, time_derivative
+from ..numerics.rank import dependent_rows
+from ..results.state import State
+from .consistency import ConditionRank, on_states, stacked
+from .constraints import MotionConstraints, prescribes_motion
+from .controls import input_basis
+from .gauss import GaussLegendre
+from .hermite_simpson import HermiteSimpson
+from .poses import kinematic_poses, nominal_marks
+from .problem import OptimalControlProblem
+from .scaling import scales_of
+from .transcription import Transcription
+
+#: What ``transcription=`` may say.
+TRANSCRIPTIONS = (GaussLegendre.name, HermiteSimpson.name)
+#: By how much a start may miss a path condition that prescribes the motion.
+OFF = 1e-6
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a user chose for a solve."""
+
+    transcription: str
+    degree: int
+    control: str
+    options: dict[str, Any]
+    progress: bool
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """What decides the program, as a file holds it."""
+        return {"transcription": self.transcription, "degree": self.degree, "control": self.control}
+
+    @property
+    def option_key(self) -> tuple:
+        """What tells compiled solvers of one program apart."""
+        return tuple(sorted((k, repr(v)) for k, v in self.options.items()))
+
+
+class Preparation:
+    """Ends, sizes and transcription of a problem.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        What to solve.
+    settings : Settings
+        How.
+    numeric : NumericEquations
+        Equations at the parameters that are given.
+    start : State
+        First state, as far as the initial conditions decide it.
+
+    Attributes
+    ----------
+    marks : numpy.ndarray
+        Times of start, waypoints and end to begin with, s.
+    initial : list of Condition or None
+        Independent conditions at the start; None where it is given as a whole.
+    final : list of Condition
+        Independent conditions at the end.
+    scales : Scales
+        Typical sizes.
+    scheme : Transcription
+        The transcription.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
+        self.problem, self.numeric = problem, numeric
+        low, high = problem.duration
+        self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
+        self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)
+        self.final = self._final(start)
+        self.initial = self._initial(start)
+        self.scales = scales_of(numeric, float(self.marks[-1]), self.poses)
+        self.scheme = self._scheme(settings)
+
+    def _final(self, start: State) -> list[Condition]:
+        """Independent conditions at the end."""
+        problem, numeric = self.problem, self.numeric
+        eom, end = numeric.eom, problem.final
+        if isinstance(end, State):
+            state = (float(self.marks[-1]), end.q, end.v, end.z)
+            final = _as_conditions(problem, end)
+        else:
+            state = (float(self.marks[-1]), self.poses[-1], np.zeros(eom.q.numel()), start.z)
+            final = list(end)
+        rows = [c for c in on_states(final) if c.equality]
+        if not rows or (eom.q.numel() * eom.lam.numel() > LARGE and not isinstance(end, State)):
+            return final
+        free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
+        kept = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free)).independent(rows, state)
+        return [c for c in final if c in kept or c not in rows]
+
+    def _initial(self, start: State) -> list[Condition] | None:
+        """Independent conditions at the start; None where they give it as a whole."""
+        problem, eom = self.problem, self.problem.equations
+        if isinstance(problem.initial, State):
+            return None
+        if eom.q.numel() * eom.lam.numel() > LARGE:
+            return list(problem.initial)
+        free = ca.vertcat(ca.SX(0, 1), *problem.free_parameters)
+        ranks, begin = ConditionRank(self.numeric, free), (0.0, start.q, start.v, start.z)
+        rows = [c for c in on_states(problem.initial) if c.equality]
+        kept = ranks.independent(rows, begin)
+        others = [c for c in problem.initial if c not in rows]
+        moving = {s.element_hash() for s in ca.vertsplit(free)}
+        fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in kept])
+        if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
+            unknowns = 2 * eom.q.numel() + eom.z.numel()
+            jacobian = np.vstack([ranks.constraints_span(begin), ranks.gradients(stacked(kept), begin)])
+            if np.linalg.matrix_rank(jacobian[:, :unknowns], tol=1e-9) == unknowns:
+                return None
+        return [*kept, *others]
+
+    def _scheme(self, settings: Settings) -> Transcription:
+        problem = self.problem
+        own = {p.element_hash() for p in problem.free_parameters}
+        held = [
+            c
+            for c in problem.path
+            if prescribes_motion(c) and not own & {s.element_hash() for s in symbols_of(c.expression)}
+        ]
+        constraints = MotionConstraints(self.numeric, self._independent_rows(), held)
+        weights, rates = self.numeric.weights, problem.has_input_rates
+        if settings.transcription == GaussLegendre.name:
+            inner, joined = GaussLegendre.input_points(settings.degree)
+            basis = input_basis(settings.control, inner, joined, rates=rates)
+            return GaussLegendre(constraints, weights, basis, settings.degree)
+        inner, joined = HermiteSimpson.input_points()
+        return HermiteSimpson(constraints, weights, input_basis(settings.control, inner, joined, rates=rates))
+
+    def check_start(self, start: State) -> None:
+        """Refuse a start that is given off the motion that path conditions prescribe."""
+        for condition in self.scheme.constraints.held if self.initial is None else ():
+            levels = {"": condition.expression}
+            if not condition.depends_on("velocity"):
+                levels["the rate of "] = time_derivative(condition.expression)
+            for what, level in levels.items():
+                amount = float(start[level])
+                if abs(amount) > OFF:
+                    raise ConditionError(
+                        f"the initial state does not meet {what}the path condition {condition.label}: "
+                        f"it is off by {amount:.3g}"
+                    )
+
+    def _independent_rows(self) -> list[int]:
+        """Constraint rows without those that others imply; of the poses passed the one with the most counts."""
+        found: list[int] = []
+        for q in (self.poses[0], self.poses[len(self.poses) // 2], self.poses[-1]):
+            jacobian = self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale
+            size = np.linalg.norm(jacobian, axis=1, keepdims=True)
+            dependent = set(dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0)))
+            rows = [k for k in range(jacobian.shape[0]) if k not in dependent]
+            found = rows if len(rows) > len(found) else found
+        return found
+
+
+def first_state(problem: OptimalControlProblem, numeric: NumericEquations) -> State:
+    """State at the start, as far as the initial conditions decide it."""
+    if isinstance(problem.initial, State):
+        return problem.initial
+    own = {p.element_hash() for p in problem.own_parameters}
+    rows = on_states(problem.initial)
+    rows = [c for c in rows if not own & {s.element_hash() for s in symbols_of(c.expression)}]
+    try:
+        return assemble_at(numeric, rows, 0.0, read_signals(problem.equations, None))
+    except (AssemblyError, ConditionError) as error:
+        raise ConditionError(f"the initial conditions cannot be met: {error}") from None
+
+
+def _as_conditions(problem: OptimalControlProblem, end: State) -> list[Condition]:
+    """Conditions that a state sets, by coordinate."""
+    eom = problem.equations
+    symbols, values = ca.vertsplit(ca.vertcat(eom.q, eom.v, eom.z)), np.r_[end.q, end.v, end.z]
+    return [
+        Condition(symbol - float(value), True, f"{symbol.name()} == {value:.6g}")
+        for symbol, value in zip(symbols, values, strict=True)
+    ]
