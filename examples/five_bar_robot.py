@@ -32,7 +32,7 @@ left, right = arm("left arm", 0.5, INNER, (-0.08, 0.04, 2.6)), arm("right arm", 
 rod = arm("left rod", 0.4, OUTER, (-0.12, 0.19, 1.3))
 other = arm("right rod", 0.4, OUTER, (0.04, 0.24, 2.7))
 tool, payload = rod.at(OUTER / 2, 0), mbd.Body("payload", mass=0.5, inertia=0.0, pose=(*START, 0))
-tau = [mbd.Input("left motor", lower=-TORQUE, upper=TORQUE), mbd.Input("right motor", lower=-TORQUE, upper=TORQUE)]
+tau = [mbd.Input(f"{side} motor", lower=-TORQUE, upper=TORQUE) for side in ("left", "right")]
 elbow = mbd.Revolute("left elbow", left.at(INNER / 2, 0), rod.at(-OUTER / 2, 0))
 joints = [
     mbd.Revolute("left shoulder", mbd.ground.at(0, 0), left.at(-INNER / 2, 0)),
@@ -75,8 +75,7 @@ for name, solution in solutions.items():
 matplotlib.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False})
 figure = Figure(figsize=(11, 5.4), layout="constrained")
 axes = figure.subplot_mosaic([["scene", u.label] for u in tau] + [["scene", "load"]], width_ratios=(1.2, 1))
-scene = axes["scene"]
-strobe = solutions["around the post"].trajectory.at(np.linspace(0, 0.25, 11))
+scene, strobe = axes["scene"], solutions["around the post"].trajectory.at(np.linspace(0, 0.25, 11))
 points = (joints[0].a, elbow.a, tool, joints[3].a, joints[4].b)
 pins = np.stack([strobe[point.position] for point in points])  # (5, 11, 2)
 for k in range(len(strobe)):
