@@ -93,6 +93,12 @@ class NumericEquations:
         scale[2 : 3 * bodies : 3] = 1 / typical if typical > 0 else 1.0
         return scale
 
+    @cached_property
+    def typical_step(self) -> np.ndarray:
+        """Half a radian for angles, and what it moves at a typical lever for displacements, by coordinate (n,)."""
+        angle = self.column_scale[2] if self.column_scale.size > 2 else 1.0
+        return 0.5 * self.column_scale / angle
+
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with each row and the angles scaled to size one."""
         jacobian = self.velocity(t, q)[0] * self.column_scale

@@ -57,7 +57,7 @@ def solve(
     weights: np.ndarray,
     *,
     iterations: int = 60,
-    step_limit: float = np.inf,
+    step_limit: float | np.ndarray = np.inf,
 ) -> Outcome:
     """Solve ``r(x) = 0`` from a start, each step of least norm in the metric of the weights.
 
@@ -74,8 +74,8 @@ def solve(
         Positive metric (n,).
     iterations : int
         Largest number of steps.
-    step_limit : float
-        Largest change of an entry in one step.
+    step_limit : float or numpy.ndarray
+        Largest change of an entry in one step; one for all, or by entry (n,).
     """
     x = np.array(start, float)
     residual, jacobian = equations(x)
@@ -86,7 +86,7 @@ def solve(
         if largest(residual) <= goal:
             return Outcome(x, residual, True)
         step = least_norm_step(jacobian, residual, weights, damping)
-        step *= min(1.0, step_limit / max(largest(step), np.finfo(float).tiny))
+        step *= 1.0 / max(largest(step / step_limit), 1.0)
         new_residual, new_jacobian = equations(x + step)
         new_size = float(new_residual @ new_residual)
         if np.isfinite(new_size) and new_size < size:

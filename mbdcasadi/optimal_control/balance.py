@@ -7,6 +7,7 @@ import numpy as np
 
 from ..equations.numeric import LARGE, NumericEquations
 from ..equations.recovery import Recovery
+from .scaling import Scales
 
 
 class Balance:
@@ -19,10 +20,12 @@ class Balance:
     ----------
     numeric : NumericEquations
         Equations at given parameters.
+    scales : Scales
+        Typical sizes, by which least squares weigh.
     """
 
-    def __init__(self, numeric: NumericEquations):
-        self.numeric = numeric
+    def __init__(self, numeric: NumericEquations, scales: Scales):
+        self.numeric, self.scales = numeric, scales
         eom = numeric.eom
         loads = ca.horzcat(eom.Phi_q.T, -ca.jacobian(eom.Q, eom.u))
         unloaded = ca.vertcat(eom.u, eom.lam)
@@ -50,8 +53,10 @@ class Balance:
         v = recovery.velocities(t, q, v)
         if eom.q.numel() * eom.lam.numel() <= LARGE:
             jacobian, gamma = self._evaluate(self._acceleration, t, q, v, a, z)
-            residual = jacobian @ a[:, :, None] - gamma
-            a = a - (np.linalg.pinv(jacobian, rcond=1e-9) @ residual)[:, :, 0]
+            rows, columns = self.scales.rows, self.scales.q
+            residual = (jacobian @ a[:, :, None] - gamma) / rows[:, None]
+            scaled = jacobian * columns / rows[:, None]
+            a = a - columns * (np.linalg.pinv(scaled, rcond=1e-9) @ residual)[:, :, 0]
         return q, v, a
 
     def loads(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
@@ -63,5 +68,7 @@ class Balance:
         matrix, load = self._evaluate(self._system, t, q, v, a, z)
         finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(load).all(axis=(1, 2))
         found = np.zeros((t.size, m + n_u))
-        found[finite] = (np.linalg.pinv(matrix[finite], rcond=1e-9) @ load[finite])[:, :, 0]
+        rows, columns = self.scales.load, np.r_[self.scales.lam, self.scales.u]
+        scaled = matrix[finite] * columns / rows[:, None]
+        found[finite] = columns * (np.linalg.pinv(scaled, rcond=1e-9) @ (load[finite] / rows[:, None]))[:, :, 0]
         return found[:, :m], found[:, m:]

@@ -24,6 +24,7 @@ from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
 from ..numerics.rank import analyse_rank, dependent_rows
 from ..results.state import State
+from .placeholders import placeholders_in
 
 if TYPE_CHECKING:
     from .problem import OptimalControlProblem
@@ -64,13 +65,14 @@ class ConditionRank:
         q0, v0, z0 = numeric.eom.estimate
         found: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
         for _ in range(ATTEMPTS):
-            moved = q0 + 0.2 * random.uniform(-1, 1, q0.size) * numeric.column_scale / numeric.column_scale.max()
+            moved = q0 + 0.4 * random.uniform(-1, 1, q0.size) * numeric.typical_step
             t = float(random.uniform(0, 1))
-            outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=0.5)
+            outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=numeric.typical_step)
             if outcome.converged:
                 jacobian, nu = numeric.velocity(t, outcome.x)
-                v = v0 + random.uniform(-1, 1, v0.size)
-                v -= np.linalg.lstsq(jacobian, jacobian @ v - nu, rcond=None)[0]
+                v = v0 + random.uniform(-1, 1, v0.size) * numeric.typical_step
+                scaled = jacobian * numeric.column_scale
+                v -= numeric.column_scale * np.linalg.lstsq(scaled, jacobian @ v - nu, rcond=None)[0]
                 found.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
             if len(found) == STATES:
                 break
@@ -149,19 +151,49 @@ def check_conditions(problem: OptimalControlProblem) -> None:
         Naming the conditions.
     """
     _refuse_empty_limits(problem)
-    for name in ("initial", "final"):
-        conditions = getattr(problem, name)
-        if not isinstance(conditions, State):
-            check_end(problem, name, conditions)
+    _refuse_fixed_path(problem)
+    if not isinstance(problem.initial, State):
+        check_end(problem, "initial", problem.initial)
+    if not isinstance(problem.final, State):
+        check_end(problem, "final", [*problem.final, *_at_end_alone(problem)])
+    for k, waypoint in enumerate(problem.waypoints, start=1):
+        check_end(problem, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
 
 
-def check_end(problem: OptimalControlProblem, name: str, conditions: Sequence[Condition]) -> None:
-    """Check the conditions at the start or at the end of a motion."""
+def _at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
+    """Boundary conditions that speak of the end alone, as conditions there."""
+    found = []
+    for condition in problem.boundary:
+        placeholders = placeholders_in(condition.expression)
+        if all(p.kind == "at_end" for p in placeholders):
+            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in placeholders])
+            expression = ca.substitute(condition.expression, ca.vertcat(ca.SX(0, 1), *placeholders), inner)
+            found.append(Condition(expression, condition.equality, condition.label))
+    return found
+
+
+def _refuse_fixed_path(problem: OptimalControlProblem) -> None:
+    """Refuse path equalities that the constraints decide."""
+    eom = problem.equations
+    rows = on_states([c for c in problem.path if c.equality])
+    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+        return
+    free = ca.vertcat(ca.SX(0, 1), *problem.free_parameters)
+    fixed = ConditionRank(NumericEquations(eom, eom.parameter_values), free).fixed(rows)
+    if any(fixed):
+        label = rows[fixed.index(True)].label
+        raise ConditionError(f"path: {label} is already decided by the constraints alone; leave it out")
+
+
+def check_end(
+    problem: OptimalControlProblem, name: str, conditions: Sequence[Condition], time: float | None = None
+) -> None:
+    """Check the conditions at the start, at the end, or at another time of a motion."""
     eom = problem.equations
     rows = on_states([c for c in conditions if c.equality])
     if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
         return
-    free = [*problem.free_parameters] + ([eom.t] if name == "final" and problem.has_free_times else [])
+    free = [*problem.free_parameters] + ([eom.t] if name != "initial" and problem.has_free_times else [])
     ranks = ConditionRank(NumericEquations(eom, eom.parameter_values), ca.vertcat(ca.SX(0, 1), *free))
     for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
         if fixed:
@@ -172,8 +204,8 @@ def check_end(problem: OptimalControlProblem, name: str, conditions: Sequence[Co
     if not limits and not contradiction:
         return
     try:
-        time = 0.0 if name == "initial" else problem.duration[1]
-        state = assemble_at(ranks.numeric, rows, time, read_signals(eom, None))
+        when = 0.0 if name == "initial" else problem.duration[1] if time is None else time
+        state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
         if contradiction:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None

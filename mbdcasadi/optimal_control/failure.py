@@ -79,19 +79,17 @@ class OptimizationError(MechanismError):
         self.largest_violations = largest_violations
 
 
-def explain_failure(solution: Solution, rows: np.ndarray, status: str) -> OptimizationError:
+def explain_failure(solution: Solution, status: str) -> OptimizationError:
     """The error for a solve that did not succeed.
 
     Parameters
     ----------
     solution : Solution
         The last iterate.
-    rows : numpy.ndarray
-        Scaled rows of the program there.
     status : str
         The solver's own word.
     """
-    violations = violations_of(solution, rows)
+    violations = violations_of(solution)
     words = _WORDS.get(status, f"the solver stopped: {status}")
     if status == "Solved_To_Acceptable_Level" or not violations:
         worst = "; all demands are met at the last iterate" if not violations else ""
@@ -107,9 +105,9 @@ def explain_failure(solution: Solution, rows: np.ndarray, status: str) -> Optimi
     )
 
 
-def violations_of(solution: Solution, rows: np.ndarray) -> list[Violation]:
+def violations_of(solution: Solution) -> list[Violation]:
     """Rows that are not met, the largest first."""
-    program, mesh = solution.program, solution.mesh
+    program, mesh, rows = solution.program, solution.mesh, solution.answer.rows
     amount = np.where(program.equalities, np.abs(rows), np.maximum(rows, 0.0))
     found = []
     for k in np.flatnonzero(~(amount <= COUNTS)):

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ..equations.numeric import NumericEquations
 from ..errors import ModelError
 from ..results.interpolation import hermite, linear
 from ..results.state import State
@@ -89,14 +88,13 @@ class Guess:
 
 def kinematic_guess(
     problem: OptimalControlProblem,
-    numeric: NumericEquations,
+    balance: Balance,
     start: State,
     marks: np.ndarray,
     times: np.ndarray,
     poses: np.ndarray,
 ) -> Guess:
     """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
-    balance = Balance(numeric)
     velocities = np.gradient(poses, times, axis=0)
     accelerations = np.gradient(velocities, times, axis=0)
 
@@ -128,9 +126,7 @@ def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks:
     return Guess(sample, marks, free, "trajectory")
 
 
-def guess_from_other(
-    problem: OptimalControlProblem, numeric: NumericEquations, motion: Trajectory, marks: np.ndarray
-) -> Guess:
+def guess_from_other(problem: OptimalControlProblem, balance: Balance, motion: Trajectory, marks: np.ndarray) -> Guess:
     """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
 
     Multipliers and inputs are those that come nearest to the equations of
@@ -148,7 +144,6 @@ def guess_from_other(
         raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
     columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
     begin, stretch = motion.t[0], (marks[-1] - marks[0]) / (motion.t[-1] - motion.t[0])
-    balance = Balance(numeric)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion.at(np.clip(begin + wanted / stretch, begin, motion.t[-1]))

@@ -45,7 +45,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     both: the change of the cost for one unit added to the right-hand side.
     """
     program = solution.program
-    _, multipliers = solution.multipliers
+    multipliers = solution.answer.lam_g
     lengths = np.diff(solution.mesh)
     found: dict[str, Any] = {}
     for k, (label, _, size, equality, condition, interval, _) in enumerate(program.rows):
@@ -64,7 +64,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
 def _of_bounds(solution: Solution) -> list[tuple[str, int, float]]:
     """Label, interval and multiplier of the limits that are bounds of variables."""
     program, found = solution.program, []
-    multipliers = solution.multipliers[0] * program.cost_scale / program.scale
+    multipliers = solution.answer.lam_x * program.cost_scale / program.scale
     last = program.count - 1
     for label, sign, index, intervals in _bounded(program):
         for place, interval in zip(index, intervals, strict=True):
@@ -106,22 +106,44 @@ def _bounded(program: MotionProgram) -> list[tuple[str, int, list[int], list[int
 
 
 def active_limits(solution: Solution) -> list[ActiveLimit]:
-    """Limits that hold the motion back, the costliest first."""
+    """Limits that hold the motion back, the costliest first.
+
+    A limit counts where its multiplier outweighs its slack, both scaled.
+    """
     program, mesh, found = solution.program, solution.mesh, []
-    rows = {label: (equality, share) for label, _, _, equality, condition, _, share in program.rows if condition}
-    for label, values in solution.costates.items():
-        equality, share = rows.get(label, (False, 0.0))
-        if equality:
+    touched: dict[str, np.ndarray] = {}
+    places: dict[str, float] = {}
+    for k, (label, _, _, equality, condition, interval, share) in enumerate(program.rows):
+        if equality or not condition or solution.answer.lam_g[k] <= -solution.answer.rows[k]:
             continue
-        if isinstance(values, float):
-            if values > 1e-6 * abs(solution.cost):
-                time = float(share * solution.duration)
-                found.append(ActiveLimit(label, ((time, time),), values))
-            continue
-        active = values > 1e-3 * max(float(np.max(values)), 1e-6 * abs(solution.cost))
-        if np.any(active):
-            found.append(ActiveLimit(label, _spans(active, mesh), float(np.max(values))))
+        if k < program.interval_rows:
+            touched.setdefault(label, np.zeros(program.count, bool))[interval] = True
+        else:
+            places[label] = float(mesh[interval] + share * (mesh[interval + 1] - mesh[interval]))
+    for label, interval in _touched_bounds(solution):
+        touched.setdefault(label, np.zeros(program.count, bool))[interval] = True
+    for label, active in touched.items():
+        found.append(ActiveLimit(label, _spans(active, mesh), float(np.max(solution.costates[label]))))
+    for label, time in places.items():
+        found.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
     return sorted(found, key=lambda limit: -limit.costate)
+
+
+def _touched_bounds(solution: Solution) -> list[tuple[str, int]]:
+    """Limits that are bounds of variables, with the intervals where these lie on them."""
+    program, found = solution.program, []
+    x = solution.variables / program.scale
+    owners = {c.label: symbol for c, (symbol, _) in program.limit_owners.items()}
+    for label, sign, index, intervals in _bounded(program):
+        bound = owners[label].upper if sign > 0 else owners[label].lower
+        for place, interval in zip(index, intervals, strict=True):
+            slack = sign * (bound / program.scale[place] - x[place])
+            if sign * solution.answer.lam_x[place] > slack:
+                k = place // program.stride
+                found += [
+                    (label, i) for i in ([k - 1, k] if interval is None else [interval]) if 0 <= i < program.count
+                ]
+    return found
 
 
 def _spans(active: np.ndarray, mesh: np.ndarray) -> tuple[tuple[float, float], ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ..errors import ModelError
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
@@ -92,19 +94,22 @@ def optimize(
     return refine(solver, solution, _tolerance(tolerance))
 
 
-def _settings(
-    transcription: str, degree: int, control: str, options: dict[str, Any] | None, progress: bool
-) -> Settings:
+def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
     if transcription not in TRANSCRIPTIONS:
         raise ModelError(f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)}, got {transcription!r}")
     if isinstance(degree, bool) or degree not in (1, 2, 3, 4, 5):
         raise ModelError(f"optimize: degree must be 1 to 5, got {degree!r}")
-    return Settings(transcription, int(degree), control, dict(options or {}), bool(progress))
+    if not isinstance(progress, bool):
+        raise ModelError(f"optimize: progress must be True or False, got {progress!r}")
+    given = {} if options is None else options
+    if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
+        raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
+    return Settings(transcription, int(degree), control, dict(given), progress)
 
 
 def _count(intervals: Any, waypoints: int) -> int:
     least = 2 * (waypoints + 1)
-    if isinstance(intervals, bool) or int(intervals) != intervals or intervals < least:
+    if isinstance(intervals, bool) or not isinstance(intervals, int | np.integer) or intervals < least:
         between = f" with {waypoints} waypoints" if waypoints else ""
         raise ModelError(f"optimize: intervals must be a whole number of at least {least}{between}, got {intervals!r}")
     return int(intervals)

@@ -94,7 +94,9 @@ def _leg(
     for k in range(1, span.size):
         place.t = float(span[k])
         offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(held))]
-        outcome = solve(place.rows_with(rows, offset), q, numeric.weights, iterations=30, step_limit=0.5)
+        outcome = solve(
+            place.rows_with(rows, offset), q, numeric.weights, iterations=30, step_limit=numeric.typical_step
+        )
         if not outcome.converged:
             break  # whether there is a way is for the solver to find out, and it says so
         q = outcome.x

@@ -14,6 +14,7 @@ from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import quantity
 from ..model.symbols import Parameter, describe, entries, listed, role_of, symbols_of
+from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end
 from .placeholders import placeholder_of
@@ -70,11 +71,14 @@ class OptimalControlProblem(Immutable):
         self.equations: Equations = equations(mechanism)
         self.duration = time_span(duration, "OptimalControlProblem", "duration")
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
+        twice = [p for k, p in enumerate(self.free_parameters) if any(p is x for x in self.free_parameters[:k])]
+        if twice:
+            raise ModelError(f"free_parameters= lists '{twice[0].label}' twice")
         self.initial = _state_or_conditions(initial, mechanism)
         self.final = _state_or_conditions(final, mechanism)
         self.path = read_conditions(path)
-        self.running_cost = ca.SX(quantity(running_cost, "OptimalControlProblem", "running_cost"))
-        self.terminal_cost = ca.SX(quantity(terminal_cost, "OptimalControlProblem", "terminal_cost"))
+        self.running_cost = _cost(running_cost, "running_cost")
+        self.terminal_cost = _cost(terminal_cost, "terminal_cost")
         self.boundary = read_conditions(boundary)
         self.waypoints = _in_order(waypoints, self.duration)
         self._given = dict(
@@ -171,11 +175,23 @@ class OptimalControlProblem(Immutable):
         return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
 
 
+def _cost(given: Any, name: str) -> ca.SX:
+    value = ca.SX(quantity(given, "OptimalControlProblem", name))
+    if value.n_dep() == 2 and value.op() in (ca.OP_EQ, ca.OP_LE, ca.OP_LT, ca.OP_NE):
+        raise ExpressionError(
+            f"{name} is the relation {to_text(value)}; a cost is an expression, conditions go to path="
+        )
+    return value
+
+
 def _state_or_conditions(given: Any, mechanism: Mechanism) -> State | tuple[Condition, ...]:
     if not isinstance(given, State):
         return read_conditions(given)
-    if given.mechanism is not mechanism and given.q.size != equations(mechanism).q.numel():
-        raise ModelError(f"OptimalControlProblem: the state belongs to {given.mechanism!r}, not to {mechanism!r}")
+    theirs, ours = equations(given.mechanism), equations(mechanism)
+    for one, other in ((theirs.q, ours.q), (theirs.z, ours.z)):
+        hashes = ([s.element_hash() for s in ca.vertsplit(x)] for x in (one, other))
+        if next(hashes) != next(hashes):
+            raise ModelError(f"OptimalControlProblem: the state belongs to {given.mechanism!r}, not to {mechanism!r}")
     return given
 
 

@@ -222,6 +222,10 @@ class MotionProgram(Layout):
             for label, unit, size in zip(group.labels, group.units, group.scale, strict=True)
         ]
 
+    def violation(self, rows: np.ndarray) -> float:
+        """Largest violation of scaled rows."""
+        return float(np.max(np.where(self.equalities, np.abs(rows), np.maximum(rows, 0.0)), initial=0.0))
+
     @cached_property
     def interval_rows(self) -> int:
         """How many of the rows belong to the intervals; those of places follow."""

@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.mappings import pairs_of
 from ..analysis.pieces import PiecewisePolynomial
 from ..analysis.simulate import simulate
 from ..equations.numeric import NumericEquations
+from ..errors import MechanismError
 from ..model.symbols import Parameter
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
@@ -102,6 +104,15 @@ class SolveStatistics:
     passes: list[Pass] = field(default_factory=list)
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What the solver returns besides the variables, scaled: multipliers of the bounds and the rows, and the rows."""
+
+    lam_x: np.ndarray
+    lam_g: np.ndarray
+    rows: np.ndarray
+
+
 class Solution:
     """A motion found by optimal control.
 
@@ -125,8 +136,8 @@ class Solution:
         Value that was minimised.
     statistics : SolveStatistics
         How it was found.
-    multipliers : (numpy.ndarray, numpy.ndarray)
-        Of bounds and rows of the program, scaled.
+    answer : Answer
+        Multipliers and rows of the program.
 
     Attributes
     ----------
@@ -151,14 +162,15 @@ class Solution:
         marks: np.ndarray,
         cost: float,
         statistics: SolveStatistics,
-        multipliers: tuple[np.ndarray, np.ndarray],
+        answer: Answer,
     ):
         self.problem, self.program, self.settings = problem, program, settings
         self.cost = cost
         self.statistics = statistics
-        self.multipliers = multipliers
+        self.answer = answer
         self.shares = shares
-        self._x = x
+        #: variables of the program, in physical units
+        self.variables = x
         self.marks = x[program.mark_index] if program.mark_count else np.asarray(marks, float)
         self.duration = float(self.marks[-1])
         self.waypoint_times = self.marks[1:-1]
@@ -180,12 +192,12 @@ class Solution:
     def nodes(self) -> np.ndarray:
         """Unknowns of the mesh points (N + 1, k)."""
         count = self.shares.count
-        return np.array([self._x[self.program.node_index(k)] for k in range(count + 1)])
+        return np.array([self.variables[self.program.node_index(k)] for k in range(count + 1)])
 
     @cached_property
     def _polynomials(self) -> Polynomials:
         scheme = self.program.scheme
-        blocks = np.array([self._x[self.program.block_index(i)] for i in range(self.shares.count)])
+        blocks = np.array([self.variables[self.program.block_index(i)] for i in range(self.shares.count)])
         return Polynomials(scheme, self.mesh, self.nodes[:, : scheme.node_size], blocks, self.numeric)
 
     @cached_property
@@ -213,8 +225,11 @@ class Solution:
         return (len(self.trajectory) - 1) // self.shares.count
 
     def state(self, index: int) -> State:
-        """State at a mesh point."""
-        return self.trajectory.state(range(self.shares.count + 1)[index] * self.points_per_interval)
+        """State at a mesh point, by index."""
+        points = self.shares.count + 1
+        if isinstance(index, bool) or not isinstance(index, int | np.integer) or not -points <= index < points:
+            raise MechanismError(f"the solution has {points} mesh points, and none of index {index!r}")
+        return self.trajectory.state((index % points) * self.points_per_interval)
 
     def as_guess(self, problem: OptimalControlProblem) -> Guess:
         """The motion as a guess for the same or a similar problem."""
@@ -225,7 +240,9 @@ class Solution:
         marks = np.array([np.clip(t, low, high) for t, (low, high) in zip(marks, spans, strict=True)])
         guess = guess_from_motion(problem, self.trajectory, marks)
         free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
-        iterate = Iterate(self.program, self.shares, self._x / self.program.scale, *self.multipliers)
+        iterate = Iterate(
+            self.program, self.shares, self.variables / self.program.scale, self.answer.lam_x, self.answer.lam_g
+        )
         return Guess(guess.sample, marks, np.array(free), "solution", iterate)
 
     # --- proof ---------------------------------------------------------------------------------
@@ -241,7 +258,7 @@ class Solution:
             self.mesh,
             initial=self.trajectory.initial if initial is None else initial,
             inputs=self.inputs,
-            parameters=own | dict(parameters or {}),
+            parameters=own | dict(pairs_of(parameters, "parameters=")),
             **settings,
         )
 

@@ -15,6 +15,7 @@ from ..errors import Interrupted, ModelError
 from ..numerics.console import interruptible, quiet
 from ..results.state import State
 from ..results.trajectory import Trajectory
+from .balance import Balance
 from .failure import explain_failure
 from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess
 from .mesh import Mesh
@@ -23,7 +24,7 @@ from .poses import kinematic_poses, nominal_marks
 from .preparation import Preparation, Settings, first_state
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-from .solution import Solution, SolveStatistics
+from .solution import Answer, Solution, SolveStatistics
 
 #: Options of IPOPT that were measured best on these programs.
 DEFAULTS = {
@@ -45,6 +46,8 @@ WARMTH: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
+#: Largest scaled violation of a guess from which a solver is started as warm.
+NEAR = 1e-2
 
 
 class Solver:
@@ -81,6 +84,11 @@ class Solver:
         if key not in memory:
             memory[key] = Preparation(self.problem, self.settings, self.numeric, self.start)
         return memory[key]
+
+    @cached_property
+    def balance(self) -> Balance:
+        """Loads and inputs for guesses."""
+        return Balance(self.numeric, self.prepared.scales)
 
     @cached_property
     def way(self) -> tuple[np.ndarray, np.ndarray]:
@@ -121,12 +129,14 @@ class Solver:
         began = clock.perf_counter()
         program = self.layout(mesh)
         known = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, mesh) else None
-        solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
-        built = clock.perf_counter()
         lower, upper = self.bounds(program)
         x0 = np.clip(known.x if known else guess.variables(program, mesh), lower, upper)
-        multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
         p = program.data(self.numeric, mesh, guess.marks)
+        solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
+        if warm and not known and program.violation(solver.get_function("nlp_g")(x0, p).full().ravel()) > NEAR:
+            solver, monitor = self.compiled(program, mesh, "cold")
+        built = clock.perf_counter()
+        multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
         limits = {"lbg": np.where(program.equalities, 0.0, -np.inf), "ubg": 0.0}
         with interruptible(raising=False) as interruption, quiet():
             monitor.watch(interruption, self.settings.progress)
@@ -147,13 +157,13 @@ class Solver:
         if interruption.requested:
             raise Interrupted("stopped by the user; the last iterate is in .partial", partial=solution)
         if not stats["success"]:
-            raise explain_failure(solution, found["g"].full().ravel(), str(stats["return_status"]))
+            raise explain_failure(solution, str(stats["return_status"]))
         return solution
 
     def _solution(
         self, program: MotionProgram, mesh: Mesh, marks: np.ndarray, found: dict, statistics: SolveStatistics
     ) -> Solution:
-        x, lam_x, lam_g = (found[name].full().ravel() for name in ("x", "lam_x", "lam_g"))
+        x, *answer = (found[name].full().ravel() for name in ("x", "lam_x", "lam_g", "g"))
         cost = float(found["f"]) * program.cost_scale
         return Solution(
             self.problem,
@@ -165,7 +175,7 @@ class Solver:
             marks,
             cost,
             statistics,
-            (lam_x, lam_g),
+            Answer(*answer),
         )
 
     def bounds(self, program: MotionProgram) -> tuple[np.ndarray, np.ndarray]:
@@ -198,8 +208,10 @@ class Solver:
     def guess(self, given: Any) -> Guess:
         """A guess from what the user gave: nothing, a solution, or a trajectory."""
         if given is None:
-            return kinematic_guess(self.problem, self.numeric, self.start, self.prepared.marks, *self.way)
+            return kinematic_guess(self.problem, self.balance, self.start, self.prepared.marks, *self.way)
         if isinstance(given, Solution):
+            if given.problem.mechanism is not self.problem.mechanism:
+                return self.guess(given.trajectory)
             return given.as_guess(self.problem)
         if isinstance(given, Trajectory):
             low, high = self.problem.duration
@@ -207,5 +219,5 @@ class Solver:
             marks = nominal_marks(self.problem, duration)
             if given.mechanism is self.problem.mechanism and not given._missing_multipliers:
                 return guess_from_motion(self.problem, given, marks)
-            return guess_from_other(self.problem, self.numeric, given, marks)
+            return guess_from_other(self.problem, self.balance, given, marks)
         raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {given!r}")

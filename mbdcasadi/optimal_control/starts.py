@@ -52,11 +52,11 @@ def wandering(solver: Solver, random: np.random.Generator) -> Guess:
         step = (pose - poses[max(k - 1, 0)]) + free.T @ (free @ direction) * (detour[k] - before)
         before = detour[k]
         rows = partial(numeric.position, float(times[k]))
-        outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=0.5)
+        outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(solver.problem, numeric, solver.start, solver.prepared.marks, times, np.array(moved))
-    return replace(guess, word=f"kinematic with a detour of {waves} half waves")
+    guess = kinematic_guess(solver.problem, solver.balance, solver.start, solver.prepared.marks, times, np.array(moved))
+    return replace(guess, word=f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
 
 
 def best_of(solver: Solver, mesh: Mesh, candidates: list[Guess], *, warm: bool) -> Solution:

@@ -11,16 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import FileError
+from ..errors import FileError, ModelError
 from ..results.writing import whole_file
 from .mesh import Mesh
 from .problem import OptimalControlProblem
-from .solution import Pass, Solution, SolveStatistics, Start
+from .program import MotionProgram
+from .solution import Answer, Pass, Solution, SolveStatistics, Start
 
 if TYPE_CHECKING:
     from .solver import Solver
 
 _FORMAT = "mbdcasadi solution 1"
+#: Difference of scaled rows and costs up to which two problems count as the same.
+SAME = 1e-6
 
 
 def save(solution: Solution, path: str | Path) -> None:
@@ -31,11 +34,12 @@ def save(solution: Solution, path: str | Path) -> None:
         "settings": json.dumps(solution.settings),
         "statistics": json.dumps(asdict(solution.statistics)),
         "cost": solution.cost,
-        "x": solution._x,
+        "x": solution.variables,
         "marks": solution.marks,
         "parameters": solution.numeric.p,
-        "lam_x": solution.multipliers[0],
-        "lam_g": solution.multipliers[1],
+        "lam_x": solution.answer.lam_x,
+        "lam_g": solution.answer.lam_g,
+        "rows": solution.answer.rows,
         "row labels": np.array([row[0] for row in program.rows], dtype=str),
     }
     content |= {f"phase {k}": shares for k, shares in enumerate(solution.shares.phases)}
@@ -63,6 +67,10 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
     FileError
         For what is no such file, and for a solution of another problem.
     """
+    if not isinstance(problem, OptimalControlProblem):
+        raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
+    if not isinstance(path, str | Path):
+        raise FileError(f"read_solution takes the path of a file, got {path!r}")
     try:
         with np.load(path, allow_pickle=False) as file:
             content = {name: file[name] for name in file.files}
@@ -70,7 +78,10 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
         raise FileError(f"{path}: cannot be read as a solution: {error}") from None
     if str(content.get("format")) != _FORMAT:
         raise FileError(f"{path}: no solution that this package wrote")
-    return _restored(path, problem, content)
+    try:
+        return _restored(path, problem, content)
+    except (KeyError, TypeError, json.JSONDecodeError) as error:
+        raise FileError(f"{path}: an entry of the solution is missing or damaged: {error}") from None
 
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
@@ -89,6 +100,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
+    parameters = NumericEquations(problem.equations, content["parameters"])
+    _check_values(path, program, parameters, mesh, content)
     statistics = json.loads(str(content["statistics"]))
     statistics["starts"] = [Start(**start) for start in statistics["starts"]]
     statistics["passes"] = [Pass(**one) for one in statistics["passes"]]
@@ -96,11 +109,30 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
         problem,
         program,
         settings.plain,
-        NumericEquations(problem.equations, content["parameters"]),
+        parameters,
         mesh,
         content["x"],
         content["marks"],
         float(content["cost"]),
         SolveStatistics(**statistics),
-        (content["lam_x"], content["lam_g"]),
+        Answer(content["lam_x"], content["lam_g"], content["rows"]),
     )
+
+
+def _check_values(
+    path: str | Path, program: MotionProgram, numeric: NumericEquations, mesh: Mesh, content: dict[str, np.ndarray]
+) -> None:
+    """Refuse a solution whose cost or rows are others in this problem."""
+    low, high = program.problem.duration
+    duration = float(content["marks"][-1])
+    if not low * (1 - 1e-9) <= duration <= high * (1 + 1e-9):
+        raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
+    data = program.data(numeric, mesh, content["marks"])
+    cost, rows = program.program.evaluate()(content["x"] / program.scale, data)
+    off = abs(float(cost) * program.cost_scale - float(content["cost"]))
+    if off > SAME * (abs(float(content["cost"])) + program.cost_scale):
+        raise FileError(f"{path}: the solution belongs to another problem: its cost there would differ by {off:.3g}")
+    difference = np.abs(rows.full().ravel() - content["rows"])
+    worst = int(np.argmax(difference))
+    if difference[worst] > SAME:
+        raise FileError(f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst][0]}")

@@ -23,6 +23,7 @@ class LatexStyle(TextStyle):
     fences: ClassVar[dict[str, tuple[str, str]]] = {
         "sqrt": (r"\sqrt{", "}"),
         "fabs": (r"\left|", r"\right|"),
+        "norm": (r"\left\|\left(", r"\right)\right\|"),
         "floor": (r"\left\lfloor ", r"\right\rfloor"),
         "ceil": (r"\left\lceil ", r"\right\rceil"),
     }

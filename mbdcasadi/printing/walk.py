@@ -66,10 +66,12 @@ def _parts(node: ca.SX) -> list[ca.SX]:
 
 
 def _kind(node: ca.SX) -> str:
-    """Whether the node is a ``sum``, a ``product``, a ``choice``, or ``other``."""
+    """Whether the node is a ``sum``, a ``product``, a ``choice``, a ``norm``, or ``other``."""
     if node.n_dep() == 0:
         return "other"
     op = node.op()
+    if _norm(node) is not None:
+        return "norm"
     if op == ca.OP_IF_ELSE_ZERO or (op == ca.OP_ADD and _branches(node)):
         return "choice"
     if op in _SUMS:
@@ -82,6 +84,8 @@ def _chain(node: ca.SX) -> _Chain:
     kind = _kind(node)
     if kind == "choice":
         return [(part, 1) for part in _branches(node) or _zero_branch(node)]
+    if kind == "norm":
+        return [(part, 1) for part in _norm(node) or ()]
     if kind == "other":
         return [(part, 1) for part in _parts(node)]
     chain, stack = [], [(node, 1)]
@@ -116,6 +120,31 @@ def _factors(node: ca.SX, exponent: int) -> _Chain:
         return [(ca.SX(2), exponent), (node.dep(0), exponent)]
     exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
     return [(part, exponent * own) for part, own in zip(_parts(node), exponents, strict=False)]
+
+
+def _norm(node: ca.SX) -> list[ca.SX] | None:
+    """Components of a vector whose length ``norm`` made: ``sqrt(s + (s == 0)) - (s == 0)``, s the sum of squares."""
+    if node.n_dep() != 2 or node.op() != ca.OP_SUB:
+        return None
+    root, zero = _parts(node)
+    if root.n_dep() != 1 or root.op() != ca.OP_SQRT or zero.n_dep() != 2 or zero.op() != ca.OP_EQ:
+        return None
+    moved = root.dep(0)
+    if moved.n_dep() != 2 or moved.op() != ca.OP_ADD:
+        return None
+    square, shift = _parts(moved)
+    if shift.element_hash() != zero.element_hash() or square.element_hash() != zero.dep(0).element_hash():
+        return None
+    components, stack = [], [square]
+    while stack:
+        part = stack.pop()
+        if part.n_dep() == 2 and part.op() == ca.OP_ADD:
+            stack.extend(reversed(_parts(part)))
+        elif part.n_dep() == 1 and part.op() == ca.OP_SQ:
+            components.append(part.dep(0))
+        elif not part.is_zero():
+            return None
+    return components
 
 
 def _whole(exponent: ca.SX) -> bool:
@@ -159,6 +188,8 @@ def _form(node: ca.SX, found: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
     arguments = tuple(scaled for scaled, _ in found)
     if kind == "choice":
         return forms.of(Operation("choice", "if_else", arguments))
+    if kind == "norm":
+        return forms.of(Operation("call", "norm", arguments))
     if op in _POWERS:
         return forms.of(Operation("power", "", arguments))
     if op in _COMPARISONS:
