@@ -85,8 +85,7 @@ for (name, solution), colour in zip(found.items(), ("#1f5fa8", "#d1495b"), stric
     fine = solution.trajectory.at(np.linspace(0, solution.duration, 2001))
     axes[name].plot(times, torque, color="black", linewidth=1, label="phase plane")
     axes[name].plot(fine.t, fine[tau], color=colour, linewidth=3, alpha=0.5, label="collocation")
-    for level in (-TORQUE, TORQUE):
-        axes[name].axhline(level, color="black", linewidth=0.8, linestyle="--", zorder=0)
+    axes[name].hlines((-TORQUE, TORQUE), 0, 0.92, "black", "--", linewidth=0.8, zorder=0)
     axes[name].set(
         ylabel="motor torque, N m", title=f"{name}: {solution.duration:.4f} s", xlim=(0, 0.92), xlabel="t, s"
     )
