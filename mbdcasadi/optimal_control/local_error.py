@@ -21,7 +21,8 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     numeric = solution.numeric
     eom = numeric.eom
     n = eom.q.numel()
-    coefficients = np.stack([piece.coefficients for piece in solution.inputs.values()], axis=2)  # (N, d, n_u)
+    pieces = [piece.coefficients for piece in solution.inputs.values()]
+    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((solution.shares.count, 1, 0))  # (N, d, n_u)
     degree, inputs = coefficients.shape[1:]
     share, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
     c = ca.SX.sym("c", degree * inputs)

@@ -69,11 +69,13 @@ def kinematic_poses(
         places.append(_steering(numeric, last))
     else:
         places.append(_on_positions(problem, [*last, *_periodic(problem, start)]))
-    times, poses = [np.zeros(1)], [start.q]
+    times, poses, begin = [np.zeros(1)], [start.q], 0.0
     for k, conditions in enumerate(places):
-        span = np.linspace(marks[k], marks[k + 1], STEPS + 1)
-        times.append(span[1:])
-        poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+        if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
+            span = np.linspace(begin, marks[k + 1], STEPS + 1)
+            times.append(span[1:])
+            poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+            begin = float(marks[k + 1])
     return np.concatenate(times), np.array(poses)
 
 

@@ -73,7 +73,7 @@ class MotionProgram(Layout):
         waypoints = [c for w in problem.waypoints for c in w.conditions]
         found = {}
         for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
-            found[c] = self.sizes.of_changes(c.expression)
+            found[c] = self.sizes.of_changes(c.expression) if c.equality else self.sizes.of_limit(c.expression)
         symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
         for c in problem.boundary:
             inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in self.placeholders])
@@ -108,7 +108,8 @@ class MotionProgram(Layout):
         inner = list(zip(scheme.stages.tolist(), points, strict=True))
         held = set(scheme.constraints.held)
         for condition in (c for c in (*self.problem.path, *self.limit_owners) if c not in held):
-            places = inner
+            # where inputs are joined, the end of the interval before has the row at the start
+            places = [(share, at) for share, at in inner if share > 0 or not scheme.inputs.joined]
             if not condition.equality:
                 inside = [(share, at) for share, at in inner if 0 < share < 1]
                 jumps = condition.depends_on("acceleration", "multiplier", "input", "input rate")
@@ -121,6 +122,14 @@ class MotionProgram(Layout):
             ]
         return groups
 
+    def _path_rows_at_start(self, at: Point, unknowns: Unknowns) -> list[Rows]:
+        """Path equalities at the first mesh point, where a stage lies on it and the inputs are joined."""
+        if not self.scheme.inputs.joined or self.scheme.stages[0] > 0:
+            return []
+        held = set(self.scheme.constraints.held)
+        conditions = [c for c in self.problem.path if c.equality and c not in held]
+        return [self._condition(c, self._value(c.expression, at, unknowns), c.label, 0.0) for c in conditions]
+
     @cached_property
     def _held_by_bounds(self) -> dict[Condition, tuple[float, ...]]:
         """Shares at which a limit is a bound of a variable and needs no row."""
@@ -132,7 +141,7 @@ class MotionProgram(Layout):
         pieces = []
         unknowns = self.unknowns()
         interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
-        groups = self.scheme.start_rows(interval, self.scales)
+        groups = [*self.scheme.start_rows(interval, self.scales), *self._path_rows_at_start(at, unknowns)]
         if self.initial is not None:
             groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.scales)
             groups += self._conditions(self.initial, "initial", at, unknowns, 0.0)

@@ -14,6 +14,8 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..model.bodies import ground
 
+#: Share of its changes that the size of a limited quantity is at the least.
+LEAST_SHARE = 1e-3
 #: States at which the size of an expression is found.
 SAMPLES = 7
 
@@ -79,7 +81,8 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
     angles[2 : 3 * bodies : 3] = True
     length = _length(numeric, poses)
     q = np.where(angles, 1.0, length)
-    mass = float(np.max(numeric.mass[~angles], initial=0.0)) or 1.0
+    masses = np.r_[numeric.mass[~angles], numeric.mass[angles] / length**2]
+    mass = float(np.max(masses, initial=0.0)) or 1.0
     force = max(mass * length / duration**2, _load_at_rest(numeric, q0, ~angles))
     load = np.where(angles, force * length, force)
     jacobian = numeric.velocity(0.0, q0)[0]
@@ -193,6 +196,22 @@ class Sizes:
         found = np.max(np.abs(columns) * self._steps[:, None], axis=0, initial=0.0)
         found = found[np.isfinite(found) & (found > 0)]
         return float(np.median(found)) if found.size else 1.0
+
+    def of_limit(self, expression: ca.SX) -> float:
+        """Size of ``quantity - limit``: the limit, where it is a number or made of parameters; else as of changes.
+
+        Measured on bearing forces and obstacles: a third of the iterations that
+        the size of the changes takes, and far fewer where the quantity is a square.
+        """
+        changes = self.of_changes(expression)
+        if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
+            return changes
+        varying = ca.vertcat(*self._arguments[:-2])
+        for side in (expression.dep(0), expression.dep(1)):
+            if not ca.depends_on(side, varying):
+                limit = abs(float(self._sampled(side).ravel()[0]))
+                return max(limit, LEAST_SHARE * changes) if limit > 0 and np.isfinite(limit) else changes
+        return changes
 
 
 def parameter_size(value: float, lower: float, upper: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..errors import ConditionError, ModelError
+from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.symbols import number
@@ -31,9 +31,10 @@ class Waypoint(Immutable):
     ----------
     time : float or (float, float)
         When, s; two numbers: free between them.
-    conditions : sequence of relations
+    conditions : sequence of relations, default ()
         In any expression of the model; accelerations, reactions and inputs are
-        those just before that time.
+        those just before that time. Without conditions a mesh point is put there,
+        such as where an input jumps.
 
     Examples
     --------
@@ -43,13 +44,11 @@ class Waypoint(Immutable):
     Waypoint(0.2 … 0.8 s: cart.x == 0.5, 0.1 <= cart.y)
     """
 
-    def __init__(self, time: Any, conditions: Any):
+    def __init__(self, time: Any, conditions: Any = ()):
         self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = read_conditions(conditions)
-        if not self.conditions:
-            raise ConditionError("a Waypoint without conditions says nothing")
 
     def __repr__(self) -> str:
         low, high = self.time
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
-        return f"Waypoint({time}: {', '.join(c.label for c in self.conditions)})"
+        return f"Waypoint({time}{': ' if self.conditions else ''}{', '.join(c.label for c in self.conditions)})"
