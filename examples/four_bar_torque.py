@@ -55,10 +55,10 @@ fastest = mbd.optimize(hurry, intervals=60, guess=effort)
 
 solutions = {"least effort": effort, "bearing O4 spared": gentle, "least time": fastest}
 for name, solution in solutions.items():
-    motion = solution.trajectory
-    print(f"{name}: {motion.t[-1]:.4f} s, effort {np.trapezoid(motion[tau] ** 2, motion.t):.4f} N²m²s")
+    motion = solution.trajectory.at(np.linspace(0, solution.duration, 2001))
+    print(f"{name}: {solution}")
     print(f"  peak torque {np.abs(motion[tau]).max():.2f} N m, peak load of O4 {motion[load].max():.2f} N")
-    print(f"  {solution.statistics.iterations} iterations; {solution.verify()}")
+    print(f"  {solution.verify()}")
     for active in solution.active_limits:
         print(f"  {active}")
 

@@ -44,20 +44,19 @@ raising = mbd.OptimalControlProblem(
 )
 limited = raising.replace(path=[rotor.omega <= LIMIT])
 # waypoints at free times move the mesh, so that a switch can fall on a mesh point
-moving = raising.replace(waypoints=[mbd.Waypoint((0.2, 0.7), [rotor.omega >= 0])])
+moving = raising.replace(waypoints=[mbd.Waypoint((0.2, 0.7))])
 coasting = limited.replace(waypoints=2 * [mbd.Waypoint((0.1, 2.0), [rotor.omega == LIMIT])])
 
 
 def phase_plane(limit):
     """Times, angles, motor speeds and torques of the fastest motion, by the energies."""
     inertia, drive, weight = MASS * LENGTH**2 / 3 + RATIO**2 * ROTOR, RATIO * TORQUE, MASS * 9.81 * LENGTH / 2
-    turn, step = np.pi / 40000 * (np.arange(40000) + 0.5), np.pi / 40000  # midpoints, dense where it is slow
-    angle = (START + END) / 2 - (END - START) / 2 * np.cos(turn)
+    turn, step = np.pi / 40000 * (np.arange(40000) + 0.5), np.pi / 40000
+    angle = (START + END) / 2 - (END - START) / 2 * np.cos(turn)  # dense where the arm is slow
     speeding = 2 / inertia * (drive * (angle - START) - weight * (np.sin(angle) - np.sin(START)))
     braking = 2 / inertia * (drive * (END - angle) + weight * (np.sin(END) - np.sin(angle)))
     ways = RATIO * np.sqrt([speeding, braking, np.full_like(angle, (limit / RATIO) ** 2)])
-    active = np.argmin(ways, axis=0)
-    torque = np.choose(active, [TORQUE, -TORQUE, weight * np.cos(angle) / RATIO])
+    torque = np.choose(np.argmin(ways, axis=0), [TORQUE, -TORQUE, weight * np.cos(angle) / RATIO])
     return np.cumsum(RATIO * (END - START) / 2 * np.sin(turn) * step / ways.min(axis=0)), angle, ways, torque
 
 

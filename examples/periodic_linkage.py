@@ -36,8 +36,7 @@ pin = mbd.Revolute("crank pin", crank.at(1.0, 0), pitman.at(-1.5, 0))
 tail = mbd.Revolute("tail bearing", pitman.at(1.5, 0), beam.at(2.5, 0))
 saddle = mbd.Revolute("saddle bearing", mbd.ground.at(*POST), beam.at(0, 0))
 clamp = mbd.Weld("clamp", crank.at(1.5 * mbd.cos(place), 1.5 * mbd.sin(place)), weight.at(0, 0))
-lift = -HEAD * beam.omega  # speed of the rods, upwards
-well = mbd.Torque("well", beam, HEAD * (RODS + OIL * (1 + mbd.tanh(lift / 0.1)) / 2))
+well = mbd.Torque("well", beam, HEAD * (RODS + OIL * (1 - mbd.tanh(HEAD * beam.omega / 0.1)) / 2))  # oil while rising
 pump = mbd.Mechanism(
     bodies=[crank, weight, pitman, beam],
     joints=[shaft, pin, tail, saddle, clamp],
@@ -76,27 +75,19 @@ for name, solution in found.items():
 matplotlib.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False})
 figure = Figure(figsize=(11, 5.2), layout="constrained")
 axes = figure.subplot_mosaic([["scene", "torque"], ["scene", "speed"]])
-scene = axes["scene"]
 for moment, colour, layer in ((0.9, "#c3ccd3", 1), (3.9, "black", 2)):
-    state = found["10 %"].trajectory.at([moment]).final
-    arc = [state[beam.at(-HEAD * np.cos(k), HEAD * np.sin(k)).position] for k in np.linspace(-0.45, 0.45, 21)]
-    scene.plot(*np.transpose(arc), color=colour, linewidth=3, zorder=layer)
+    look, state = {"color": colour, "zorder": layer}, found["10 %"].trajectory.at([moment]).final
+    arc = [beam.at(-HEAD * np.cos(k), HEAD * np.sin(k)) for k in np.linspace(-0.45, 0.45, 21)]
     bars = [shaft.b, pin.a, tail.a, saddle.b, beam.at(-HEAD, 0)]
-    scene.plot(*np.transpose([state[point.position] for point in bars]), "o-", color=colour, linewidth=3, zorder=layer)
-    scene.plot(
-        *np.transpose([CENTRE, state[weight.position]]),
-        "s-",
-        color=colour,
-        linewidth=5,
-        markersize=16,
-        markevery=[1],
-        zorder=layer,
-    )
-    scene.plot([-HEAD, -HEAD], [state[beam.at(-HEAD, 0).y] - 2.0, POST[1]], color=colour, linewidth=1.5)
+    for points, style in ((arc, "-"), (bars, "o-")):
+        axes["scene"].plot(*np.transpose([state[point.position] for point in points]), style, linewidth=3, **look)
+    arm = np.transpose([CENTRE, state[weight.position]])
+    axes["scene"].plot(*arm, "s-", linewidth=5, markersize=16, markevery=[1], **look)
+    axes["scene"].plot([-HEAD, -HEAD], [state[beam.at(-HEAD, 0).y] - 2.0, POST[1]], linewidth=1.5, **look)
 for foot, top in ((-0.8, POST), (0.8, POST), (CENTRE[0], CENTRE)):
-    scene.plot([foot, top[0]], [0, top[1]], color="#8a929a", zorder=0)
-scene.axhline(0, color="#8a6d3b", linewidth=3)
-scene.set(aspect="equal", xlabel="x, m", ylabel="y, m", title="the rods going down (grey) and up (black)")
+    axes["scene"].plot([foot, top[0]], [0, top[1]], color="#8a929a", zorder=0)
+axes["scene"].axhline(0, color="#8a6d3b", linewidth=3)
+axes["scene"].set(aspect="equal", xlabel="x, m", ylabel="y, m", title="the rods going down (grey) and up (black)")
 for (name, solution), colour in zip(found.items(), ("#5b6770", "#e0a030", "#1f5fa8", "#d1495b"), strict=True):
     motion = solution.trajectory.at(np.linspace(0, TURN, 601))
     axes["torque"].plot(motion.t, motion[tau] / 1e3, color=colour, label=name)

@@ -33,6 +33,7 @@ DEFAULTS = {
     "ipopt.tol": 1e-8,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
+    "ipopt.mu_strategy": "adaptive",
 }
 #: Further ones where the guess is a solution of nearly the same problem, on another mesh or on the same one.
 WARMTH: dict[str, dict[str, Any]] = {

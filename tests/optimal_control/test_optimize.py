@@ -2,49 +2,9 @@
 
 import numpy as np
 import pytest
+from motions import four_bar, guided_block
 
 import mbdcasadi as mbd
-
-
-def guided_block(mass, force, parameters=(), extra=lambda block: []):
-    """A block on a guide, pushed by an input."""
-    block = mbd.Body("block", mass=mass, inertia=0.01)
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
-    forces = [mbd.Force("push", block.at(0, 0), (force, 0)), *extra(block)]
-    mechanism = mbd.Mechanism(
-        bodies=[block], joints=[guide], forces=forces, inputs=[force], parameters=list(parameters)
-    )
-    return block, mechanism
-
-
-def four_bar(inputs=True):
-    """A crank-rocker with a motor at the crank."""
-    a, b, c, d = 0.10, 0.28, 0.24, 0.30
-    tau = mbd.Input("tau", lower=-20, upper=20)
-    crank = mbd.Body("crank", mass=0.3, inertia=0.3 * a**2 / 12, pose=(0.04, 0.02, 0.5))
-    coupler = mbd.Body("coupler", mass=0.8, inertia=0.8 * b**2 / 12, pose=(0.19, 0.14, 0.7))
-    rocker = mbd.Body("rocker", mass=0.7, inertia=0.7 * c**2 / 12, pose=(0.30, 0.12, 1.6))
-    o2 = mbd.Revolute("O2", mbd.ground.at(0, 0), crank.at(-a / 2, 0))
-    joints = [
-        o2,
-        mbd.Revolute("A", crank.at(a / 2, 0), coupler.at(-b / 2, 0)),
-        mbd.Revolute("B", coupler.at(b / 2, 0), rocker.at(c / 2, 0)),
-        mbd.Revolute("O4", mbd.ground.at(d, 0), rocker.at(-c / 2, 0)),
-    ]
-    linkage = mbd.Mechanism(
-        bodies=[crank, coupler, rocker],
-        joints=joints,
-        forces=[mbd.Gravity(), mbd.Torque("motor", crank, tau)],
-        inputs=[tau],
-    )
-    problem = mbd.OptimalControlProblem(
-        linkage,
-        duration=0.6,
-        initial=[o2.angle == 0.5, crank.omega == 0],
-        final=[o2.angle == 0.5 + np.pi, crank.omega == 0],
-        running_cost=tau**2,
-    )
-    return problem, tau, crank
 
 
 def test_least_energy_is_linear_in_time():
