@@ -1,0 +1,137 @@
+"""The examples run from outside, draw their pictures, and find what they say."""
+
+import os
+import runpy
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
+#: Examples that are only run; the others have a test of their own name, which says what they find.
+PLAIN = ("first_mechanism", "four_bar_output", "slider_crank")
+LINES, BYTES = 100, 20_000
+
+
+def is_picture(path):
+    """Whether a file is a PNG with something in it."""
+    content = path.read_bytes()
+    return content[:4] == b"\x89PNG" and len(content) > BYTES
+
+
+@pytest.fixture
+def found(request, tmp_path, monkeypatch):
+    """Names of the example that a test is called after, run with warnings as errors and drawn."""
+    name = request.function.__name__.removeprefix("test_")
+    picture = tmp_path / "picture.png"
+    monkeypatch.setattr(sys, "argv", [name, str(picture)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", mbd.MechanismWarning)
+        names = runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    assert is_picture(picture)
+    return names
+
+
+def largest_error(*solutions):
+    """Largest difference at the end after simulating with the inputs found, m or rad."""
+    return max(solution.verify().final_error for solution in solutions)
+
+
+def fine(solution, expression):
+    """Values of an expression at many times, between mesh points too."""
+    return solution.trajectory.at(np.linspace(0, solution.duration, 2001))[expression]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_is_short_and_checked(name):
+    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    assert text.startswith('"""') and len(text.splitlines()) < LINES
+    assert name in PLAIN or f"test_{name}" in globals()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLAIN)
+def test_runs_from_outside(name, tmp_path):
+    """Exit status 0, nothing on standard error, something told, and a picture."""
+    command, environment = [sys.executable, EXAMPLES / f"{name}.py"], os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout and is_picture(tmp_path / f"{name}.png")
+
+
+@pytest.mark.slow
+def test_four_bar_torque(found):
+    effort, gentle, fastest = found["effort"], found["gentle"], found["fastest"]
+    assert largest_error(effort, gentle, fastest) < 1e-4
+    assert effort.cost == pytest.approx(0.2774, rel=1e-3) and gentle.cost > effort.cost
+    assert fine(gentle, found["load"]).max() < 1.01 * found["limit"] < fine(effort, found["load"]).max()
+    assert fastest.duration < 0.2 and np.mean(np.abs(fine(fastest, found["tau"])) > 0.99 * found["torque"]) > 0.9
+
+
+@pytest.mark.slow
+def test_cart_pole(found):
+    solutions = found["found"].values()
+    costs = [solution.cost for solution in solutions]
+    assert costs == pytest.approx([58.80767, 57.94478], abs=1e-4)
+    assert all(solution.mesh_error <= 1e-8 for solution in solutions) and largest_error(*solutions) < 1e-5
+
+
+@pytest.mark.slow
+def test_five_bar_robot(found):
+    free, around, quick = found["solutions"].values()
+    assert largest_error(free, around, quick) < 1e-6
+    gap = mbd.distance(found["tool"].position, found["POST"])
+    for solution in (around, quick):
+        assert fine(solution, gap).min() > found["RADIUS"] - 1e-4
+        assert fine(solution, found["load"]).max() < 1.01 * found["BEARING"]
+    assert fine(free, gap).min() < found["RADIUS"] and free.cost < around.cost and quick.duration < around.duration
+
+
+@pytest.mark.slow
+def test_slider_crank_balance(found):
+    solutions, crank, tau = found["found"].values(), found["crank"], found["tau"]
+    peaks = [solution.parameters[found["peak"]] for solution in solutions]
+    assert peaks == sorted(peaks, reverse=True) and peaks[-1] < 0.2 * peaks[0]
+    assert peaks[-1] > found["mean"]  # no motor is weaker than the work that the pump takes
+    assert largest_error(*solutions) < 1e-4
+    for solution, peak in zip(solutions, peaks, strict=True):
+        assert np.abs(fine(solution, tau)).max() < 1.02 * peak
+        speed = fine(solution, crank.omega)
+        assert speed[-1] == pytest.approx(speed[0], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_least_time(found):
+    for name, solution in found["found"].items():
+        assert solution.duration == pytest.approx(found["exact"][name][0][-1], abs=2e-6)
+    for name, solution in found["equal"].items():
+        exact = found["exact"][name.split(",")[0]][0][-1]
+        assert 0 < solution.duration - exact < 1e-4
+    assert largest_error(*found["found"].values(), *found["equal"].values()) < 1e-5
+
+
+@pytest.mark.slow
+def test_periodic_linkage(found):
+    crank, tau, solutions = found["crank"], found["tau"], found["found"]
+    ripple = {name: np.ptp(fine(solution, tau)) for name, solution in solutions.items()}
+    assert ripple["10 %, no counterweight"] > 5 * ripple["10 %"] and ripple["2 %"] > ripple["10 %"]
+    assert ripple["torque constant"] < 1e-2
+    for solution in solutions.values():
+        speed, torque = fine(solution, crank.omega), fine(solution, tau)
+        assert speed[-1] == pytest.approx(speed[0], abs=1e-6) and torque[-1] == pytest.approx(torque[0], abs=1.0)
+        assert np.mean(speed[:-1]) * found["TURN"] == pytest.approx(2 * np.pi, abs=1e-5)
+    assert largest_error(*solutions.values()) < 1e-3
+
+
+@pytest.mark.slow
+def test_cart_pole_control(found):
+    motion, plans = found["motion"], found["plans"]
+    assert len(plans) == 80 and np.abs(found["degrees"]).max() < 20 and abs(found["degrees"][-1]) < 3
+    assert np.abs(motion[found["cart"].x]).max() < 1.01 * found["TRACK"]
+    assert all(plan.program is plans[1].program for plan in plans)  # built once
