@@ -45,7 +45,8 @@ raising = mbd.OptimalControlProblem(
 limited = raising.replace(path=[rotor.omega <= LIMIT])
 # waypoints at free times move the mesh, so that a switch can fall on a mesh point
 moving = raising.replace(waypoints=[mbd.Waypoint((0.2, 0.7))])
-coasting = limited.replace(waypoints=2 * [mbd.Waypoint((0.1, 2.0), [rotor.omega == LIMIT])])
+reached = mbd.Waypoint((0.1, 0.5), [rotor.omega == LIMIT, tau == TORQUE])  # the torque just before it
+coasting = limited.replace(waypoints=[reached, mbd.Waypoint((0.5, 0.85), [rotor.omega == LIMIT])])
 
 
 def phase_plane(limit):
@@ -61,10 +62,8 @@ def phase_plane(limit):
 
 
 exact = {"no limit of speed": phase_plane(np.inf), "speed limited": phase_plane(LIMIT)}
-found = {
-    "no limit of speed": mbd.optimize(moving, intervals=20, control="constant"),
-    "speed limited": mbd.optimize(coasting, intervals=40),
-}
+found = {"no limit of speed": mbd.optimize(moving, intervals=20, control="constant")}
+found["speed limited"] = mbd.optimize(coasting, intervals=30, degree=4)
 equal = {f"{name}, equal intervals": mbd.optimize(p) for name, p in zip(exact, (raising, limited), strict=True)}
 for name, solution in {**equal, **found}.items():
     right = exact[name.split(",")[0]][0][-1]
