@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -99,8 +99,9 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
     ----------
     eom : Equations
         Equations of the mechanism.
-    inputs : mapping, list of pairs, or SampledController
-        Numbers, arrays of samples on the output grid, expressions, or one controller.
+    inputs : mapping, list of pairs, Solution, or SampledController
+        Numbers, arrays of samples on the output grid, expressions, solutions of
+        optimal control; or one solution or controller for all.
     times : numpy.ndarray, optional
         The output grid; without it samples are refused.
     """
@@ -114,9 +115,12 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
     if isinstance(inputs, SampledController):
         held = [ca.SX.sym(f"{u.label} held") for u in mechanism.inputs]
         return Signals(ca.vertcat(ca.SX(0, 1), *held), ca.vertcat(*held, start), {}, inputs, list(range(len(held))))
+    if isinstance(getattr(inputs, "inputs", None), Mapping):  # a solution stands for all its inputs
+        inputs = inputs.inputs
     for key, value in pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
         what = f"input '{mechanism.inputs[k].label}'"
+        value = _of_solution(value, mechanism.inputs[k])
         if isinstance(value, PiecewisePolynomial):
             coefficients = [ca.SX.sym(f"{what} {power}") for power in range(value.terms)]
             begin = ca.SX.sym(f"{what} start")
@@ -136,6 +140,16 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
     if channel or piece_channel:
         channel = [*channel, start, *piece_channel]
     return Signals(ca.vertcat(ca.SX(0, 1), *values), ca.vertcat(ca.SX(0, 1), *channel), samples, None, [], pieces)
+
+
+def _of_solution(value: Any, symbol: Any) -> Any:
+    """The course of an input in a solution of optimal control; any other value as it is."""
+    found = getattr(value, "inputs", None)
+    if not isinstance(found, Mapping):
+        return value
+    if not any(key is symbol for key in found):
+        raise ModelError(f"inputs= holds a solution without the input '{symbol.label}'")
+    return found[symbol]
 
 
 def _check_feedback(eom: Equations, expression: ca.SX, what: str) -> None:

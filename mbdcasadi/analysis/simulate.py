@@ -189,7 +189,7 @@ def _start(numeric: NumericEquations, initial: Any, time: float, signals: Signal
 def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
     for k, u in enumerate(mechanism.inputs):
         values = motion.inputs[:, k]
-        slack = 1e-9 * (1 + np.max(np.abs(values), initial=0.0))
+        slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
             warnings.warn(
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "

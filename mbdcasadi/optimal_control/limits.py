@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
+
+from ..results.state import State
 
 if TYPE_CHECKING:
     from .program import MotionProgram
@@ -56,9 +59,32 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
             found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
         else:
             found[label] = float(-value if equality else value)
+    found |= _of_start(solution)
     for label, interval, value in _of_bounds(solution):
         found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
     return found
+
+
+def _of_start(solution: Solution) -> dict[str, float]:
+    """Costates of initial conditions that decide the whole first state: those of its bounds, led back to them."""
+    program, problem = solution.program, solution.problem
+    if program.initial is not None or isinstance(problem.initial, State):
+        return {}
+    eom = problem.equations
+    conditions = [c for c in problem.initial if c.equality]
+    x = ca.vertcat(eom.q, eom.v, eom.z)
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *[c.expression for c in conditions])
+    jacobian = eom.function(ca.jacobian(rows, x))
+    first = solution.trajectory
+    at = (first.t[0], first.q[0], first.v[0], first.a[0], first.z[0], first.lam[0], first.inputs[0], first.parameters)
+    slopes = jacobian(*at).full()
+    size = program.node_scale[: x.numel()]
+    pull = -solution.answer.lam_x[: x.numel()] * program.cost_scale / size
+    # the rows span all states: the pull on the state is a sum of pulls on the rows
+    scaled = slopes * size / np.maximum(np.linalg.norm(slopes * size, axis=1, keepdims=True), 1e-300)
+    weight = np.linalg.norm(slopes * size, axis=1)
+    shares = np.linalg.lstsq(scaled.T, pull * size, rcond=1e-10)[0] / np.maximum(weight, 1e-300)
+    return {f"initial: {c.label}": float(v) for c, v in zip(conditions, shares[-len(conditions) :], strict=True)}
 
 
 def _of_bounds(solution: Solution) -> list[tuple[str, int, float]]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import casadi as ca
@@ -42,19 +45,21 @@ class Monitor(ca.Callback):
         return self
 
     # --- one solve ------------------------------------------------------------------------
-    def watch(self, interruption: Interruption, show: bool) -> None:
-        """Begin a solve."""
+    @contextmanager
+    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
+        """Watch one solve; a bar writes to what is standard error outside it."""
         self.interruption = interruption
         if show:
             from tqdm.auto import tqdm
 
-            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format="{desc}: {n} iterations{postfix}")
-
-    def close(self) -> None:
-        """End a solve."""
-        if self._bar is not None:
-            self._bar.close()
-            self._bar = None
+            form = "{desc}: {n} iterations{postfix}"
+            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format=form, file=sys.stderr)
+        try:
+            yield
+        finally:
+            if self._bar is not None:
+                self._bar.close()
+                self._bar = None
 
     # --- what CasADi calls --------------------------------------------------------------------
     def get_n_in(self) -> int:

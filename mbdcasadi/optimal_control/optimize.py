@@ -13,7 +13,7 @@ from .mesh import Mesh
 from .preparation import TRANSCRIPTIONS, Settings
 from .problem import OptimalControlProblem
 from .refine import refine
-from .solution import Solution
+from .solution import Shifted, Solution
 from .solver import Solver
 from .starts import best_of, guesses
 
@@ -24,7 +24,7 @@ def optimize(
     intervals: int = 40,
     degree: int = 3,
     tolerance: float | None = None,
-    guess: Solution | Trajectory | None = None,
+    guess: Solution | Shifted | Trajectory | None = None,
     starts: Any = None,
     initial: Any = None,
     parameters: Any = None,
@@ -88,7 +88,7 @@ def optimize(
     solver = Solver(problem, settings, parameters)
     mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.prepared.marks)
     candidates = guesses(solver, starts, guess)
-    solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution) and starts is None)
+    solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution | Shifted) and starts is None)
     if tolerance is None:
         return solution
     return refine(solver, solution, _tolerance(tolerance))

@@ -9,11 +9,12 @@ import numpy as np
 from ..errors import SimulationError
 from .local_error import scaled_errors
 from .mesh import Mesh
-from .solution import Pass, Solution
+from .records import Pass
+from .solution import Solution
 from .solver import Solver
 
-#: Passes of the refinement, and pieces into which an interval is split at the most.
-PASSES, PIECES = 12, 6
+#: Passes of the refinement, pieces into which an interval is split, and intervals of a mesh, at the most.
+PASSES, PIECES, INTERVALS = 12, 6, 2000
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
 WELL_BELOW = 0.05
 
@@ -26,7 +27,8 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     foreseen to stay far below the tolerance are merged. Each pass starts from
     the last solution.
     """
-    passes = []
+    passes: list[Pass] = []
+    reason = f"{PASSES} passes are made"
     for _ in range(PASSES):
         errors = scaled_errors(solution)
         s = solution.statistics
@@ -34,11 +36,17 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
         solution.statistics = replace(s, passes=passes)
         if np.max(errors) <= tolerance:
             return solution
+        if len(passes) > 2 and passes[-1].error > passes[-2].error / 2 and passes[-1].error > passes[-3].error / 2:
+            reason = "the local error does not fall any further"
+            break
         mesh = adapted(solution.shares, errors, tolerance, solution.program.scheme.order)
+        if mesh.count > INTERVALS:
+            reason = f"the next mesh would have {mesh.count} intervals"
+            break
         solution = solver.solve(mesh, solution.as_guess(solver.problem), warm=True)
     raise SimulationError(
-        f"the mesh was refined {PASSES} times to {solution.shares.count} intervals and the local error is still "
-        f"{np.max(errors):.2g}, above the tolerance {tolerance:g}",
+        f"the mesh was refined to {solution.shares.count} intervals and the local error is still "
+        f"{passes[-1].error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
         partial=solution,
     )
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import MechanismWarning
 from ..results.trajectory import Trajectory
 from .local_error import local_errors
 
@@ -50,7 +52,9 @@ class Replay:
 
 def replay(solution: Solution, reltol: float, abstol: float) -> Replay:
     """Simulate from the first state of a solution and compare at the mesh points."""
-    motion = solution.simulate(reltol=reltol, abstol=abstol)
+    with warnings.catch_warnings():  # how far limits are passed is told by Solution.limit_excess
+        warnings.filterwarnings("ignore", ".*beyond its limits", MechanismWarning)
+        motion = solution.simulate(reltol=reltol, abstol=abstol)
     wanted = solution.trajectory.q[:: solution.points_per_interval]
     difference = np.abs(motion.q - wanted)
     return Replay(

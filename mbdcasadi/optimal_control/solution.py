@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from ..analysis.pieces import PiecewisePolynomial
 from ..analysis.simulate import simulate
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
-from ..model.symbols import Parameter
+from ..model.symbols import Parameter, number
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess import Guess, Iterate, guess_from_motion
@@ -24,93 +24,29 @@ from .mesh import Mesh
 from .motion import OptimalMotion, Polynomials
 from .problem import OptimalControlProblem
 from .program import MotionProgram
+from .records import Answer, SolveStatistics
 from .replay import Replay, replay
 
 
 @dataclass(frozen=True)
-class Start:
-    """One of several starts.
+class Shifted:
+    """A solution from a later time on, to start from; made by :meth:`Solution.shifted`."""
 
-    Attributes
-    ----------
-    guess : str
-        Where it came from.
-    cost : float
-        What it led to; nan where it led nowhere.
-    iterations : int
-        Of the solver.
-    status : str
-        The solver's own word.
-    """
+    solution: Solution
+    time: float
 
-    guess: str
-    cost: float
-    iterations: int
-    status: str
+    def as_guess(self, problem: OptimalControlProblem) -> Guess:
+        """The later part of the motion as a guess for the same problem."""
+        solution, guess = self.solution, self.solution.as_guess(problem)
+        last = float(guess.marks[-1])
 
+        def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+            return guess.sample(np.clip(wanted + self.time, 0.0, last))
 
-@dataclass(frozen=True)
-class Pass:
-    """One mesh of a refinement.
-
-    Attributes
-    ----------
-    intervals : int
-        Of the mesh.
-    error : float
-        Largest local error of an interval, as :attr:`Solution.mesh_error`.
-    cost : float
-        Minimum on this mesh.
-    iterations : int
-        Of the solver.
-    seconds : float
-        Building and solving, s.
-    """
-
-    intervals: int
-    error: float
-    cost: float
-    iterations: int
-    seconds: float
-
-
-@dataclass(frozen=True)
-class SolveStatistics:
-    """How a solution was found.
-
-    Attributes
-    ----------
-    iterations : int
-        Of the solver.
-    status : str
-        Its own word.
-    seconds, build_seconds : float
-        Building and solving, and the building of it, s.
-    variables, rows : int
-        Size of the program.
-    starts : list of Start
-        What each start led to, where there were several.
-    passes : list of Pass
-        Meshes of the refinement.
-    """
-
-    iterations: int
-    status: str
-    seconds: float
-    build_seconds: float
-    variables: int
-    rows: int
-    starts: list[Start] = field(default_factory=list)
-    passes: list[Pass] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What the solver returns besides the variables, scaled: multipliers of the bounds and the rows, and the rows."""
-
-    lam_x: np.ndarray
-    lam_g: np.ndarray
-    rows: np.ndarray
+        moved = replace(guess, sample=sample, iterate=None, word=f"solution, {self.time:g} s later")
+        x = moved.variables(solution.program, solution.shares)
+        iterate = Iterate(solution.program, solution.shares, x, solution.answer.lam_x, solution.answer.lam_g)
+        return replace(moved, iterate=iterate)
 
 
 class Solution:
@@ -244,6 +180,18 @@ class Solution:
             self.program, self.shares, self.variables / self.program.scale, self.answer.lam_x, self.answer.lam_g
         )
         return Guess(guess.sample, marks, np.array(free), "solution", iterate)
+
+    def shifted(self, time: float) -> Shifted:
+        """The motion from a later time on, as a guess: what follows its end stays as it ends.
+
+        For model-predictive control, where the next plan starts a sample later.
+
+        Parameters
+        ----------
+        time : float
+            By how much later it begins, s.
+        """
+        return Shifted(self, number(time, "shifted", "time"))
 
     # --- proof ---------------------------------------------------------------------------------
     def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Replay:

@@ -24,7 +24,8 @@ from .poses import kinematic_poses, nominal_marks
 from .preparation import Preparation, Settings, first_state
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-from .solution import Answer, Solution, SolveStatistics
+from .records import Answer, SolveStatistics
+from .solution import Shifted, Solution
 
 #: Options of IPOPT that were measured best on these programs.
 DEFAULTS = {
@@ -34,13 +35,15 @@ DEFAULTS = {
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
     "ipopt.mu_strategy": "adaptive",
+    "ipopt.honor_original_bounds": "yes",
 }
 #: Further ones where the guess is a solution of nearly the same problem, on another mesh or on the same one.
 WARMTH: dict[str, dict[str, Any]] = {
     "cold": {},
-    "warm": {"ipopt.mu_init": 1e-4},
+    "warm": {"ipopt.mu_init": 1e-4, "ipopt.max_iter": 300},
     "hot": {
         "ipopt.mu_init": 1e-6,
+        "ipopt.max_iter": 60,
         "ipopt.warm_start_init_point": "yes",
         "ipopt.warm_start_bound_push": 1e-8,
         "ipopt.warm_start_mult_bound_push": 1e-8,
@@ -139,12 +142,11 @@ class Solver:
         built = clock.perf_counter()
         multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
         limits = {"lbg": np.where(program.equalities, 0.0, -np.inf), "ubg": 0.0}
-        with interruptible(raising=False) as interruption, quiet():
-            monitor.watch(interruption, self.settings.progress)
-            try:
+        with interruptible(raising=False) as interruption, monitor.watching(interruption, self.settings.progress):
+            with quiet():
                 found = solver(x0=x0, p=p, lbx=lower, ubx=upper, **limits, **multipliers)
-            finally:
-                monitor.close()
+        # IPOPT relaxes bounds by the last digits; a mass must not become negative
+        found["x"] = np.clip(found["x"].full().ravel(), lower, upper)
         stats = solver.stats()
         statistics = SolveStatistics(
             int(stats["iter_count"]),
@@ -164,7 +166,7 @@ class Solver:
     def _solution(
         self, program: MotionProgram, mesh: Mesh, marks: np.ndarray, found: dict, statistics: SolveStatistics
     ) -> Solution:
-        x, *answer = (found[name].full().ravel() for name in ("x", "lam_x", "lam_g", "g"))
+        x, *answer = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
         cost = float(found["f"]) * program.cost_scale
         return Solution(
             self.problem,
@@ -213,6 +215,8 @@ class Solver:
         if isinstance(given, Solution):
             if given.problem.mechanism is not self.problem.mechanism:
                 return self.guess(given.trajectory)
+            return given.as_guess(self.problem)
+        if isinstance(given, Shifted):
             return given.as_guess(self.problem)
         if isinstance(given, Trajectory):
             low, high = self.problem.duration

@@ -13,7 +13,8 @@ from ..numerics.least_squares import solve
 from .failure import OptimizationError
 from .guess import Guess, kinematic_guess
 from .mesh import Mesh
-from .solution import Solution, Start
+from .records import Start
+from .solution import Solution
 from .solver import Solver
 
 

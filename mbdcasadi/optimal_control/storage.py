@@ -16,7 +16,8 @@ from ..results.writing import whole_file
 from .mesh import Mesh
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-from .solution import Answer, Pass, Solution, SolveStatistics, Start
+from .records import Answer, Pass, SolveStatistics, Start
+from .solution import Solution
 
 if TYPE_CHECKING:
     from .solver import Solver
@@ -125,7 +126,7 @@ def _check_values(
     """Refuse a solution whose cost or rows are others in this problem."""
     low, high = program.problem.duration
     duration = float(content["marks"][-1])
-    if not low * (1 - 1e-9) <= duration <= high * (1 + 1e-9):
+    if not low * (1 - SAME) <= duration <= high * (1 + SAME):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
     data = program.data(numeric, mesh, content["marks"])
     cost, rows = program.program.evaluate()(content["x"] / program.scale, data)
