@@ -1,0 +1,181 @@
+"""Meshes that suit the motion, the proof by simulation, and what else a solution does with its inputs."""
+
+import numpy as np
+import pytest
+from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
+
+import mbdcasadi as mbd
+from mbdcasadi.optimal_control.mesh import Mesh
+from mbdcasadi.optimal_control.refine import adapted
+
+
+@pytest.fixture(scope="module")
+def sharp():
+    """A block carried over through a narrow bump of force: a mesh for it is uneven."""
+    u = mbd.Input("u")
+    block, mechanism = guided_block(
+        1.0, u, extra=lambda b: [mbd.GeneralizedForce("bump", [(b.x, -20 * mbd.exp(-(((b.x - 0.3) / 0.03) ** 2)))])]
+    )
+    return mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=u**2,
+    )
+
+
+@pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
+def test_the_tolerance_is_met_with_an_uneven_mesh(sharp, transcription):
+    """Short intervals in the bump, long ones elsewhere, the local error below the tolerance everywhere."""
+    solution = mbd.optimize(sharp, intervals=10, tolerance=1e-6, transcription=transcription)
+    assert solution.mesh_error <= 1e-6
+    lengths = np.diff(solution.mesh)
+    assert np.max(lengths) > 4 * np.min(lengths)
+    middle = solution.trajectory.at(solution.mesh[:-1] + lengths / 2)[sharp.mechanism.bodies[0].x]
+    assert 0.2 < middle[np.argmin(lengths)] < 0.4
+    assert solution.verify().final_error < 1e-3
+
+
+def test_the_table_of_passes(sharp):
+    """Intervals, errors, costs and iterations by pass; the last is the solution."""
+    solution = mbd.optimize(sharp, intervals=8, tolerance=1e-6)
+    passes = solution.statistics.passes
+    assert len(passes) >= 2 and passes[0].intervals == 8
+    assert passes[-1].intervals == solution.shares.count == solution.mesh.size - 1
+    assert passes[-1].error == solution.mesh_error <= 1e-6 < passes[0].error
+    assert passes[-1].cost == solution.cost
+    assert all(p.iterations > 0 and p.seconds > 0 for p in passes)
+    assert passes[-1].iterations < 30
+
+
+def test_a_mesh_that_is_fine_enough_is_left_alone():
+    """One pass, the same mesh."""
+    problem, *_ = rest_to_rest(3.0, 2.0)
+    solution = mbd.optimize(problem, intervals=5, tolerance=1e-6)
+    assert len(solution.statistics.passes) == 1 and solution.mesh.size == 6
+
+
+def test_waypoints_stay_mesh_points(sharp):
+    """At fixed and at free times, through every pass."""
+    block = sharp.mechanism.bodies[0]
+    via = sharp.replace(waypoints=[mbd.Waypoint(0.37, [block.x == 0.28]), mbd.Waypoint((0.5, 0.9), [block.x == 0.8])])
+    solution = mbd.optimize(via, intervals=12, tolerance=1e-6)
+    assert len(solution.statistics.passes) >= 2
+    for time in solution.waypoint_times:
+        assert np.min(np.abs(solution.mesh - time)) < 1e-12
+    assert solution.waypoint_times[0] == 0.37
+    at = solution.trajectory.at(solution.waypoint_times)[block.x]
+    assert at == pytest.approx([0.28, 0.8], abs=1e-8)
+
+
+def test_splitting_and_merging():
+    """An interval above the tolerance is split by the order; neighbours far below it are merged, within a phase."""
+    mesh = Mesh((np.linspace(0, 1, 5), np.linspace(0, 1, 3)))
+    # 2^7 times the tolerance wants (2 * 128)^(1/7) = 2.2, so 3 pieces at order 6
+    errors = np.array([128e-6, 1e-12, 1e-12, 0.9e-6, 1e-12, 1e-12])
+    found = adapted(mesh, errors, 1e-6, 6)
+    assert np.allclose(found.phases[0], [0, 1 / 12, 2 / 12, 1 / 4, 3 / 4, 1])
+    assert np.allclose(found.phases[1], [0, 1])
+    over = adapted(mesh, np.array([1e-12, 1e-12, 1e-12, 1e-12, 1e-12, 5e-5]), 1e-6, 6)
+    assert over.counts[0] == 2 and over.counts[1] >= 2, "nothing is merged across a waypoint"
+    same = adapted(mesh, np.full(6, 0.9e-6), 1e-6, 6)
+    assert same.counts == mesh.counts
+
+
+def test_the_local_error_is_that_of_an_integration(sharp):
+    """mesh_error against a re-integration of every interval by IDAS."""
+    solution = mbd.optimize(sharp, intervals=16)
+    block, worst = sharp.mechanism.bodies[0], 0.0
+    for k in range(16):
+        run = mbd.simulate(
+            sharp.mechanism,
+            solution.mesh[k : k + 2],
+            initial=solution.state(k),
+            inputs=solution.inputs,
+            reltol=1e-11,
+            abstol=1e-11,
+        )
+        after = solution.state(k + 1)
+        worst = max(worst, abs(run.final[block.x] - after[block.x]), abs(run.final[block.vx] - after[block.vx]))
+    assert solution.mesh_error == pytest.approx(worst, rel=1e-3)
+
+
+def test_defects_by_interval():
+    """verify() tells displacements and angles apart, interval by interval."""
+    f = crank_rocker()
+    solution = mbd.optimize(half_turn(f), intervals=12, degree=2)
+    replay = solution.verify()
+    assert replay.defects.shape == (12, 2)
+    assert np.all(replay.defects[:, 1] >= replay.defects[:, 0]), "links are shorter than a metre"
+    assert replay.final_error <= replay.largest_deviation
+    assert f"{replay.final_error:.2e}" in repr(replay) and "idas" in repr(replay).lower()
+    finer = mbd.optimize(half_turn(f), intervals=48, degree=2).verify()
+    assert np.max(finer.defects) < np.max(replay.defects) / 100
+
+
+def test_an_unstable_motion_may_be_right_and_not_replay():
+    """An inverted pendulum held up for a while: small defects, a large final error."""
+    bob, tau, mechanism = pendulum(length=0.2)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=4.0,
+        initial=[bob.phi == np.pi - 0.3, bob.omega == 0],
+        final=[bob.phi == np.pi + 0.3, bob.omega == 0],
+        running_cost=tau**2,
+    )
+    solution = mbd.optimize(problem, intervals=60)
+    replay = solution.verify()
+    assert np.max(replay.defects) < 1e-6
+    assert replay.final_error > 100 * np.max(replay.defects)
+
+
+def test_simulating_with_other_parameters_and_starts():
+    """How robust the open loop is: against the closed form of a block with another spring."""
+    u, k = mbd.Input("u"), mbd.Parameter("k", 4.0)
+    block, mechanism = guided_block(
+        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
+    )
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=u**2,
+    )
+    solution = mbd.optimize(problem, intervals=12)
+    assert solution.simulate().final[block.x] == pytest.approx(1.0, abs=1e-6)
+    # with u = A cos 2t + B sin 2t resonant at k = 4; shifted starts ride along freely
+    shifted = solution.simulate(initial=[block.x == 0.1, block.vx == 0])
+    assert shifted.final[block.x] == pytest.approx(1.0 + 0.1 * np.cos(2.0), abs=1e-6)
+    soft = solution.simulate(parameters={k: 0.0})
+    times = np.linspace(0, 1, 2001)
+    force = solution.trajectory.at(times)[u]
+    assert soft.final[block.vx] == pytest.approx(np.trapezoid(force, times), abs=1e-5)
+    assert solution.simulate(method="erk").final[block.x] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.xfail(strict=True, reason="inputs= does not take a solution")
+def test_a_solution_as_input_of_a_simulation():
+    """An input may be given by a solution: the same as its own replay."""
+    f = crank_rocker()
+    solution = mbd.optimize(half_turn(f), intervals=30)
+    motion = mbd.simulate(f.mechanism, solution.mesh, initial=solution.state(0), inputs={f.tau: solution})
+    assert np.allclose(motion.q, solution.simulate().q, atol=1e-9)
+
+
+def test_a_trajectory_evaluates_and_interpolates():
+    """Positions between mesh points obey the equations of motion; reactions, energies, efforts are expressions."""
+    f = crank_rocker()
+    solution = mbd.optimize(half_turn(f), intervals=40)
+    times = np.linspace(0, 0.6, 501)
+    motion = solution.trajectory.at(times)
+    eom = solution.problem.equations
+    assert np.max(np.abs(motion[eom.Phi])) < 1e-11 and np.max(np.abs(motion[eom.Phi_q @ eom.v - eom.nu])) < 1e-10
+    work = np.concatenate(
+        [[0], np.cumsum(np.diff(times) * (lambda p: (p[1:] + p[:-1]) / 2)(motion[f.tau * f.crank.omega]))]
+    )
+    energy = motion.energy.total
+    assert np.allclose(energy - energy[0], work, atol=1e-4)
+    assert solution.trajectory.t.size == 40 * 4 + 1
+    assert set(solution.mesh) <= set(solution.trajectory.t)
