@@ -30,13 +30,17 @@ from .errors import (
 from .files.acf import read_acf
 from .files.adm import read_adm
 from .model.bodies import Body, Marker, ground
+from .model.cam_outlines import CamOutline
 from .model.conditions import bounded
+from .model.curves import Curve
 from .model.drivers import Driver
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
 from .model.forces.gravity import Gravity
 from .model.forces.springs import RSDA, TSDA
+from .model.joints.belts import Belt, Coupler
+from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.composite import Distance, PointOnLine
 from .model.joints.coordinates import (
     AbsoluteAngle,
@@ -47,10 +51,13 @@ from .model.joints.coordinates import (
     RelativeX,
     RelativeY,
 )
-from .model.joints.gears import RackAndPinion
+from .model.joints.gears import Gear, RackAndPinion
 from .model.joints.general import Constraint
 from .model.joints.lower_pairs import Revolute, Translational, Weld
+from .model.joints.nonholonomic import KnifeEdge, NonholonomicConstraint
+from .model.joints.rolling import Rolling
 from .model.mechanism import Mechanism
+from .model.motion_programs import MotionProgram, dwell, fall, rise
 from .model.shaking import ShakingForce, shaking_force
 from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative

@@ -15,6 +15,7 @@ from ..results.trajectory import Statistics, Trajectory
 from .check import generic_rank
 from .continuation import Continuation, DrivenMotion
 from .mappings import parameter_vector, time_grid
+from .monitors import tell_monitors
 from .pose import PoseProblem
 
 NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers come from inverse_dynamics"
@@ -58,7 +59,9 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     eom = equations(mechanism)
     numeric = NumericEquations(eom, parameter_vector(eom, parameters))
     motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
-    return kinematic_trajectory(numeric, motion)
+    found = kinematic_trajectory(numeric, motion)
+    tell_monitors(found)
+    return found
 
 
 def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool, what: str) -> DrivenMotion:

@@ -6,6 +6,7 @@ A class of the user's own with these attributes is a full citizen.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -16,6 +17,24 @@ from .bodies import Body, Marker, ground
 from .immutable import Immutable
 from .quantities import Limit
 from .symbols import check_name, register, role_of, symbols_of
+
+
+@dataclass(frozen=True, eq=False)
+class Monitor:
+    """A quantity that must not become negative along a motion, and what it means where it does.
+
+    Analyses look at it at their outputs and warn: nothing is changed.
+
+    Attributes
+    ----------
+    expression : casadi.SX
+        Scalar.
+    sentence : str
+        What is wrong where it is negative, with the element and the remedy.
+    """
+
+    expression: ca.SX
+    sentence: str
 
 
 class Element(Immutable):
@@ -45,6 +64,8 @@ class Element(Immutable):
         Potential energy, J, of forces that have one.
     limits : tuple of Limit
         What its quantities must keep to at any value of the parameters.
+    monitors : tuple of Monitor
+        What must hold along a motion for the element to mean what it says (a cam that only presses).
     """
 
     word: ClassVar[str] = "element"
@@ -59,6 +80,7 @@ class Element(Immutable):
     rates: ClassVar[dict] = {}
     potential: ca.SX = ca.SX(0)
     limits: tuple[Limit, ...] = ()
+    monitors: tuple[Monitor, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)

@@ -1,0 +1,374 @@
+"""Cams and their followers, and points on curves: contact where it is, solved with the rest.
+
+Each contact brings its place on the outline as a coordinate without inertia.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ..bodies import Marker, rotation
+from ..cam_outlines import CamOutline
+from ..curves import Curve, least
+from ..elements import Monitor, at_poses, cross
+from ..events import Event
+from ..quantities import Limit, quantity
+from ..symbols import Coordinate, symbols_of, values_of
+from .base import Joint, pair
+
+
+class _Contact(Joint):
+    """What contacts along an outline share: their place, their force, and what must hold for both."""
+
+    parameter: Coordinate
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force that presses the two together, N; negative where they would part."""
+        raise NotImplementedError
+
+    def lift_off(self, terminal: bool = True) -> Event:
+        """Event at which the contact would part: its force passes through zero."""
+        return Event(f"lift-off at {self.name}", self.normal_force, direction=-1, terminal=terminal)
+
+    @cached_property
+    def monitors(self) -> tuple[Monitor, ...]:
+        return (
+            Monitor(
+                self.normal_force,
+                f"{self.what}: the contact force is negative: the follower would lift off, and the joint pulled it; "
+                "press it on by a spring, or stop at the event that lift_off() makes",
+            ),
+        )
+
+
+class CamFlatFollower(_Contact):
+    """Cam against a flat face, the x axis of a marker.
+
+    ``Phi = [y_b · (r^c - r^b), y_b · A_a g']`` (2 rows, m and m/rad): the contact
+    point ``r^c = r^a + A_a s'(alpha)`` lies on the face, and the tangent
+    ``g' = ds'/dalpha`` of the outline goes along it. One coordinate ``alpha``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    cam : Marker
+        Frame of the outline on the cam.
+    face : Marker
+        Point and x axis of the face on the follower. The cam may lie on either side;
+        it touches where it is nearer to the face at the estimated poses.
+    outline : CamOutline
+        Convex everywhere: a flat face cannot reach into a hollow.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the contact on the outline.
+    contact_point : casadi.SX
+        The same as a point (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For an outline with a hollow or a straight piece: the place and its curvature.
+
+    References
+    ----------
+    Haug 1989, section 3.4 (cam–flat-faced follower).
+    """
+
+    def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
+        a, b = pair(name, cam, face)
+        what = f"joint '{name}'"
+        self.outline = _outline(outline, what)
+        self.limits = _convex(what, self.outline)
+        self.parameter = Coordinate(f"{name}.parameter", _touching(self.outline, a, b))
+        self.coordinates = (self.parameter,)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        on_face = ca.dot(b.y_axis, self.contact_point - b.position)
+        along_face = ca.dot(b.y_axis, a.axes @ self.outline.tangent(self.parameter))
+        super().__init__(name, a, b, ca.vertcat(on_face, along_face), ("contact", "tangent"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses cam and face together, N; negative where they would part."""
+        outward = self.a.axes @ self.outline.normal(self.parameter)
+        return self.multipliers[0] * ca.dot(self.b.y_axis, outward)
+
+
+class CamPointFollower(_Contact):
+    """Cam against a point (a knife edge) or a roller.
+
+    ``Phi = r^a + A_a (s'(alpha) + R n'(alpha)) - r^b`` (2 rows, m): the centre of
+    the roller of radius R sits at that distance outside the outline, along its
+    normal n'. One coordinate ``alpha``. The roller has no mass and turns freely.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    cam : Marker
+        Frame of the outline on the cam.
+    point : Marker
+        The edge, or the centre of the roller, on the follower.
+    outline : CamOutline
+        Its hollows must be wider than the roller.
+    roller_radius : float or expression in parameters, default 0
+        R, m; zero for a knife edge.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the contact on the outline.
+    contact_point : casadi.SX
+        The same as a point (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For a hollow that is too narrow for the roller: the place and its radius of curvature.
+    """
+
+    def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
+        a, b = pair(name, cam, point)
+        what = f"joint '{name}'"
+        self.outline = _outline(outline, what)
+        limits: list[Limit] = []
+        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits)
+        self.limits = (*limits, *_wide_enough(what, self.outline, self.roller_radius))
+        radius = float(values_of(self.roller_radius)[0, 0])
+        start = _nearest(self.outline, a, b, radius)
+        self.parameter = Coordinate(f"{name}.parameter", start)
+        self.coordinates = (self.parameter,)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        centre = a.position + a.axes @ self.outline.beside(self.parameter, self.roller_radius)
+        super().__init__(name, a, b, centre - b.position, ("x", "y"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses cam and follower together, N; negative where they would part."""
+        return ca.dot(self.multipliers, self.a.axes @ self.outline.normal(self.parameter))
+
+    @cached_property
+    def pressure_angle(self) -> ca.SX:
+        """Angle from the outward normal to the velocity of the follower's point, rad; undefined at rest."""
+        outward = self.a.axes @ self.outline.normal(self.parameter)
+        return ca.atan2(cross(outward, self.b.velocity), ca.dot(outward, self.b.velocity))
+
+
+class CamCam(_Contact):
+    """Two outlines that touch from outside and slide on each other.
+
+    ``Phi = [r^a + A_a s'_a - r^b - A_b s'_b, (R A_a g'_a) · A_b g'_b / c]`` (3 rows, m): one
+    point of each coincide, and the tangents are parallel. Two coordinates, the
+    places on both; c is the size of outline b, a constant.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Frames of the outlines on two bodies.
+    outline_a, outline_b : CamOutline
+        A hollow of one must be wider than some part of the other.
+
+    Attributes
+    ----------
+    parameter, parameter_b : Coordinate
+        Places of the contact on the outlines.
+    contact_point : casadi.SX
+        (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For a hollow into which no part of the other outline fits.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
+        a, b = pair(name, a, b)
+        what = f"joint '{name}'"
+        self.outline, self.outline_b = _outline(outline_a, what), _outline(outline_b, what)
+        _fitting(what, self.outline, self.outline_b)
+        places = _pair_of_places(self.outline, self.outline_b, a, b)
+        self.parameter = Coordinate(f"{name}.parameter", places[0])
+        self.parameter_b = Coordinate(f"{name}.parameter_b", places[1])
+        self.coordinates = (self.parameter, self.parameter_b)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        other = b.position + b.axes @ self.outline_b.point(self.parameter_b)
+        g_a, g_b = a.axes @ self.outline.tangent(self.parameter), b.axes @ self.outline_b.tangent(self.parameter_b)
+        parallel = cross(g_a, g_b) / self.outline_b.size
+        rows = ca.vertcat(self.contact_point - other, parallel)
+        super().__init__(name, a, b, rows, ("x", "y", "tangent"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses the outlines together, N; negative where they would part."""
+        return ca.dot(self.multipliers[:2], self.a.axes @ self.outline.normal(self.parameter))
+
+    @cached_property
+    def monitors(self) -> tuple[Monitor, ...]:
+        gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
+        crossing = f"{self.what}: the outlines cross at the contact, a hollow of one being narrower than the other"
+        return (*super().monitors, Monitor(gap, crossing))
+
+
+class PointOnCurve(Joint):
+    """Pin in a curved slot, or a point on a rail: a point of b stays on a curve of a.
+
+    ``Phi = r^a + A_a s'(alpha) - r^b`` (2 rows, m), held in both directions. One
+    coordinate ``alpha`` without inertia.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a : Marker
+        Frame of the curve.
+    b : Marker
+        The point.
+    curve : Curve
+        Open or closed. Where the point leaves the ends of an open one, analyses warn.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the point on the curve.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, curve: Curve):
+        a, b = pair(name, a, b)
+        if not isinstance(curve, Curve):
+            raise ModelError(f"joint '{name}': curve must be a Curve, got {curve!r}")
+        self.curve = curve
+        self.parameter = Coordinate(f"{name}.parameter", _nearest(curve, a, b, 0.0))
+        self.coordinates = (self.parameter,)
+        rows = a.position + a.axes @ curve.point(self.parameter) - b.position
+        super().__init__(name, a, b, rows, ("x", "y"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force of the curve on the point along the curve's normal, to the right of its tangent, N."""
+        return ca.dot(self.multipliers, self.a.axes @ self.curve.normal(self.parameter))
+
+    @cached_property
+    def monitors(self) -> tuple[Monitor, ...]:
+        if self.curve.closed:
+            return ()
+        left = ca.fmin(self.parameter - self.curve.lower, self.curve.upper - self.parameter)
+        return (Monitor(left, f"{self.what}: the point has left the curve at one of its ends"),)
+
+
+# --- checks of outlines ------------------------------------------------------------------------
+def _outline(outline: Any, what: str) -> CamOutline:
+    if not isinstance(outline, CamOutline):
+        raise ModelError(f"{what}: the outline must be a CamOutline, got {outline!r}")
+    return outline
+
+
+def _place(outline: Curve, k: int) -> str:
+    (x,), (y,) = outline.points_and_normals(outline.samples[k : k + 1])[0]
+    return f"the parameter {outline.samples[k]:.4g}, the point ({x:.4g}, {y:.4g}) m of the outline"
+
+
+def _convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
+    bends = outline.curvatures(outline.samples)
+    k = int(np.argmin(bends))
+    if bends[k] <= 1e-9 / outline.size:
+        raise ModelError(
+            f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bends[k]:.4g} "
+            "1/m, and it must be positive (convex) everywhere"
+        )
+    return _limits(what, "curvature of the outline", outline, lambda bend: bend)
+
+
+def _wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
+    known = float(values_of(radius)[0, 0])
+    bends = outline.curvatures(outline.samples)
+    k = int(np.argmin(bends))
+    if 1 + known * bends[k] <= 0:
+        raise ModelError(
+            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the radius "
+            f"of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
+        )
+    return _limits(what, "1 + roller radius × curvature of the outline", outline, lambda bend: 1 + radius * bend)
+
+
+def _limits(what: str, name: str, outline: CamOutline, value: Any) -> tuple[Limit, ...]:
+    """What must stay positive at places of the outline for other values of the parameters, where it depends on any."""
+    limits: list[Limit] = []
+    if symbols_of(value(outline.curvature(0.0))):
+        for place in outline.samples[:: len(outline.samples) // 90]:
+            bend = value(outline.curvature(float(place)))
+            quantity(bend, what, f"{name} at the parameter {place:.4g}", above=0.0, limits=limits)
+    return tuple(limits)
+
+
+def _fitting(what: str, one: CamOutline, other: CamOutline) -> None:
+    for first, second in ((one, other), (other, one)):
+        bends = first.curvatures(first.samples)
+        k = int(np.argmin(bends))
+        sharpest = float(np.max(second.curvatures(second.samples)))
+        if bends[k] + sharpest <= 0:
+            raise ModelError(
+                f"{what}: no part of the other outline fits into the hollow at {_place(first, k)}: the radius of "
+                f"curvature is {-1 / bends[k]:.4g} m there, and the other's smallest one {1 / sharpest:.4g} m"
+            )
+
+
+# --- where the contact is at the estimated poses --------------------------------------------------
+def _in_frame(a: Marker, vector: ca.SX, bodies: list) -> np.ndarray:
+    """A global vector (2,) in the axes of marker a, at the estimated poses."""
+    return values_of(at_poses(rotation(-a.angle) @ vector, bodies)).ravel()
+
+
+def _touching(outline: CamOutline, a: Marker, b: Marker) -> float:
+    """Place where the outline touches the line of the face, or would do so: on the nearer side."""
+    bodies = [a.body, b.body]
+    normal, origin = _in_frame(a, b.y_axis, bodies), _in_frame(a, b.position - a.position, bodies)
+
+    def height(parameters: np.ndarray) -> np.ndarray:
+        return normal @ outline.points_and_normals(parameters)[0] - normal @ origin
+
+    below, above = least(height, outline), least(lambda p: -height(p), outline)
+    return min(below, above, key=lambda place: abs(float(height(np.array([place]))[0])))
+
+
+def _nearest(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
+    """Place on the curve, or on the one beside it, that is nearest to b."""
+    point = _in_frame(a, b.position - a.position, [a.body, b.body])
+
+    def away(parameters: np.ndarray) -> np.ndarray:
+        points, normals = curve.points_and_normals(parameters)
+        return np.hypot(*(points + beside * normals - point[:, None]))
+
+    return least(away, curve)
+
+
+def _pair_of_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) -> tuple[float, float]:
+    """Places at which two outlines are nearest to touching, their outward normals opposite."""
+    bodies = [a.body, b.body]
+    offset = _in_frame(a, b.position - a.position, bodies)
+    turn = float(values_of(at_poses(b.angle - a.angle, bodies))[0, 0])
+    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    size = max(one.size, other.size)
+    grids = [np.linspace(0, 2 * np.pi, 180, endpoint=False)] * 2
+    step = grids[0][1]
+    best = (0.0, 0.0)
+    while step > 1e-10:
+        p, n = one.points_and_normals(grids[0])
+        p_other, n_other = (matrix @ x for x in other.points_and_normals(grids[1]))
+        apart = np.sum((p[:, :, None] - p_other[:, None, :] - offset[:, None, None]) ** 2, axis=0)
+        against = np.sum((n[:, :, None] + n_other[:, None, :]) ** 2, axis=0)
+        k, j = np.unravel_index(np.argmin(apart + size**2 * against), apart.shape)
+        best = float(grids[0][k]), float(grids[1][j])
+        grids = [centre + step * np.linspace(-1, 1, 17) for centre in best]
+        step /= 6
+    return best
+
