@@ -37,8 +37,16 @@ from .model.drivers import Driver
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
+from .model.forces.bushing import Bushing
+from .model.forces.contact_laws import HuntCrossley
+from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
+from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
+from .model.forces.data_laws import DataLaw
+from .model.forces.field import FieldForce
 from .model.forces.gravity import Gravity
+from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA
+from .model.forces.stops import EndStop
 from .model.joints.belts import Belt, Coupler
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.composite import Distance, PointOnLine

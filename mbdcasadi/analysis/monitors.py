@@ -32,4 +32,4 @@ def tell_monitors(motion: Trajectory, stacklevel: int = 3) -> None:
             first, worst = float(motion.t[np.argmax(bad)]), float(np.min(course[bad]))
             text = f"{monitor.sentence} (first at t = {first:.6g} s, at worst {worst:.6g})"
             motion.statistics.notes.append(text)
-            warnings.warn(text, MechanismWarning, stacklevel=stacklevel + 1)
+            warnings.warn(text, MechanismWarning, stacklevel=stacklevel)

@@ -90,8 +90,8 @@ class Curve(Immutable):
             apart = np.abs(ends[:, 1] - ends[:, 0]) / np.r_[np.full(2, self.size), np.full(2, np.max(speed))]
             if np.max(apart) > 1e-6:
                 raise ModelError(
-                    f"{what}: the curve does not close: it ends at ({ends[0, 1]:.6g}, {ends[1, 1]:.6g}) m and begins at "
-                    f"({ends[0, 0]:.6g}, {ends[1, 0]:.6g}) m, or the tangents there differ"
+                    f"{what}: the curve does not close: it ends at ({ends[0, 1]:.6g}, {ends[1, 1]:.6g}) m and begins "
+                    f"at ({ends[0, 0]:.6g}, {ends[1, 0]:.6g}) m, or the tangents there differ"
                 )
 
     @classmethod

@@ -5,9 +5,10 @@ A class of the user's own with these attributes is a full citizen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -77,13 +78,17 @@ class Element(Immutable):
     multipliers: ca.SX = ca.SX(0, 1)
     coordinates: tuple = ()
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
-    rates: ClassVar[dict] = {}
+    rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
     limits: tuple[Limit, ...] = ()
-    monitors: tuple[Monitor, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
+
+    @property
+    def monitors(self) -> tuple[Monitor, ...]:
+        """What analyses look at along a motion."""
+        return ()
 
     @property
     def what(self) -> str:

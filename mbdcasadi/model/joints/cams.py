@@ -294,8 +294,8 @@ def _wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ..
     k = int(np.argmin(bends))
     if 1 + known * bends[k] <= 0:
         raise ModelError(
-            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the radius "
-            f"of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
+            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
+            f"radius of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
         )
     return _limits(what, "1 + roller radius × curvature of the outline", outline, lambda bend: 1 + radius * bend)
 
@@ -371,4 +371,3 @@ def _pair_of_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) ->
         grids = [centre + step * np.linspace(-1, 1, 17) for centre in best]
         step /= 6
     return best
-
