@@ -8,6 +8,7 @@ The notation is that of E. J. Haug, *Computer Aided Kinematics and Dynamics of
 Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
+from . import library
 from .analysis.assemble import assemble
 from .analysis.check import Report, check
 from .analysis.inputs import SampledController
