@@ -178,15 +178,16 @@ def slider_crank(
     first, second = bar("crank", (0, 0), tip, m[0]), bar("rod", tip, end, m[1])
     block = Rectangle(r, 0.6 * r)
     slider = Body("slider", m[2], m[2] * (r**2 + (0.6 * r) ** 2) / 12, pose=(*end, 0.0), shape=block)
-    joints = {
-        "main": Revolute("main bearing", ground.at(0, 0), ends(first)[0]),
-        "pin": Revolute("crank pin", ends(first)[1], ends(second)[0]),
-        "wrist": Revolute("wrist pin", ends(second)[1], slider.at(0, 0)),
-        "guide": Translational("guide", ground.at(0, height), slider.at(0, 0)),
-    }
+    main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
+    pin = Revolute("crank pin", ends(first)[1], ends(second)[0])
+    wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
+    guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
     tau = Input("tau")
     forces = [*weight(gravity), Torque("motor", first, tau)]
-    mechanism = Mechanism([first, second, slider], list(joints.values()), forces=forces, inputs=[tau],
-                          name="slider-crank")  # fmt: skip
-    coordinates = {"crank": joints["main"].angle, "slider": joints["guide"].displacement}
-    return Model(mechanism, coordinates, crank=first, rod=second, slider=slider, **joints, tau=tau)
+    joints = [main, pin, wrist, guide]
+    mechanism = Mechanism([first, second, slider], joints, forces=forces, inputs=[tau], name="slider-crank")
+    coordinates = {"crank": main.angle, "slider": guide.displacement}
+    return Model(
+        mechanism, coordinates, crank=first, rod=second, slider=slider, main=main, pin=pin, wrist=wrist, guide=guide,
+        tau=tau,
+    )  # fmt: skip

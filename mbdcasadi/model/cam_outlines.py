@@ -8,12 +8,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError
-from .curves import Curve, checked_points, chord_lengths
+from ..errors import ExpressionError, ModelError
+from .curves import Curve, checked_points, chord_lengths, values_over
 from .motion_programs import MotionProgram
 from .quantities import quantity
 from .splines import spline
-from .symbols import number
+from .symbols import describe, number, role_of, symbols_of
 
 _TURN = 2 * np.pi
 
@@ -53,7 +53,7 @@ class CamOutline(Curve):
         law = _polar_law(radius, angles)
 
         def point(alpha: ca.SX) -> ca.SX:
-            r = ca.SX(quantity(law(alpha - _TURN * ca.floor(alpha / _TURN)), "CamOutline", "radius"))
+            r = ca.SX(quantity(law(alpha), "CamOutline", "radius"))
             return r * ca.vertcat(ca.cos(alpha), ca.sin(alpha))
 
         super().__init__(point, 0.0, _TURN, closed=True)
@@ -138,7 +138,7 @@ def _polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
     if callable(radius):
         if angles is not None:
             raise ModelError("CamOutline: angles= goes with values of the radius, not with a function")
-        return radius
+        return _every_turn(radius, "radius")
     if isinstance(radius, ca.SX) or np.ndim(radius) == 0:
         value = quantity(radius, "CamOutline", "radius", above=0.0)
         return lambda _angle: value
@@ -153,6 +153,21 @@ def _polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
         raise ModelError("CamOutline: the angles go round once or more; leave out the point that repeats the first")
     xs, ys = np.r_[places, places[:1] + _TURN], np.r_[radii, radii[:1]]
     return lambda angle: spline(angle, xs, ys, outside="periodic")
+
+
+def _every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
+    """A function of an angle from 0 to 2π, repeated every turn; as it is, where it repeats itself."""
+    symbol = ca.SX.sym("angle")
+    value = ca.SX(quantity(law(symbol), "CamOutline", name))
+    for other in symbols_of(value):
+        role = role_of(other)
+        if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
+            raise ExpressionError(f"CamOutline: {name} may hold parameters only, not {describe(other)}")
+    places = np.linspace(0, _TURN, 37)
+    here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * _TURN))
+    if np.allclose(here, later, rtol=1e-11, atol=0):
+        return lambda angle: ca.substitute(value, symbol, angle)
+    return lambda angle: ca.substitute(value, symbol, angle - _TURN * ca.floor(angle / _TURN))
 
 
 class _Splined(CamOutline):
@@ -181,7 +196,7 @@ def _lift(program: Any) -> Callable[[ca.SX], ca.SX]:
         return program
     if not callable(program):
         raise ModelError(f"CamOutline: program must be a MotionProgram or a function of the angle, got {program!r}")
-    return lambda angle: ca.SX(quantity(program(angle - _TURN * ca.floor(angle / _TURN)), "CamOutline", "program"))
+    return _every_turn(program, "program")
 
 
 class _FlatProfile(CamOutline):

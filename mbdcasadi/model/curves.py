@@ -152,10 +152,7 @@ class Curve(Immutable):
 
     def sampled(self, expression: ca.SX, parameters: np.ndarray) -> np.ndarray:
         """Values (k, n) of an expression in the curve's symbol, the model's parameters at their own values."""
-        others = [s for s in symbols_of(expression) if not ca.is_equal(s, self._symbol)]
-        function = ca.Function("curve", [self._symbol, *others], [ca.densify(expression)])
-        values = function(parameters[None, :], *[float(values_of(other)[0, 0]) for other in others]).full()
-        return np.tile(values, (1, parameters.size)) if values.shape[1] < parameters.size else values
+        return values_over(expression, self._symbol, parameters)
 
     def points_and_normals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points and normals (2, n) at parameters."""
@@ -165,6 +162,14 @@ class Curve(Immutable):
     def curvatures(self, parameters: np.ndarray) -> np.ndarray:
         """Curvatures (n,) at parameters, 1/m."""
         return self.sampled(self._curvature_at_symbol(), parameters).ravel()
+
+
+def values_over(expression: ca.SX, symbol: ca.SX, places: np.ndarray) -> np.ndarray:
+    """Values (k, n) of a column in one symbol over places (n,), the model's parameters at their own values."""
+    others = [s for s in symbols_of(expression) if not ca.is_equal(s, symbol)]
+    function = ca.Function("curve", [symbol, *others], [ca.densify(expression)])
+    values = function(places[None, :], *[float(values_of(other)[0, 0]) for other in others]).full()
+    return np.tile(values, (1, places.size)) if values.shape[1] < places.size else values
 
 
 def checked_points(points: Any, what: str) -> np.ndarray:
