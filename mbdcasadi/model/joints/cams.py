@@ -9,17 +9,17 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Marker, rotation
 from ..cam_outlines import CamOutline
-from ..curves import Curve, least
-from ..elements import Monitor, at_poses, cross
+from ..curves import Curve
+from ..elements import Monitor, cross
 from ..events import Event
 from ..quantities import Limit, quantity
-from ..symbols import Coordinate, symbols_of, values_of
+from ..symbols import Coordinate, values_of
 from .base import Joint, pair
+from .contact_places import nearest_place, touching_place, touching_places
+from .outline_checks import as_outline, convex, fitting, wide_enough
 
 
 class _Contact(Joint):
@@ -86,9 +86,9 @@ class CamFlatFollower(_Contact):
     def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
         a, b = pair(name, cam, face)
         what = f"joint '{name}'"
-        self.outline = _outline(outline, what)
-        self.limits = _convex(what, self.outline)
-        self.parameter = Coordinate(f"{name}.parameter", _touching(self.outline, a, b))
+        self.outline = as_outline(outline, what)
+        self.limits = convex(what, self.outline)
+        self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b))
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         on_face = ca.dot(b.y_axis, self.contact_point - b.position)
@@ -138,12 +138,12 @@ class CamPointFollower(_Contact):
     def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
         a, b = pair(name, cam, point)
         what = f"joint '{name}'"
-        self.outline = _outline(outline, what)
+        self.outline = as_outline(outline, what)
         limits: list[Limit] = []
         self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits)
-        self.limits = (*limits, *_wide_enough(what, self.outline, self.roller_radius))
+        self.limits = (*limits, *wide_enough(what, self.outline, self.roller_radius))
         radius = float(values_of(self.roller_radius)[0, 0])
-        start = _nearest(self.outline, a, b, radius)
+        start = nearest_place(self.outline, a, b, radius)
         self.parameter = Coordinate(f"{name}.parameter", start)
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
@@ -194,9 +194,9 @@ class CamCam(_Contact):
     def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
-        self.outline, self.outline_b = _outline(outline_a, what), _outline(outline_b, what)
-        _fitting(what, self.outline, self.outline_b)
-        places = _pair_of_places(self.outline, self.outline_b, a, b)
+        self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
+        fitting(what, self.outline, self.outline_b)
+        places = touching_places(self.outline, self.outline_b, a, b)
         self.parameter = Coordinate(f"{name}.parameter", places[0])
         self.parameter_b = Coordinate(f"{name}.parameter_b", places[1])
         self.coordinates = (self.parameter, self.parameter_b)
@@ -247,7 +247,7 @@ class PointOnCurve(Joint):
         if not isinstance(curve, Curve):
             raise ModelError(f"joint '{name}': curve must be a Curve, got {curve!r}")
         self.curve = curve
-        self.parameter = Coordinate(f"{name}.parameter", _nearest(curve, a, b, 0.0))
+        self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0))
         self.coordinates = (self.parameter,)
         rows = a.position + a.axes @ curve.point(self.parameter) - b.position
         super().__init__(name, a, b, rows, ("x", "y"))
@@ -263,111 +263,3 @@ class PointOnCurve(Joint):
             return ()
         left = ca.fmin(self.parameter - self.curve.lower, self.curve.upper - self.parameter)
         return (Monitor(left, f"{self.what}: the point has left the curve at one of its ends"),)
-
-
-# --- checks of outlines ------------------------------------------------------------------------
-def _outline(outline: Any, what: str) -> CamOutline:
-    if not isinstance(outline, CamOutline):
-        raise ModelError(f"{what}: the outline must be a CamOutline, got {outline!r}")
-    return outline
-
-
-def _place(outline: Curve, k: int) -> str:
-    (x,), (y,) = outline.points_and_normals(outline.samples[k : k + 1])[0]
-    return f"the parameter {outline.samples[k]:.4g}, the point ({x:.4g}, {y:.4g}) m of the outline"
-
-
-def _convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
-    bends = outline.curvatures(outline.samples)
-    k = int(np.argmin(bends))
-    if bends[k] <= 1e-9 / outline.size:
-        raise ModelError(
-            f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bends[k]:.4g} "
-            "1/m, and it must be positive (convex) everywhere"
-        )
-    return _limits(what, "curvature of the outline", outline, lambda bend: bend)
-
-
-def _wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
-    known = float(values_of(radius)[0, 0])
-    bends = outline.curvatures(outline.samples)
-    k = int(np.argmin(bends))
-    if 1 + known * bends[k] <= 0:
-        raise ModelError(
-            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
-            f"radius of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
-        )
-    return _limits(what, "1 + roller radius × curvature of the outline", outline, lambda bend: 1 + radius * bend)
-
-
-def _limits(what: str, name: str, outline: CamOutline, value: Any) -> tuple[Limit, ...]:
-    """What must stay positive at places of the outline for other values of the parameters, where it depends on any."""
-    limits: list[Limit] = []
-    if symbols_of(value(outline.curvature(0.0))):
-        for place in outline.samples[:: len(outline.samples) // 90]:
-            bend = value(outline.curvature(float(place)))
-            quantity(bend, what, f"{name} at the parameter {place:.4g}", above=0.0, limits=limits)
-    return tuple(limits)
-
-
-def _fitting(what: str, one: CamOutline, other: CamOutline) -> None:
-    for first, second in ((one, other), (other, one)):
-        bends = first.curvatures(first.samples)
-        k = int(np.argmin(bends))
-        sharpest = float(np.max(second.curvatures(second.samples)))
-        if bends[k] + sharpest <= 0:
-            raise ModelError(
-                f"{what}: no part of the other outline fits into the hollow at {_place(first, k)}: the radius of "
-                f"curvature is {-1 / bends[k]:.4g} m there, and the other's smallest one {1 / sharpest:.4g} m"
-            )
-
-
-# --- where the contact is at the estimated poses --------------------------------------------------
-def _in_frame(a: Marker, vector: ca.SX, bodies: list) -> np.ndarray:
-    """A global vector (2,) in the axes of marker a, at the estimated poses."""
-    return values_of(at_poses(rotation(-a.angle) @ vector, bodies)).ravel()
-
-
-def _touching(outline: CamOutline, a: Marker, b: Marker) -> float:
-    """Place where the outline touches the line of the face, or would do so: on the nearer side."""
-    bodies = [a.body, b.body]
-    normal, origin = _in_frame(a, b.y_axis, bodies), _in_frame(a, b.position - a.position, bodies)
-
-    def height(parameters: np.ndarray) -> np.ndarray:
-        return normal @ outline.points_and_normals(parameters)[0] - normal @ origin
-
-    below, above = least(height, outline), least(lambda p: -height(p), outline)
-    return min(below, above, key=lambda place: abs(float(height(np.array([place]))[0])))
-
-
-def _nearest(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
-    """Place on the curve, or on the one beside it, that is nearest to b."""
-    point = _in_frame(a, b.position - a.position, [a.body, b.body])
-
-    def away(parameters: np.ndarray) -> np.ndarray:
-        points, normals = curve.points_and_normals(parameters)
-        return np.hypot(*(points + beside * normals - point[:, None]))
-
-    return least(away, curve)
-
-
-def _pair_of_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) -> tuple[float, float]:
-    """Places at which two outlines are nearest to touching, their outward normals opposite."""
-    bodies = [a.body, b.body]
-    offset = _in_frame(a, b.position - a.position, bodies)
-    turn = float(values_of(at_poses(b.angle - a.angle, bodies))[0, 0])
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    size = max(one.size, other.size)
-    grids = [np.linspace(0, 2 * np.pi, 180, endpoint=False)] * 2
-    step = grids[0][1]
-    best = (0.0, 0.0)
-    while step > 1e-10:
-        p, n = one.points_and_normals(grids[0])
-        p_other, n_other = (matrix @ x for x in other.points_and_normals(grids[1]))
-        apart = np.sum((p[:, :, None] - p_other[:, None, :] - offset[:, None, None]) ** 2, axis=0)
-        against = np.sum((n[:, :, None] + n_other[:, None, :]) ** 2, axis=0)
-        k, j = np.unravel_index(np.argmin(apart + size**2 * against), apart.shape)
-        best = float(grids[0][k]), float(grids[1][j])
-        grids = [centre + step * np.linspace(-1, 1, 17) for centre in best]
-        step /= 6
-    return best
