@@ -167,6 +167,12 @@ def _every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.
     here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * _TURN))
     if np.allclose(here, later, rtol=1e-11, atol=0):
         return lambda angle: ca.substitute(value, symbol, angle)
+    ends = values_over(ca.vertcat(value, ca.jacobian(value, symbol)), symbol, np.array([0.0, _TURN]))
+    if not np.allclose(ends[:, 0], ends[:, 1], rtol=0, atol=1e-6 * np.max(np.abs(here))):
+        raise ModelError(
+            f"CamOutline: the {name} does not close: it is {ends[0, 0]:.6g} m with the slope {ends[1, 0]:.4g} m/rad "
+            f"at 0 and {ends[0, 1]:.6g} m with {ends[1, 1]:.4g} m/rad at 2π"
+        )
     return lambda angle: ca.substitute(value, symbol, angle - _TURN * ca.floor(angle / _TURN))
 
 

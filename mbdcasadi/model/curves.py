@@ -80,10 +80,11 @@ class Curve(Immutable):
             raise ModelError(f"{what}: the curve has no finite point or tangent at the parameter {alpha[k]:.6g}")
         self.size = float(np.max(np.ptp(values[:2], axis=1)))
         speed = np.hypot(values[2], values[3]) * (self.upper - self.lower)
-        if np.min(speed) <= 1e-6 * self.size:
-            k = int(np.argmin(speed))
+        turning = np.sum(values[2:, 1:] * values[2:, :-1], axis=0)
+        if np.min(speed) <= 1e-6 * self.size or np.min(turning) <= 0:
+            k = int(np.argmin(speed) if np.min(speed) <= 1e-6 * self.size else np.argmin(turning))
             raise ModelError(
-                f"{what}: the curve has a cusp, a point without tangent, at the parameter {alpha[k]:.6g}" + cusp
+                f"{what}: the curve has a cusp or a corner, without a tangent, near the parameter {alpha[k]:.6g}" + cusp
             )
         if self.closed:
             ends = self.sampled(ca.vertcat(self._point, self._tangent), np.array([self.lower, self.upper]))

@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..expressions import if_else, positive_power
 from ..immutable import Immutable
-from ..quantities import quantity
+from ..quantities import Limit, quantity
 
 
 class HuntCrossley(Immutable):
@@ -31,9 +31,11 @@ class HuntCrossley(Immutable):
 
     def __init__(self, stiffness: Any, exponent: Any = 1.5, damping: Any = 0.0):
         what = "HuntCrossley"
-        self.stiffness = quantity(stiffness, what, "stiffness", above=0.0)
-        self.exponent = quantity(exponent, what, "exponent", at_least=1.0)
-        self.damping = quantity(damping, what, "damping", at_least=0.0)
+        limits: list[Limit] = []
+        self.stiffness = quantity(stiffness, what, "stiffness", above=0.0, limits=limits)
+        self.exponent = quantity(exponent, what, "exponent", at_least=1.0, limits=limits)
+        self.damping = quantity(damping, what, "damping", at_least=0.0, limits=limits)
+        self.limits = tuple(limits)
 
     def __call__(self, penetration: ca.SX, rate: ca.SX) -> ca.SX:
         """Normal force, N, at a penetration (m) and its rate (m/s)."""

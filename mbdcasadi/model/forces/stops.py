@@ -54,6 +54,7 @@ class EndStop(Element):
         if not callable(law):
             raise ModelError(f"{self.what}: law must be a function of penetration and rate, got {law!r}")
         self.law = law
+        self.limits = tuple(getattr(law, "limits", ()))
         # what a stop leans on is the ground, where its gap does not say otherwise
         found = owners(self.gap)
         self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
