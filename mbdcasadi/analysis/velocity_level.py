@@ -62,12 +62,24 @@ class VelocityLevelMotion:
                     found, _ = integrator.advance(poses[-1], v, float(grid[done - 1]), times, self.numeric.p)
                 except KeyboardInterrupt:
                     raise self._interrupted(self.correct(grid[:done], poses)) from None
-                except IntegrationFailure:
-                    raise self._singular(float(grid[done - 1]), self.correct(grid[:done], poses)) from None
+                except IntegrationFailure as failure:
+                    raise self._stopped(integrator, failure.flag, grid, poses, v) from None
                 poses = np.vstack([poses, self._recovery.positions(times, found)])
                 done += times.size
                 bar.update(times.size)
         return self.correct(grid, poses)
+
+    def _stopped(
+        self, integrator: Integrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
+    ) -> SingularityError:
+        """Repeat a chunk output by output up to where it stops."""
+        done = len(poses)
+        start, times = float(grid[done - 1]), grid[done : done + CHUNK]
+        found = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
+        motion = self.correct(grid[: done + len(found.x)], np.vstack([poses, found.x]))
+        if found.last is None:
+            return self._singular(float(motion.t[-1]), motion)
+        return self._singular(found.last, motion, found.last_x)
 
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""

@@ -183,7 +183,7 @@ def test_follower_on_either_side():
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_cam_in_simulation_conserves_energy(method):
     """Contact parameters have no inertia and need no settings; every integrator takes them."""
-    cam, follower, contact, _, mechanism = tappet()
+    cam, follower, _contact, _, mechanism = tappet()
     free = mechanism.replace(drivers=[])
     run = mbd.simulate(free, duration=2.0, initial=[cam.phi == 0, cam.omega == 10], method=method)
     assert np.ptp(run.energy.total) < 1e-6

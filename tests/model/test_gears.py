@@ -42,7 +42,7 @@ class TestGear:
 
     def test_willis(self, internal, ring_first, rng):
         """Phi and Phi_q v vanish on the motion that Willis' formula gives, many turns on."""
-        gear, mechanism, q, v, _ = self.consistent(internal, ring_first, rng)
+        _gear, mechanism, q, v, _ = self.consistent(internal, ring_first, rng)
         eom = mbd.equations(mechanism)
         assert value_of(mechanism, eom.Phi, q, v) == pytest.approx(0, abs=1e-13)
         assert value_of(mechanism, eom.Phi_q @ eom.v, q, v) == pytest.approx(0, abs=1e-13)
@@ -50,7 +50,7 @@ class TestGear:
 
     def test_row_of_the_book(self, internal, ring_first, rng):
         """Haug's n(theta)·d has, on the constraint, the same Jacobian and gamma."""
-        gear, mechanism, q, v, (ra, rb, _, e, f) = self.consistent(internal, ring_first, rng)
+        _gear, mechanism, q, v, (ra, rb, _, e, f) = self.consistent(internal, ring_first, rng)
         eom = mbd.equations(mechanism)
         sign = -1 if internal else 1
         total = ra + sign * rb
