@@ -10,8 +10,8 @@ import numpy as np
 from ..errors import MechanismWarning
 from ..results.trajectory import Trajectory
 
-#: Share of a quantity's size below zero that counts as rounding.
-ROUNDING = 1e-9
+#: Share of a quantity's size below zero that still counts as zero: an event is located to about that.
+ROUNDING = 1e-6
 
 
 def tell_monitors(motion: Trajectory, stacklevel: int = 3) -> None:
