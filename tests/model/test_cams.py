@@ -282,6 +282,45 @@ def test_two_discs_are_a_link_between_the_centres():
     np.testing.assert_allclose(touching[2][touching[3].normal_force], np.linalg.norm(touching[1], axis=1), rtol=1e-9)
 
 
+def test_elliptic_wheels_on_their_foci():
+    """Two equal ellipses, pivoted at foci 2a apart, touch on the line of the pivots: r1 + r2 = 2a (elliptic gears)."""
+    a, e = 0.1, 0.5
+    p, b = a * (1 - e**2), a * np.sqrt(1 - e**2)
+
+    def ellipse():
+        # about its centre; the focus that is the pivot lies at +a e
+        return mbd.CamOutline(lambda x: a * b / mbd.sqrt((b * mbd.cos(x)) ** 2 + (a * mbd.sin(x)) ** 2))
+
+    def second_angle(angle):
+        r2 = 2 * a - p / (1 + e * np.cos(angle))
+        return np.arccos((p / r2 - 1) / e) - np.pi
+
+    start = 0.3  # at 0 and π the normal goes through both pivots, a dead point of two cams
+    one, other = start, second_angle(start)
+    first = mbd.Body("first", 1, 0.01, pose=(-a * e * np.cos(one), -a * e * np.sin(one), one))
+    second = mbd.Body("second", 1, 0.01, pose=(2 * a - a * e * np.cos(other), -a * e * np.sin(other), other))
+    pins = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), first.at(a * e, 0)),
+        mbd.Revolute("B", mbd.ground.at(2 * a, 0), second.at(a * e, 0)),
+    ]
+    contact = mbd.CamCam("wheels", first.at(0, 0), second.at(0, 0), ellipse(), ellipse())
+    drive = mbd.Driver("drive", first.phi, start + mbd.t)
+    run = mbd.kinematics(mbd.Mechanism([first, second], [*pins, contact], [drive]), np.linspace(0, 2.5, 126))
+    r1 = p / (1 + e * np.cos(start + run.t))
+    # the contact lies on the line of the pivots, and the wheels turn against each other as r1 to r2
+    np.testing.assert_allclose(run[contact.contact_point], np.column_stack([r1, 0 * r1]), atol=1e-10)
+    np.testing.assert_allclose(run[second.omega], -r1 / (2 * a - r1), rtol=1e-9)
+    np.testing.assert_allclose(run[second.phi], second_angle(start + run.t), atol=1e-9)
+
+
+def test_coarse_steps_stay_on_the_branch():
+    """A cam that turns by two radians between outputs: steps are divided, the contact does not jump over."""
+    _, follower, contact, _, mechanism = tappet()
+    run = mbd.kinematics(mechanism, np.linspace(0, 2, 21))
+    np.testing.assert_allclose(run[follower.y], RADIUS + E * np.sin(SPEED * run.t), atol=1e-13)
+    np.testing.assert_allclose(run[contact.parameter], np.pi / 2 - SPEED * run.t, atol=1e-9)
+
+
 def test_pin_in_a_circular_slot_is_a_pendulum():
     """A bead in a circular slot against the closed formula: ω² = 2 g/L (cos φ - cos φ0); force by Newton."""
     length, mass = 0.8, 1.5

@@ -311,3 +311,23 @@ def test_radius_of_a_wheel_must_be_positive():
     disc = mbd.Body("disc", mass=1, inertia=1)
     with pytest.raises(mbd.ModelError, match="'r'.*radius must be above 0, got -1"):
         mbd.Rolling("r", mbd.ground.at(0, 0), disc.at(0, 0), -1)
+
+
+def test_disc_rolls_in_a_bowl_on_a_massless_arm():
+    """Internal gear on the ground: 3/4 m (R - r)² θ̇² = m g (R - r) (cos θ - cos θ0); spin by the ratio."""
+    R, r, mass, start = 1.0, 0.25, 2.0, 1.2
+    place = (R - r) * np.array([np.sin(start), -np.cos(start)])
+    arm = mbd.Body("arm", mass=0, inertia=0, pose=(0, 0, start))
+    disc = mbd.Body("disc", mass=mass, inertia=mass * r**2 / 2, pose=(*place, 0.3))
+    joints = [
+        mbd.Revolute("hub", mbd.ground.at(0, 0), arm.at(0, 0)),
+        mbd.Revolute("pin", arm.at(0, -(R - r)), disc.at(0, 0)),
+        mbd.Gear("bowl", mbd.ground.at(0, 0), disc.at(0, 0), R, r, internal=True, carrier=arm),
+    ]
+    mechanism = mbd.Mechanism([arm, disc], joints, forces=[mbd.Gravity()])
+    run = mbd.simulate(mechanism, duration=3.0, reltol=1e-10, abstol=1e-10)
+    theta = run[arm.phi]
+    np.testing.assert_allclose(run[arm.omega] ** 2, 4 * G / (3 * (R - r)) * (np.cos(theta) - np.cos(start)), atol=1e-6)
+    np.testing.assert_allclose(run[disc.phi] - 0.3, -(R - r) / r * (theta - start), atol=1e-9)
+    # the friction that makes it roll: a third of the weight's tangential part
+    np.testing.assert_allclose(np.abs(run[joints[2].tooth_force]), mass * G * np.abs(np.sin(theta)) / 3, atol=1e-6)

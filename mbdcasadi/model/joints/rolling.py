@@ -23,8 +23,8 @@ class Rolling(AlongLine, Joint):
 
     The contact holds the wheel in both directions; where it would have to pull,
     or rub more than it can, analyses warn or ``friction_force`` tells. On a
-    circular track a wheel is a :class:`Gear` with a :class:`Distance` (or an
-    arm) between the centres.
+    circular track a wheel is a :class:`Gear` whose carrier is an arm between
+    the centres; the arm needs no mass.
 
     Parameters
     ----------
