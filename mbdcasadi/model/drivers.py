@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import ConstraintElement, owners, refuse_kinds
+from .elements import ConstraintElement, holds_coordinates, refuse_kinds
 from .quantities import quantity
 from .symbols import t as time
 
@@ -48,8 +48,8 @@ class Driver(ConstraintElement):
         others = ("velocity", "acceleration", "multiplier", "input", "state")
         refuse_kinds(self.expression, others, what, "a driver prescribes coordinates")
         refuse_kinds(self.value, ("position", *others), what, "its value is a function of time and parameters")
-        if not owners(self.expression):
-            raise ModelError(f"{what}: the expression {expression} depends on no coordinate of a body")
+        if not holds_coordinates(self.expression):
+            raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
         if relative_to is not None:
             self.value += _at_state(self.expression, relative_to, what)
             self.value -= ca.substitute(ca.SX(quantity(value, what, "value")), time, ca.SX(relative_to.t))

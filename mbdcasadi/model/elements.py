@@ -119,6 +119,12 @@ def owners(expression: Any) -> tuple[Body, ...]:
     return tuple(dict.fromkeys(role.owner for role in roles if role is not None and isinstance(role.owner, Body)))
 
 
+def holds_coordinates(expression: Any) -> bool:
+    """Whether a coordinate of a body, or one without inertia, occurs in an expression."""
+    roles = (role_of(symbol) for symbol in symbols_of(expression))
+    return any(role is not None and role.kind == "position" for role in roles)
+
+
 def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) -> None:
     """Raise where an expression depends on symbols of the kinds that are not allowed."""
     for symbol in symbols_of(expression):

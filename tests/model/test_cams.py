@@ -338,6 +338,34 @@ def test_pin_in_a_circular_slot_is_a_pendulum():
     np.testing.assert_allclose(run[joint.normal_force], -tension, rtol=1e-7)
 
 
+def test_pin_driven_along_its_slot():
+    """The parameter is a coordinate like others: driven, it prescribes the motion; the effort by the power."""
+    bead = mbd.Body("bead", mass=2.0, inertia=0.01)
+    slot = mbd.Curve(lambda s: (s, s**2), -1.5, 1.5)
+    joint = mbd.PointOnCurve("slot", mbd.ground.at(0, 0), bead.at(0, 0), slot)
+    drive = mbd.Driver("drive", joint.parameter, mbd.sin(mbd.t))
+    joints = [joint, mbd.AbsoluteAngle("no turning", bead.at(0, 0))]
+    run = mbd.inverse_dynamics(mbd.Mechanism([bead], joints, [drive], forces=[mbd.Gravity()]), np.linspace(0, 3, 61))
+    s = np.sin(run.t)
+    np.testing.assert_allclose(run[bead.position], np.column_stack([s, s**2]), atol=1e-12)
+    power = 2 * run[mbd.dot(bead.velocity, bead.acceleration)] + 2 * G * run[bead.vy]
+    np.testing.assert_allclose(run[drive.effort] * np.cos(run.t), power, atol=1e-10)
+
+
+def test_fixed_cam_and_moving_face():
+    """The cam is the ground: a plate slides over a fixed egg."""
+    plate = mbd.Body("plate", mass=1.0, inertia=0.1, pose=(0, 0.36, 0.1))
+    contact = mbd.CamFlatFollower("rest", mbd.ground.at(0, 0), plate.at(0, 0), EGG)
+    slide = mbd.AbsoluteX("no sliding", plate.at(0, 0))
+    drive = mbd.Driver("tilt", plate.phi, 0.1 + mbd.t)
+    run = mbd.kinematics(mbd.Mechanism([plate], [contact, slide], [drive]), np.linspace(0, 1, 21))
+    # the highest point of the egg over the tilted face, by search
+    points, _ = EGG.points_and_normals(np.linspace(0, 2 * np.pi, 200_001))
+    for phi, y in zip(run[plate.phi], run[plate.y], strict=True):
+        height = np.max(points[1] * np.cos(phi) - points[0] * np.sin(phi)) / np.cos(phi)
+        assert y == pytest.approx(height, abs=1e-9)
+
+
 def test_point_that_leaves_the_end_of_a_slot_is_told():
     """A straight slot of 0.2 m, and a fall of more."""
     bead = mbd.Body("bead", mass=1, inertia=0.01)

@@ -175,6 +175,7 @@ def test_wrong_centre_distance_is_told():
         (dict(radius_b=0), "radius_b must be above 0, got 0"),
         (dict(radius_a=0.02, radius_b=0.02, internal=True), "two different radii"),
         (dict(carrier="arm"), "carrier must be a body"),
+        (dict(carrier="a"), "carrier 'a' is one of the two bodies that turn"),
         (dict(b="ground"), "centres coincide at the estimated poses"),
     ],
 )
@@ -182,6 +183,8 @@ def test_gears_that_make_no_sense(change, said):
     """Each message names the joint and the quantity."""
     a, b = mbd.Body("a", mass=1, inertia=1), mbd.Body("b", mass=1, inertia=1, pose=(0.06, 0, 0))
     given = dict(a=a.at(0, 0), b=b.at(0, 0), radius_a=RS, radius_b=RP) | change
+    if given.get("carrier") == "a":
+        given["carrier"] = a
     if given["b"] == "ground":
         given["b"] = mbd.ground.at(0, 0)
     with pytest.raises(mbd.ModelError, match=f"'mesh'.*{said}"):

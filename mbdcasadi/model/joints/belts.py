@@ -11,7 +11,7 @@ from ...errors import ModelError
 from ..bodies import Body, ground
 from ..elements import at_poses
 from ..quantities import Limit, known_value, quantity
-from .base import Joint, pair
+from .base import Joint, as_carrier, pair
 
 
 class Coupler(Joint):
@@ -41,12 +41,10 @@ class Coupler(Joint):
     def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
-        if not isinstance(carrier, Body):
-            raise ModelError(f"{what}: carrier must be a body, got {carrier!r}")
         self.ratio = quantity(ratio, what, "ratio")
         if known_value(self.ratio) == 0:
             raise ModelError(f"{what}: the ratio is zero, and b would not turn; hold it with a RelativeAngle")
-        self.carrier = carrier
+        self.carrier = as_carrier(carrier, a, b, what)
         turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
         super().__init__(name, a, b, turned - at_poses(turned, [a.body, b.body, carrier]))
 
@@ -88,14 +86,12 @@ class Belt(Joint):
     ):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
-        if not isinstance(carrier, Body):
-            raise ModelError(f"{what}: carrier must be a body, got {carrier!r}")
         limits: list[Limit] = []
         self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits)
         self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits)
         self.limits = tuple(limits)
         self.crossed = bool(crossed)
-        self.carrier = carrier
+        self.carrier = as_carrier(carrier, a, b, what)
         sign = 1 if self.crossed else -1
         wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
         super().__init__(name, a, b, wound - at_poses(wound, [a.body, b.body, carrier]))

@@ -13,7 +13,7 @@ from ..bodies import Body, Marker, ground, rotation
 from ..elements import Monitor, at_poses
 from ..quantities import Limit, known_value, quantity
 from ..symbols import values_of
-from .base import Joint, pair
+from .base import Joint, as_carrier, pair
 
 #: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.
 _CENTRES = 1e-3
@@ -80,14 +80,12 @@ class Gear(Joint):
     ):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
-        if not isinstance(carrier, Body):
-            raise ModelError(f"{what}: carrier must be a body, got {carrier!r}")
         limits: list[Limit] = []
         self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits)
         self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits)
         self.limits = tuple(limits)
         self.internal = bool(internal)
-        self.carrier = carrier
+        self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
         self._distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
         bodies = [a.body, b.body, carrier]
