@@ -9,13 +9,13 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.cam_outlines import CamOutline
+from ..model.curves import least
 from ..model.forces.applied import Torque
 from ..model.forces.springs import TSDA
 from ..model.joints.cams import CamFlatFollower, CamPointFollower
 from ..model.joints.gears import Gear
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
-from ..model.motion_programs import MotionProgram
 from ..model.shapes import Disc, Rod
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
@@ -136,10 +136,9 @@ def cam_follower(
     elif outline is None:
         outline = CamOutline.for_roller_follower(program, base, roller or 0.0, aside)
     m = masses_of(masses, 2, what)
-    first_lift = float(program(0.0)) if isinstance(program, MotionProgram) else 0.0
-    height = first_lift + (base if roller is None else float(np.sqrt((base + roller) ** 2 - aside**2)))
     # an offset to the left of the direction of the lift is on the side of -x
     x = 0.0 if roller is None else -aside
+    height = _height(outline, roller, x)
     cam = Body("cam", m[0], m[0] * base**2 / 2, shape=Disc(base))
     follower = Body("follower", m[1], m[1] * base**2, pose=(x, height, 0.0))
     shaft = Revolute("shaft", ground.at(0, 0), cam.at(0, 0))
@@ -149,16 +148,37 @@ def cam_follower(
     else:
         contact = CamPointFollower("contact", cam.at(0, 0), follower.at(0, 0), outline, roller)
     tau = Input("tau")
-    forces = [*weight(gravity), Torque("motor", cam, tau)]
-    spring = None
-    if stiffness or preload:
-        top = ground.at(x, height + 5 * base)
-        spring = TSDA("spring", follower.at(0, 0), top, stiffness, 5 * base, actuator=-number(preload, what, "preload"))
-        forces.append(spring)
-    mechanism = Mechanism(
-        [cam, follower], [shaft, guide, contact], forces=forces, inputs=[tau], name="cam and follower"
-    )
+    forces: list[Any] = [*weight(gravity), Torque("motor", cam, tau)]
+    spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
+    forces += [] if spring is None else [spring]
+    joints = [shaft, guide, contact]
+    mechanism = Mechanism([cam, follower], joints, forces=forces, inputs=[tau], name="cam and follower")
     return Model(
         mechanism, {"cam": shaft.angle, "lift": guide.displacement}, cam=cam, follower=follower, shaft=shaft,
         guide=guide, contact=contact, spring=spring, outline=outline, tau=tau,
     )  # fmt: skip
+
+
+def _height(outline: CamOutline, roller: float | None, x: float) -> float:
+    """Height of the follower above the shaft where the cam has not turned."""
+
+    def at(places: Any) -> tuple[np.ndarray, np.ndarray]:
+        points, normals = outline.points_and_normals(np.atleast_1d(places))
+        return points + (roller or 0.0) * normals, normals
+
+    if roller is None:
+        place = least(lambda places: -at(places)[0][1], outline)
+    else:
+        # on the upper side, straight above or below the roller's centre
+        place = least(lambda p: np.abs(at(p)[0][0] - x) + np.where(at(p)[1][1] > 0, 0.0, 10 * outline.size), outline)
+    return float(at(place)[0][1, 0])
+
+
+def _spring(follower: Body, x: float, height: float, base: float, stiffness: Any, preload: Any) -> TSDA:
+    """Spring from the follower to a place above it, compressed by the preload in the estimated pose."""
+    length = 5 * base
+    k, force = number(stiffness, "cam_follower", "stiffness"), number(preload, "cam_follower", "preload")
+    at, top = follower.at(0, 0), ground.at(x, height + length)
+    if k == 0:
+        return TSDA("spring", at, top, actuator=-force)
+    return TSDA("spring", at, top, stiffness=k, free_length=length + force / k)

@@ -21,6 +21,23 @@ MODELS = {
     "planetary": (LIBRARY.planetary_gear, 2, {"sun": 10 * mbd.t, "ring": 0 * mbd.t}),
     "flat follower": (lambda: LIBRARY.cam_follower(PROGRAM), 1, {"cam": 5 * mbd.t}),
     "roller follower": (lambda: LIBRARY.cam_follower(PROGRAM, 0.04, 0.01, 0.005), 1, {"cam": 5 * mbd.t}),
+    "roller with spring": (
+        lambda: LIBRARY.cam_follower(PROGRAM, 0.04, 0.01, stiffness=3000, preload=80),
+        1,
+        {"cam": 5 * mbd.t},
+    ),
+    "cam by its outline": (
+        lambda: LIBRARY.cam_follower(outline=mbd.CamOutline(lambda x: 0.04 - 0.004 * mbd.sin(x + 1))),
+        1,
+        {"cam": 5 * mbd.t},
+    ),
+    "roller on an outline": (
+        lambda: LIBRARY.cam_follower(
+            outline=mbd.CamOutline(lambda x: 0.04 - 0.004 * mbd.sin(x + 1)), roller_radius=0.01, offset=0.004
+        ),
+        1,
+        {"cam": 5 * mbd.t},
+    ),
     "pendulum chain": (lambda: LIBRARY.pendulum_chain(3, angles=0.4), 3, {f"angle_{k}": mbd.t for k in (1, 2, 3)}),
 }
 
@@ -43,6 +60,20 @@ def test_each_is_consistent_driven_and_free(name):
     np.testing.assert_allclose(power, kinetic + stored, atol=1e-9 * (1 + np.max(np.abs(power))))
     motion = mbd.simulate(model.mechanism, duration=0.3)
     assert np.ptp(motion.energy.total) < 1e-6
+    if free == 1:  # the input takes the place of the driver
+        found = mbd.inverse_dynamics(model.mechanism, motion=run, efforts=[model.tau])
+        np.testing.assert_allclose(found[model.tau], run[run.mechanism.drivers[0].effort], atol=1e-9, rtol=1e-9)
+
+
+def test_preload_of_a_follower():
+    """The contact carries weight and preload at the start, k times the lift more later (at a crawl)."""
+    model = LIBRARY.cam_follower(PROGRAM, stiffness=3000, preload=80, masses=(1.0, 0.5))
+    run = mbd.inverse_dynamics(model.driven(cam=1e-3 * mbd.t), np.linspace(0, 6000, 121))
+    lift = run[model.follower.y] - run[model.follower.y][0]
+    np.testing.assert_allclose(run[model.contact.normal_force], 0.5 * 9.81 + 80 + 3000 * lift, atol=1e-6)
+    constant = LIBRARY.cam_follower(PROGRAM, preload=80, masses=(1.0, 0.5))
+    state = mbd.assemble(constant.mechanism)
+    assert state[constant.spring.force] == pytest.approx(-80)
 
 
 def test_scotch_yoke_in_closed_form():
