@@ -81,14 +81,10 @@ class Element(Immutable):
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
     limits: tuple[Limit, ...] = ()
+    monitors: tuple[Monitor, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
-
-    @property
-    def monitors(self) -> tuple[Monitor, ...]:
-        """What analyses look at along a motion."""
-        return ()
 
     @property
     def what(self) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
+from ..bodies import Marker
 from ..cam_outlines import CamOutline
 from ..curves import Curve
 from ..elements import Monitor, cross
@@ -27,6 +28,14 @@ class _Contact(Joint):
 
     parameter: Coordinate
 
+    def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...]):
+        super().__init__(name, a, b, rows, row_labels)
+        lifted = (
+            "the contact force is negative: the follower would lift off, and the joint pulled it; "
+            "press it on by a spring, or stop at the event that lift_off() makes"
+        )
+        self.monitors = (Monitor(self.normal_force, f"{self.what}: {lifted}"),)
+
     @property
     def normal_force(self) -> ca.SX:
         """Force that presses the two together, N; negative where they would part."""
@@ -35,16 +44,6 @@ class _Contact(Joint):
     def lift_off(self, terminal: bool = True) -> Event:
         """Event at which the contact would part: its force passes through zero."""
         return Event(f"lift-off at {self.name}", self.normal_force, direction=-1, terminal=terminal)
-
-    @cached_property
-    def monitors(self) -> tuple[Monitor, ...]:
-        return (
-            Monitor(
-                self.normal_force,
-                f"{self.what}: the contact force is negative: the follower would lift off, and the joint pulled it; "
-                "press it on by a spring, or stop at the event that lift_off() makes",
-            ),
-        )
 
 
 class CamFlatFollower(_Contact):
@@ -206,17 +205,14 @@ class CamCam(_Contact):
         parallel = cross(g_a, g_b) / self.outline_b.size
         rows = ca.vertcat(self.contact_point - other, parallel)
         super().__init__(name, a, b, rows, ("x", "y", "tangent"))
+        gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
+        crossing = "the outlines cross at the contact, a hollow of one being narrower than the other"
+        self.monitors = (*self.monitors, Monitor(gap, f"{self.what}: {crossing}"))
 
     @cached_property
     def normal_force(self) -> ca.SX:
         """Force that presses the outlines together, N; negative where they would part."""
         return ca.dot(self.multipliers[:2], self.a.axes @ self.outline.normal(self.parameter))
-
-    @cached_property
-    def monitors(self) -> tuple[Monitor, ...]:
-        gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
-        crossing = f"{self.what}: the outlines cross at the contact, a hollow of one being narrower than the other"
-        return (*super().monitors, Monitor(gap, crossing))
 
 
 class PointOnCurve(Joint):
@@ -251,15 +247,11 @@ class PointOnCurve(Joint):
         self.coordinates = (self.parameter,)
         rows = a.position + a.axes @ curve.point(self.parameter) - b.position
         super().__init__(name, a, b, rows, ("x", "y"))
+        if not curve.closed:
+            left = ca.fmin(self.parameter - curve.lower, curve.upper - self.parameter)
+            self.monitors = (Monitor(left, f"{self.what}: the point has left the curve at one of its ends"),)
 
     @cached_property
     def normal_force(self) -> ca.SX:
         """Force of the curve on the point along the curve's normal, to the right of its tangent, N."""
         return ca.dot(self.multipliers, self.a.axes @ self.curve.normal(self.parameter))
-
-    @cached_property
-    def monitors(self) -> tuple[Monitor, ...]:
-        if self.curve.closed:
-            return ()
-        left = ca.fmin(self.parameter - self.curve.lower, self.curve.upper - self.parameter)
-        return (Monitor(left, f"{self.what}: the point has left the curve at one of its ends"),)

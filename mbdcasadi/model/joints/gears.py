@@ -87,34 +87,31 @@ class Gear(Joint):
         self.internal = bool(internal)
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
-        self._distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
+        distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
         bodies = [a.body, b.body, carrier]
-        self._along = _line_of_centres(what, a, b, carrier, bodies)
-        beyond = ca.atan2(self._along[1], self._along[0])
+        along = _line_of_centres(what, a, b, carrier, bodies)
+        beyond = ca.atan2(along[1], along[0])
         rolled = self.radius_a * (a.angle - carrier.phi - beyond)
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
         super().__init__(name, a, b, rolled - at_poses(rolled, bodies))
-
-    @cached_property
-    def tooth_force(self) -> ca.SX:
-        """Tangential force of b on a at the pitch point, N; positive turns a counter-clockwise."""
-        return -self.multipliers
-
-    @cached_property
-    def monitors(self) -> tuple[Monitor, ...]:
-        off = ca.norm_2(self._along) / self._distance - 1
-        return (
+        off = ca.norm_2(along) / distance - 1
+        self.monitors = (
             Monitor(
                 _CENTRES - ca.fabs(off),
                 f"{self.what}: the centres are not at the distance that the pitch radii make "
                 "(the sum of both, for an internal pair the difference)",
             ),
             Monitor(
-                self._along[0] / self._distance,
-                f"{self.what}: the line of centres turns against carrier '{self.carrier.name}'; "
+                along[0] / distance,
+                f"{self.what}: the line of centres turns against carrier '{carrier.name}'; "
                 "name the body that carries both centres as carrier=",
             ),
         )
+
+    @cached_property
+    def tooth_force(self) -> ca.SX:
+        """Tangential force of b on a at the pitch point, N; positive turns a counter-clockwise."""
+        return -self.multipliers
 
 
 def _pitch_distance(what: str, total: ca.SX) -> ca.SX:

@@ -52,6 +52,8 @@ class Rolling(AlongLine, Joint):
         above = ca.dot(a.y_axis, d) - self.radius
         rows = ca.vertcat(above, rolled - at_poses(rolled, [a.body, b.body]))
         super().__init__(name, a, b, rows, ("contact", "rolling"))
+        leaving = "the normal force is negative: the wheel would leave the track, and the joint pulled it"
+        self.monitors = (Monitor(self.normal_force, f"{self.what}: {leaving}"),)
 
     @cached_property
     def speed(self) -> ca.SX:
@@ -67,12 +69,3 @@ class Rolling(AlongLine, Joint):
     def friction_force(self) -> ca.SX:
         """Force of the track on the wheel along the track's x axis, N; it rolls as long as the friction can hold it."""
         return -self.multipliers[1]
-
-    @cached_property
-    def monitors(self) -> tuple[Monitor, ...]:
-        return (
-            Monitor(
-                self.normal_force,
-                f"{self.what}: the normal force is negative: the wheel would leave the track, and the joint pulled it",
-            ),
-        )
