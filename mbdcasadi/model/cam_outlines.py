@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from .closed_splines import closed_spline
 from .curves import Curve, checked_points, chord_lengths, values_over
 from .motion_programs import MotionProgram
 from .quantities import quantity
-from .splines import spline
 from .symbols import describe, number, role_of, symbols_of
 
 _TURN = 2 * np.pi
@@ -25,7 +25,7 @@ class CamOutline(Curve):
     ----------
     radius : float, callable or sequence of float
         Polar radius, m, above 0: a number (a disc about the marker), ``radius(angle)``
-        of an angle from 0 to 2π, or values that a periodic C2 spline joins. Numbers and
+        of an angle from 0 to 2π, or values that a periodic spline of degree five joins (C4). Numbers and
         functions may hold parameters.
     angles : sequence of float, optional
         Angles (rad) of the values, increasing, within one turn; evenly spread from 0 where none are given.
@@ -65,12 +65,12 @@ class CamOutline(Curve):
 
     @classmethod
     def through(cls, points: Any, closed: bool = True) -> Curve:
-        """Return the outline through points by periodic cubic splines (C2).
+        """Return the outline through points by periodic splines of degree five (C4).
 
         Parameters
         ----------
         points : sequence of (float, float)
-            (k, 2), m, in order, in either sense; the first one is not repeated. The
+            (k, 2), m, at least five in order, in either sense; the first one is not repeated. The
             parameter runs from 0 to 2π in proportion to the length of the chords.
         closed : bool, default True
             An outline closes; False is refused.
@@ -152,7 +152,19 @@ def _polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
     if places.size and places[-1] - places[0] >= _TURN * (1 - 1e-9):
         raise ModelError("CamOutline: the angles go round once or more; leave out the point that repeats the first")
     xs, ys = np.r_[places, places[:1] + _TURN], np.r_[radii, radii[:1]]
-    return lambda angle: spline(angle, xs, ys, outside="periodic")
+    _check_data(xs, ys)
+    return lambda angle: closed_spline(angle, xs, ys)
+
+
+def _check_data(xs: np.ndarray, ys: np.ndarray) -> None:
+    """Raise where values over angles make no closed curve."""
+    if len(xs) < 6:
+        raise ModelError(f"CamOutline: takes at least 5 values of the radius, got {len(xs) - 1}")
+    if not np.all(np.isfinite(np.r_[xs, ys])):
+        raise ModelError("CamOutline: radii and angles must be finite")
+    if np.any(np.diff(xs) <= 0):
+        k = int(np.argmax(np.diff(xs) <= 0))
+        raise ModelError(f"CamOutline: the angles must increase, got {xs[k]:.6g} and {xs[k + 1]:.6g}")
 
 
 def _every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
@@ -180,14 +192,14 @@ class _Splined(CamOutline):
     """Outline through points."""
 
     def __init__(self, points: Any):
-        points = checked_points(points, "CamOutline")
+        points = checked_points(points, "CamOutline", least_points=5)
         x, y = points.T
         if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
             points = np.vstack([points[:1], points[:0:-1]])
         knots, points = chord_lengths(points, closed=True)
         knots = knots * (_TURN / knots[-1])
         symbol = ca.SX.sym("alpha")
-        place = ca.vertcat(*[spline(symbol, knots, c, outside="periodic") for c in points.T])
+        place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
         self._define(symbol, place, ca.jacobian(place, symbol), 0.0, _TURN, True)
 
 

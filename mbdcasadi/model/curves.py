@@ -173,14 +173,14 @@ def values_over(expression: ca.SX, symbol: ca.SX, places: np.ndarray) -> np.ndar
     return np.tile(values, (1, places.size)) if values.shape[1] < places.size else values
 
 
-def checked_points(points: Any, what: str) -> np.ndarray:
+def checked_points(points: Any, what: str, least_points: int = 4) -> np.ndarray:
     """Points of a curve as an array (k, 2)."""
     try:
         result = np.array(points, dtype=float)
     except (TypeError, ValueError, RuntimeError):
         raise ModelError(f"{what}: points must be pairs of numbers, got {points!r}") from None
-    if result.ndim != 2 or result.shape[1] != 2 or len(result) < 4:
-        raise ModelError(f"{what}: points must be at least four pairs (x, y), got shape {result.shape}")
+    if result.ndim != 2 or result.shape[1] != 2 or len(result) < least_points:
+        raise ModelError(f"{what}: points must be at least {least_points} pairs (x, y), got shape {result.shape}")
     if not np.all(np.isfinite(result)):
         raise ModelError(f"{what}: points must be finite, got {result[~np.all(np.isfinite(result), axis=1)][0]}")
     return result

@@ -94,7 +94,7 @@ def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: st
     widths = np.diff(anchors)
     pieces = widths * (rising[0, :-1] + widths * (rising[1, :-1] + widths * (rising[2, :-1] + widths * rising[3, :-1])))
     before = np.concatenate([[0.0], np.cumsum(pieces)])
-    anchor, offset, *terms = _picked(x, xs, np.vstack([anchors, before, rising]), outside)
+    anchor, offset, *terms = picked_piece(x, xs, np.vstack([anchors, before, rising]), outside)
     c1, c2, c3, c4 = terms
     d = x - anchor
     return offset + d * (c1 + d * (c2 + d * (c3 + d * c4)))
@@ -162,13 +162,13 @@ def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) ->
     if outside == "periodic":
         period = xs[-1] - xs[0]
         x = x - period * ca.floor((x - xs[0]) / period)
-    anchor, *terms = _picked(x, xs, np.vstack([anchors, coefficients]), outside)
+    anchor, *terms = picked_piece(x, xs, np.vstack([anchors, coefficients]), outside)
     c0, c1, c2, c3 = terms
     d = x - anchor
     return c0 + d * (c1 + d * (c2 + d * c3))
 
 
-def _picked(x: ca.SX, xs: np.ndarray, table: np.ndarray, outside: str) -> list[ca.SX]:
+def picked_piece(x: ca.SX, xs: np.ndarray, table: np.ndarray, outside: str) -> list[ca.SX]:
     """Column of the table (k, p) that belongs to the piece in which `x` lies; the first row holds the anchors."""
     # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
     # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
