@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from .closed_splines import closed_spline
 from .immutable import Immutable
 from .quantities import column
 from .splines import spline
@@ -97,19 +98,26 @@ class Curve(Immutable):
 
     @classmethod
     def through(cls, points: Any, closed: bool = False) -> Curve:
-        """Return the curve through points by cubic splines over the length of their chords (C2).
+        """Return the curve through points by splines over the length of their chords.
+
+        Cubic ones, twice differentiable, for an open curve; of degree five for a closed one.
 
         Parameters
         ----------
         points : sequence of (float, float)
-            (k, 2), m; at least four. The parameter is the length along the chords, m.
+            (k, 2), m; at least four, five for a closed curve. The parameter is the length along the chords, m.
         closed : bool, default False
             Whether it goes on from the last point to the first (not to be repeated).
         """
-        points = checked_points(points, cls.__name__)
+        points = checked_points(points, cls.__name__, least_points=5 if closed else 4)
         knots, points = chord_lengths(points, closed)
-        outside = "periodic" if closed else "linear"
-        return Curve(lambda s: [spline(s, knots, c, outside=outside) for c in points.T], 0.0, knots[-1], closed)
+
+        def point(place: ca.SX) -> list[ca.SX]:
+            if closed:
+                return [closed_spline(place, knots, coordinate) for coordinate in points.T]
+            return [spline(place, knots, coordinate, outside="linear") for coordinate in points.T]
+
+        return Curve(point, 0.0, knots[-1], closed)
 
     # --- the curve as expressions -----------------------------------------------------------
     def _at(self, expression: ca.SX, parameter: Any) -> ca.SX:

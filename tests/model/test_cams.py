@@ -103,6 +103,7 @@ MORE = {
         "c", a, b, mbd.CamOutline.for_roller_follower(PROGRAM, 0.1, 0.02, 0.01), 0.02
     ),
     "slot": lambda a, b: mbd.PointOnCurve("c", a, b, mbd.Curve(lambda s: (s, s**2 + mbd.sin(s)), -2, 2)),
+    "closed slot": lambda a, b: mbd.PointOnCurve("c", a, b, mbd.Curve.through(NOSE, closed=True)),
     "slot through points": lambda a, b: mbd.PointOnCurve("c", a, b, mbd.Curve.through(NOSE[:9])),
 }
 
