@@ -228,7 +228,7 @@ class _FlatProfile(CamOutline):
         slope = ca.jacobian(support, alpha)
         self._bend = support + ca.jacobian(slope, alpha)
         out, along = ca.vertcat(ca.cos(alpha), ca.sin(alpha)), ca.vertcat(-ca.sin(alpha), ca.cos(alpha))
-        self._out = out
+        self._out, self._along = out, along
         self._symbol = alpha
         places = np.linspace(0, _TURN, 1440, endpoint=False)
         bends = self.sampled(self._bend, places).ravel()
@@ -240,6 +240,10 @@ class _FlatProfile(CamOutline):
                 f"{-bends[k]:.6g} m, or the program gentler"
             )
         self._define(alpha, support * out + slope * along, self._bend * along, 0.0, _TURN, True)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        # of unit length: the second derivative of the lift, which may have kinks, is left out
+        return self._along
 
     def _normal_at_symbol(self) -> ca.SX:
         return self._out
@@ -282,6 +286,9 @@ class _RollerProfile(CamOutline):
         normal = self._path.normal(alpha)
         point = path - roller * normal if roller else path
         self._define(alpha, point, bend * self._path.tangent(alpha), 0.0, _TURN, True)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        return self._path.tangent(self._symbol)
 
     def _normal_at_symbol(self) -> ca.SX:
         return self._path.normal(self._symbol)

@@ -131,6 +131,13 @@ class Curve(Immutable):
         """Derivative of the point by the parameter (2,), not of unit length."""
         return self._at(self._tangent, parameter)
 
+    def direction(self, parameter: Any) -> ca.SX:
+        """Vector along the tangent (2,), of a length that is as smooth as can be: for rows that ask for parallels."""
+        return self._at(self._direction_at_symbol(), parameter)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        return self._tangent
+
     def normal(self, parameter: Any) -> ca.SX:
         """Unit normal (2,) to the right of the tangent: outward, on an outline that runs counter-clockwise."""
         return self._at(self._normal_at_symbol(), parameter)

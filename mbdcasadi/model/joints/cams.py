@@ -51,7 +51,8 @@ class CamFlatFollower(_Contact):
 
     ``Phi = [y_b · (r^c - r^b), y_b · A_a g']`` (2 rows, m and m/rad): the contact
     point ``r^c = r^a + A_a s'(alpha)`` lies on the face, and the tangent
-    ``g' = ds'/dalpha`` of the outline goes along it. One coordinate ``alpha``.
+    ``g' = ds'/dalpha`` of the outline goes along it (of a profile made for a flat face
+    its direction). One coordinate ``alpha``.
 
     Parameters
     ----------
@@ -91,7 +92,7 @@ class CamFlatFollower(_Contact):
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         on_face = ca.dot(b.y_axis, self.contact_point - b.position)
-        along_face = ca.dot(b.y_axis, a.axes @ self.outline.tangent(self.parameter))
+        along_face = ca.dot(b.y_axis, a.axes @ self.outline.direction(self.parameter))
         super().__init__(name, a, b, ca.vertcat(on_face, along_face), ("contact", "tangent"))
 
     @cached_property
@@ -201,7 +202,7 @@ class CamCam(_Contact):
         self.coordinates = (self.parameter, self.parameter_b)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
         other = b.position + b.axes @ self.outline_b.point(self.parameter_b)
-        g_a, g_b = a.axes @ self.outline.tangent(self.parameter), b.axes @ self.outline_b.tangent(self.parameter_b)
+        g_a, g_b = a.axes @ self.outline.direction(self.parameter), b.axes @ self.outline_b.direction(self.parameter_b)
         parallel = cross(g_a, g_b) / self.outline_b.size
         rows = ca.vertcat(self.contact_point - other, parallel)
         super().__init__(name, a, b, rows, ("x", "y", "tangent"))
