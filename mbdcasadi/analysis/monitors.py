@@ -14,7 +14,7 @@ from ..results.trajectory import Trajectory
 ROUNDING = 1e-6
 
 
-def tell_monitors(motion: Trajectory, stacklevel: int = 3) -> None:
+def tell_monitors(motion: Trajectory) -> None:
     """Warn where a monitored quantity of an element is negative at an output, and note it in the statistics.
 
     Quantities that the analysis does not know (a contact force in kinematics) are left out.
@@ -32,4 +32,4 @@ def tell_monitors(motion: Trajectory, stacklevel: int = 3) -> None:
             first, worst = float(motion.t[np.argmax(bad)]), float(np.min(course[bad]))
             text = f"{monitor.sentence} (first at t = {first:.6g} s, at worst {worst:.6g})"
             motion.statistics.notes.append(text)
-            warnings.warn(text, MechanismWarning, stacklevel=stacklevel)
+            warnings.warn(text, MechanismWarning, stacklevel=3)
