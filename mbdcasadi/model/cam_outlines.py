@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..errors import ExpressionError, ModelError
+from ..errors import ModelError
 from .closed_splines import closed_spline
-from .curves import Curve, checked_points, chord_lengths, values_over
-from .motion_programs import MotionProgram
+from .curves import Curve, checked_points, chord_lengths
 from .quantities import quantity
-from .symbols import describe, number, role_of, symbols_of
-
-_TURN = 2 * np.pi
+from .symbols import number
+from .turn_laws import TURN, lift_law, polar_law
 
 
 class CamOutline(Curve):
@@ -50,13 +47,13 @@ class CamOutline(Curve):
     """
 
     def __init__(self, radius: Any, angles: Any = None):
-        law = _polar_law(radius, angles)
+        law = polar_law(radius, angles)
 
         def point(alpha: ca.SX) -> ca.SX:
             r = ca.SX(quantity(law(alpha), "CamOutline", "radius"))
             return r * ca.vertcat(ca.cos(alpha), ca.sin(alpha))
 
-        super().__init__(point, 0.0, _TURN, closed=True)
+        super().__init__(point, 0.0, TURN, closed=True)
         radii = ca.dot(self._point, ca.vertcat(ca.cos(self._symbol), ca.sin(self._symbol)))
         values = self.sampled(radii, self.samples).ravel()
         if np.min(values) <= 0:
@@ -134,60 +131,6 @@ class CamOutline(Curve):
         return _RollerProfile(program, base_radius, roller_radius, offset, direction)
 
 
-def _polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
-    if callable(radius):
-        if angles is not None:
-            raise ModelError("CamOutline: angles= goes with values of the radius, not with a function")
-        return _every_turn(radius, "radius")
-    if isinstance(radius, ca.SX) or np.ndim(radius) == 0:
-        value = quantity(radius, "CamOutline", "radius", above=0.0)
-        return lambda _angle: value
-    try:
-        radii = np.array(radius, dtype=float)
-        places = np.linspace(0, _TURN, len(radii), endpoint=False) if angles is None else np.array(angles, float)
-    except (TypeError, ValueError, RuntimeError):
-        raise ModelError(f"CamOutline: radius and angles must be numbers, got {radius!r}") from None
-    if places.shape != radii.shape:
-        raise ModelError(f"CamOutline: {radii.size} radii do not go with {places.size} angles")
-    if places.size and places[-1] - places[0] >= _TURN * (1 - 1e-9):
-        raise ModelError("CamOutline: the angles go round once or more; leave out the point that repeats the first")
-    xs, ys = np.r_[places, places[:1] + _TURN], np.r_[radii, radii[:1]]
-    _check_data(xs, ys)
-    return lambda angle: closed_spline(angle, xs, ys)
-
-
-def _check_data(xs: np.ndarray, ys: np.ndarray) -> None:
-    """Raise where values over angles make no closed curve."""
-    if len(xs) < 6:
-        raise ModelError(f"CamOutline: takes at least 5 values of the radius, got {len(xs) - 1}")
-    if not np.all(np.isfinite(np.r_[xs, ys])):
-        raise ModelError("CamOutline: radii and angles must be finite")
-    if np.any(np.diff(xs) <= 0):
-        k = int(np.argmax(np.diff(xs) <= 0))
-        raise ModelError(f"CamOutline: the angles must increase, got {xs[k]:.6g} and {xs[k + 1]:.6g}")
-
-
-def _every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
-    """A function of an angle from 0 to 2π, repeated every turn; as it is, where it repeats itself."""
-    symbol = ca.SX.sym("angle")
-    value = ca.SX(quantity(law(symbol), "CamOutline", name))
-    for other in symbols_of(value):
-        role = role_of(other)
-        if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
-            raise ExpressionError(f"CamOutline: {name} may hold parameters only, not {describe(other)}")
-    places = np.linspace(0, _TURN, 37)
-    here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * _TURN))
-    if np.allclose(here, later, rtol=1e-11, atol=0):
-        return lambda angle: ca.substitute(value, symbol, angle)
-    ends = values_over(ca.vertcat(value, ca.jacobian(value, symbol)), symbol, np.array([0.0, _TURN]))
-    if not np.allclose(ends[:, 0], ends[:, 1], rtol=0, atol=1e-6 * np.max(np.abs(here))):
-        raise ModelError(
-            f"CamOutline: the {name} does not close: it is {ends[0, 0]:.6g} m with the slope {ends[1, 0]:.4g} m/rad "
-            f"at 0 and {ends[0, 1]:.6g} m with {ends[1, 1]:.4g} m/rad at 2π"
-        )
-    return lambda angle: ca.substitute(value, symbol, angle - _TURN * ca.floor(angle / _TURN))
-
-
 class _Splined(CamOutline):
     """Outline through points."""
 
@@ -197,31 +140,17 @@ class _Splined(CamOutline):
         if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
             points = np.vstack([points[:1], points[:0:-1]])
         knots, points = chord_lengths(points, closed=True)
-        knots = knots * (_TURN / knots[-1])
+        knots = knots * (TURN / knots[-1])
         symbol = ca.SX.sym("alpha")
         place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
-        self._define(symbol, place, ca.jacobian(place, symbol), 0.0, _TURN, True)
-
-
-def _lift(program: Any) -> Callable[[ca.SX], ca.SX]:
-    """Lift over the cam's angle, repeated every turn."""
-    if isinstance(program, MotionProgram):
-        if abs(program.duration - _TURN) > 1e-9:
-            raise ModelError(
-                f"CamOutline: the program of a cam goes over one turn, 2π = {_TURN:.9g} rad, and this one over "
-                f"{program.duration:.9g}"
-            )
-        return program
-    if not callable(program):
-        raise ModelError(f"CamOutline: program must be a MotionProgram or a function of the angle, got {program!r}")
-    return _every_turn(program, "program")
+        self._define(symbol, place, ca.jacobian(place, symbol), 0.0, TURN, True)
 
 
 class _FlatProfile(CamOutline):
     """Profile for a flat face: the lift gives the support function of the outline, the parameter is its normal."""
 
     def __init__(self, program: Any, base_radius: Any, direction: float):
-        lift, alpha = _lift(program), ca.SX.sym("alpha")
+        lift, alpha = lift_law(program), ca.SX.sym("alpha")
         base = quantity(base_radius, "CamOutline", "base_radius", above=0.0)
         turned = number(direction, "CamOutline", "direction") - alpha
         support = base + lift(turned)
@@ -230,16 +159,16 @@ class _FlatProfile(CamOutline):
         out, along = ca.vertcat(ca.cos(alpha), ca.sin(alpha)), ca.vertcat(-ca.sin(alpha), ca.cos(alpha))
         self._out, self._along = out, along
         self._symbol = alpha
-        places = np.linspace(0, _TURN, 1440, endpoint=False)
+        places = np.linspace(0, TURN, 1440, endpoint=False)
         bends = self.sampled(self._bend, places).ravel()
         if np.min(bends) <= 0:
             k = int(np.argmin(bends))
             raise ModelError(
-                f"CamOutline: the profile is undercut where the cam has turned by {(direction - places[k]) % _TURN:.4g}"
+                f"CamOutline: the profile is undercut where the cam has turned by {(direction - places[k]) % TURN:.4g}"
                 f" rad: its radius of curvature would be {bends[k]:.6g} m; make base_radius larger by more than "
                 f"{-bends[k]:.6g} m, or the program gentler"
             )
-        self._define(alpha, support * out + slope * along, self._bend * along, 0.0, _TURN, True)
+        self._define(alpha, support * out + slope * along, self._bend * along, 0.0, TURN, True)
 
     def _direction_at_symbol(self) -> ca.SX:
         # of unit length: the second derivative of the lift, which may have kinks, is left out
@@ -257,7 +186,7 @@ class _RollerProfile(CamOutline):
 
     def __init__(self, program: Any, base_radius: Any, roller_radius: float, offset: float, direction: float):
         what = "CamOutline"
-        lift, alpha = _lift(program), ca.SX.sym("alpha")
+        lift, alpha = lift_law(program), ca.SX.sym("alpha")
         base = quantity(base_radius, what, "base_radius", above=0.0)
         roller, aside = number(roller_radius, what, "roller_radius"), number(offset, what, "offset")
         if roller < 0:
@@ -271,21 +200,21 @@ class _RollerProfile(CamOutline):
         c, s = ca.cos(angle), ca.sin(angle)
         path = ca.vertcat(c * along - s * aside, s * along + c * aside)
         self.roller_radius = roller
-        self._path = Curve(lambda place: ca.substitute(path, alpha, place), 0.0, _TURN, closed=True)
+        self._path = Curve(lambda place: ca.substitute(path, alpha, place), 0.0, TURN, closed=True)
         bend = 1 - roller * self._path.curvature(alpha)
         self._symbol = alpha
-        places = np.linspace(0, _TURN, 1440, endpoint=False)
+        places = np.linspace(0, TURN, 1440, endpoint=False)
         left = self.sampled(bend, places).ravel()
         if np.min(left) <= 0:
             k = int(np.argmin(left))
             raise ModelError(
-                f"{what}: the profile is undercut where the cam has turned by {-places[k] % _TURN:.4g} rad: the path "
+                f"{what}: the profile is undercut where the cam has turned by {-places[k] % TURN:.4g} rad: the path "
                 f"of the roller's centre has the radius of curvature {roller / (1 - left[k]):.6g} m there, less than "
                 f"the roller's {roller:g} m; take a smaller roller or a larger base_radius"
             )
         normal = self._path.normal(alpha)
         point = path - roller * normal if roller else path
-        self._define(alpha, point, bend * self._path.tangent(alpha), 0.0, _TURN, True)
+        self._define(alpha, point, bend * self._path.tangent(alpha), 0.0, TURN, True)
 
     def _direction_at_symbol(self) -> ca.SX:
         return self._path.tangent(self._symbol)

@@ -6,7 +6,6 @@ A class of the user's own with these attributes is a full citizen.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -16,26 +15,9 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import Immutable
+from .monitors import Monitor
 from .quantities import Limit
 from .symbols import check_name, register, role_of, symbols_of
-
-
-@dataclass(frozen=True, eq=False)
-class Monitor:
-    """A quantity that must not become negative along a motion, and what it means where it does.
-
-    Analyses look at it at their outputs and warn: nothing is changed.
-
-    Attributes
-    ----------
-    expression : casadi.SX
-        Scalar.
-    sentence : str
-        What is wrong where it is negative, with the element and the remedy.
-    """
-
-    expression: ca.SX
-    sentence: str
 
 
 class Element(Immutable):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.model.elements import Element, Monitor
+from mbdcasadi.model.elements import Element
+from mbdcasadi.model.monitors import Monitor
 from mbdcasadi.model.symbols import values_of
 
 

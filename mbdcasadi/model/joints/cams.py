@@ -14,8 +14,9 @@ from ...errors import ModelError
 from ..bodies import Marker
 from ..cam_outlines import CamOutline
 from ..curves import Curve
-from ..elements import Monitor, cross
+from ..elements import cross
 from ..events import Event
+from ..monitors import Monitor
 from ..quantities import Limit, quantity
 from ..symbols import Coordinate, values_of
 from .base import Joint, pair

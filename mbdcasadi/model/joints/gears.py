@@ -10,7 +10,8 @@ import numpy as np
 
 from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
-from ..elements import Monitor, at_poses
+from ..elements import at_poses
+from ..monitors import Monitor
 from ..quantities import Limit, known_value, quantity
 from ..symbols import values_of
 from .base import Joint, as_carrier, pair

@@ -7,7 +7,8 @@ from typing import Any
 
 import casadi as ca
 
-from ..elements import Monitor, at_poses
+from ..elements import at_poses
+from ..monitors import Monitor
 from ..quantities import Limit, quantity
 from ..symbols import time_derivative
 from .base import AlongLine, Joint, pair
