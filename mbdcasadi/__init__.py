@@ -8,6 +8,7 @@ The notation is that of E. J. Haug, *Computer Aided Kinematics and Dynamics of
 Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
+from . import library
 from .analysis.assemble import assemble
 from .analysis.check import Report, check
 from .analysis.inputs import SampledController
@@ -30,13 +31,25 @@ from .errors import (
 from .files.acf import read_acf
 from .files.adm import read_adm
 from .model.bodies import Body, Marker, ground
+from .model.cam_outlines import CamOutline
 from .model.conditions import bounded
+from .model.curves import Curve
 from .model.drivers import Driver
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
+from .model.forces.bushing import Bushing
+from .model.forces.contact_laws import HuntCrossley
+from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
+from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
+from .model.forces.data_laws import DataLaw
+from .model.forces.field import FieldForce
 from .model.forces.gravity import Gravity
+from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA
+from .model.forces.stops import EndStop
+from .model.joints.belts import Belt, Coupler
+from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.composite import Distance, PointOnLine
 from .model.joints.coordinates import (
     AbsoluteAngle,
@@ -47,10 +60,13 @@ from .model.joints.coordinates import (
     RelativeX,
     RelativeY,
 )
-from .model.joints.gears import RackAndPinion
+from .model.joints.gears import Gear, RackAndPinion
 from .model.joints.general import Constraint
 from .model.joints.lower_pairs import Revolute, Translational, Weld
+from .model.joints.nonholonomic import KnifeEdge, NonholonomicConstraint
+from .model.joints.rolling import Rolling
 from .model.mechanism import Mechanism
+from .model.motion_programs import MotionProgram, dwell, fall, rise
 from .model.shaking import ShakingForce, shaking_force
 from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative

@@ -15,7 +15,7 @@ import mbdcasadi as mbd
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: Examples that are only run; the others have a test of their own name, which says what they find.
-PLAIN = ("first_mechanism", "four_bar_output", "slider_crank")
+PLAIN = ("cam", "dc_motor", "first_mechanism", "four_bar_output", "parking", "planetary_train", "slider_crank")
 LINES, BYTES = 100, 20_000
 
 

@@ -78,7 +78,7 @@ class Continuation:
             )
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
-        with interruptible(), _bar(grid.size - 1, self._progress) as bar:
+        with interruptible(), time_bar(grid.size - 1, self._progress) as bar:
             while done < grid.size:
                 try:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
@@ -252,7 +252,8 @@ class _NoBar:
         """Nothing to show."""
 
 
-def _bar(total: int, show: bool) -> Any:
+def time_bar(total: int, show: bool) -> Any:
+    """Progress bar over output times, or nothing to see."""
     if not show:
         return _NoBar()
     from tqdm.auto import tqdm

@@ -21,6 +21,7 @@ from .efforts import EffortProblem
 from .inputs import read_signals
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
 from .mappings import pairs_of, parameter_vector, position_in, time_grid
+from .monitors import tell_monitors
 from .simulate import simulate
 
 #: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
@@ -98,6 +99,7 @@ def inverse_dynamics(
         found = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
     found.statistics.method, found.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
     found.statistics.seconds = clock.perf_counter() - began
+    tell_monitors(found)
     return found
 
 

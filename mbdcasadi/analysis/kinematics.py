@@ -15,7 +15,9 @@ from ..results.trajectory import Statistics, Trajectory
 from .check import generic_rank
 from .continuation import Continuation, DrivenMotion
 from .mappings import parameter_vector, time_grid
+from .monitors import tell_monitors
 from .pose import PoseProblem
+from .velocity_level import VelocityLevelMotion
 
 NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers come from inverse_dynamics"
 
@@ -25,7 +27,9 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
 
     ``Phi(q, t) = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma`` at each time, by
     Newton's method from a prediction of the time before. Where the step is too
-    long for that, it is divided; a lock-up is located by bisection.
+    long for that, it is divided; a lock-up is located by bisection. With
+    non-holonomic constraints the pose follows from no time alone: then
+    ``Phi_q v = nu`` is integrated from the assembled pose at the first time.
 
     Parameters
     ----------
@@ -58,7 +62,9 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     eom = equations(mechanism)
     numeric = NumericEquations(eom, parameter_vector(eom, parameters))
     motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
-    return kinematic_trajectory(numeric, motion)
+    found = kinematic_trajectory(numeric, motion)
+    tell_monitors(found)
+    return found
 
 
 def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool, what: str) -> DrivenMotion:
@@ -67,10 +73,18 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     eom = numeric.eom
     q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
     _check_driven(numeric, float(grid[0]), q, what)
-    continuation = Continuation(numeric, progress=progress, wrap=lambda part: kinematic_trajectory(numeric, part))
-    motion = continuation.over(grid, q)
+    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).over(grid, q)
     motion.seconds = clock.perf_counter() - began
     return motion
+
+
+def _follower(
+    numeric: NumericEquations, progress: bool = False, wrap: Any = None
+) -> Continuation | VelocityLevelMotion:
+    """What follows the pose: Newton's method, or an integration where there are velocity-level rows."""
+    if numeric.eom.position_rows.size < numeric.eom.lam.numel():
+        return VelocityLevelMotion(numeric, progress=progress, wrap=wrap)
+    return Continuation(numeric, progress=progress, wrap=wrap)
 
 
 def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Trajectory:
@@ -102,7 +116,7 @@ def _refine(numeric: NumericEquations):
     def corrected(
         t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        found = Continuation(numeric).correct(t, q)
+        found = _follower(numeric).correct(t, q)
         return found.q, found.v, found.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
 
     return corrected

@@ -22,6 +22,7 @@ from .feed import InputFeed
 from .formulations import METHODS
 from .inputs import Signals, read_signals
 from .mappings import pairs_of, parameter_vector, time_grid
+from .monitors import tell_monitors
 from .run import Run
 from .stiffness import is_stiff
 
@@ -133,6 +134,7 @@ def simulate(
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
     motion = run.over(grid, start, redundant=redundant)
     _tell_exceeded_limits(mechanism, motion)
+    tell_monitors(motion)
     return motion
 
 

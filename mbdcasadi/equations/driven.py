@@ -6,6 +6,8 @@ redundant rows; then the normal equations take its place.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import casadi as ca
 
 from .derivation import Equations
@@ -30,6 +32,9 @@ class DrivenEquations:
         predict, correct by Newton's method, then velocity and acceleration.
         `correction` is how far the pose was moved from the prediction,
         `remainder` the last Newton step, `apart` by how much redundant rows contradict each other.
+        Not where there are velocity-level rows: the pose then follows from no time alone.
+    rates : casadi.Function
+        ``(t, q, p) -> (v, a, apart)``: velocity and acceleration in a pose.
     multipliers : casadi.Function
         ``(t, q, v, a, z, u, p) -> lam`` from ``Phi_q^T lam = Q - M a``, of
         least norm where rows are redundant.
@@ -38,8 +43,13 @@ class DrivenEquations:
     def __init__(self, eom: Equations):
         self.square = eom.lam.numel() == eom.q.numel()
         self._eom = eom
-        self.step = self._step()
+        self.rates = self._velocity_and_acceleration()
         self.multipliers = self._multipliers()
+
+    @cached_property
+    def step(self) -> ca.Function:
+        """One step of the motion; see the class."""
+        return self._step()
 
     def _least_squares(self, jacobian: ca.MX, right: ca.MX) -> ca.MX:
         """Solve ``J x = right`` for a square J, or one with redundant rows."""
@@ -47,25 +57,34 @@ class DrivenEquations:
             return ca.solve(jacobian, right, _SOLVER)
         return ca.solve(jacobian.T @ jacobian, jacobian.T @ right, _SOLVER)
 
+    def _velocity_and_acceleration(self) -> ca.Function:
+        eom = self._eom
+        velocity = ca.Function("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
+        acceleration = ca.Function("gamma", [eom.t, eom.q, eom.v, eom.p], [ca.densify(eom.gamma)])
+        now, q, p = ca.MX.sym("t"), ca.MX.sym("q", eom.q.numel()), ca.MX.sym("p", eom.p.numel())
+        jacobian, nu = velocity(now, q, p)
+        v = self._least_squares(jacobian, nu)
+        a = self._least_squares(jacobian, acceleration(now, q, v, p))
+        apart = ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v))
+        return ca.Function("rates", [now, q, p], [v, a, apart], ["t", "q", "p"], ["v", "a", "apart"])
+
     def _step(self) -> ca.Function:
         eom = self._eom
         n, k = eom.q.numel(), eom.p.numel()
-        position = ca.Function("position", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, ca.densify(eom.nu)])
-        acceleration = ca.Function("gamma", [eom.t, eom.q, eom.v, eom.p], [ca.densify(eom.gamma)])
+        position = ca.Function("position", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q])
         before, rate, second = ca.MX.sym("q", n), ca.MX.sym("v", n), ca.MX.sym("a", n)
         earlier, now, p = ca.MX.sym("t0"), ca.MX.sym("t"), ca.MX.sym("p", k)
         h = now - earlier
         predicted = before + h * rate + h**2 / 2 * second
         q, change = predicted, ca.MX.zeros(n)
         for _ in range(NEWTON_STEPS):
-            phi, jacobian, _ = position(now, q, p)
+            phi, jacobian = position(now, q, p)
             change = self._least_squares(jacobian, phi)
             q = q - change
-        phi, jacobian, nu = position(now, q, p)
-        v = self._least_squares(jacobian, nu)
-        a = self._least_squares(jacobian, acceleration(now, q, v, p))
+        phi, _ = position(now, q, p)
+        v, a, torn = self.rates(now, q, p)
         moved = ca.norm_inf(q - predicted)
-        apart = ca.fmax(ca.norm_inf(phi), ca.norm_inf(jacobian @ v - nu) / (1 + ca.norm_inf(v)))
+        apart = ca.fmax(ca.norm_inf(phi), torn)
         return ca.Function(
             "kinematic_step",
             [before, rate, second, earlier, now, p],

@@ -7,8 +7,9 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import ConstraintElement, owners, refuse_kinds
+from .elements import ConstraintElement, holds_coordinates, refuse_kinds
 from .quantities import quantity
+from .symbols import t as time
 
 
 class Driver(ConstraintElement):
@@ -21,7 +22,11 @@ class Driver(ConstraintElement):
     expression : casadi.SX
         What is driven: a scalar in coordinates (``joint.angle``, ``marker.x``), m or rad.
     value : float or expression in time and parameters
-        Its prescribed course, twice differentiable.
+        Its prescribed course, twice differentiable: ``20 * mbd.t``, a
+        ``mbd.spline`` through data, a ``MotionProgram`` of the time.
+    relative_to : State, optional
+        State (of :func:`assemble`, say) from which the motion goes on: the course is then
+        ``expression there + value(t) - value(t there)``.
 
     Attributes
     ----------
@@ -36,18 +41,29 @@ class Driver(ConstraintElement):
 
     word = "driver"
 
-    def __init__(self, name: str, expression: Any, value: Any):
+    def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"
         self.expression = ca.SX(quantity(expression, what, "expression"))
         self.value = ca.SX(quantity(value, what, "value"))
         others = ("velocity", "acceleration", "multiplier", "input", "state")
         refuse_kinds(self.expression, others, what, "a driver prescribes coordinates")
         refuse_kinds(self.value, ("position", *others), what, "its value is a function of time and parameters")
-        if not owners(self.expression):
-            raise ModelError(f"{what}: the expression {expression} depends on no coordinate of a body")
+        if not holds_coordinates(self.expression):
+            raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
+        if relative_to is not None:
+            self.value += _at_state(self.expression, relative_to, what)
+            self.value -= ca.substitute(ca.SX(quantity(value, what, "value")), time, ca.SX(relative_to.t))
         super().__init__(name, self.expression - self.value)
 
     @property
     def effort(self) -> ca.SX:
         """Force (N) or torque (N m) that the driver supplies."""
         return -self.multipliers
+
+
+def _at_state(expression: ca.SX, state: Any, what: str) -> float:
+    """Value of the driven expression in a state."""
+    try:
+        return float(state[expression])
+    except (TypeError, KeyError, IndexError):
+        raise ModelError(f"{what}: relative_to must be a state, as assemble returns it, got {state!r}") from None

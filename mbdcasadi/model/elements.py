@@ -5,8 +5,9 @@ A class of the user's own with these attributes is a full citizen.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -14,6 +15,7 @@ import casadi as ca
 from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import Immutable
+from .monitors import Monitor
 from .quantities import Limit
 from .symbols import check_name, register, role_of, symbols_of
 
@@ -45,6 +47,8 @@ class Element(Immutable):
         Potential energy, J, of forces that have one.
     limits : tuple of Limit
         What its quantities must keep to at any value of the parameters.
+    monitors : tuple of Monitor
+        What must hold along a motion for the element to mean what it says (a cam that only presses).
     """
 
     word: ClassVar[str] = "element"
@@ -56,9 +60,10 @@ class Element(Immutable):
     multipliers: ca.SX = ca.SX(0, 1)
     coordinates: tuple = ()
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
-    rates: ClassVar[dict] = {}
+    rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
     limits: tuple[Limit, ...] = ()
+    monitors: tuple[Monitor, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
@@ -90,6 +95,12 @@ def owners(expression: Any) -> tuple[Body, ...]:
     """Bodies whose coordinates or velocities occur in an expression."""
     roles = [role_of(symbol) for symbol in symbols_of(expression)]
     return tuple(dict.fromkeys(role.owner for role in roles if role is not None and isinstance(role.owner, Body)))
+
+
+def holds_coordinates(expression: Any) -> bool:
+    """Whether a coordinate of a body, or one without inertia, occurs in an expression."""
+    roles = (role_of(symbol) for symbol in symbols_of(expression))
+    return any(role is not None and role.kind == "position" for role in roles)
 
 
 def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) -> None:

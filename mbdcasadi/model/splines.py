@@ -84,6 +84,22 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
     return _values(x, xs, ys, kind, outside)
 
 
+def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> ca.SX:
+    """Integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
+    xs, ys = _points(xs, ys, kind, outside)
+    if outside == "periodic":
+        raise ModelError("spline_integral: the integral of periodic data is not periodic")
+    anchors, coefficients = _pieces(xs, ys, kind, outside)
+    rising = coefficients / np.array([[1.0], [2.0], [3.0], [4.0]])
+    widths = np.diff(anchors)
+    pieces = widths * (rising[0, :-1] + widths * (rising[1, :-1] + widths * (rising[2, :-1] + widths * rising[3, :-1])))
+    before = np.concatenate([[0.0], np.cumsum(pieces)])
+    anchor, offset, *terms = picked_piece(x, xs, np.vstack([anchors, before, rising]), outside)
+    c1, c2, c3, c4 = terms
+    d = x - anchor
+    return offset + d * (c1 + d * (c2 + d * (c3 + d * c4)))
+
+
 def _numbers(values: Any, name: str) -> np.ndarray:
     if isinstance(values, ca.DM):
         values = values.full().ravel()
@@ -143,27 +159,32 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
 def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> ca.SX:
     """Return the curve as an expression in a scalar."""
     anchors, coefficients = _pieces(xs, ys, kind, outside)
-    starts = list(xs[1:])
     if outside == "periodic":
         period = xs[-1] - xs[0]
         x = x - period * ca.floor((x - xs[0]) / period)
+    anchor, *terms = picked_piece(x, xs, np.vstack([anchors, coefficients]), outside)
+    c0, c1, c2, c3 = terms
+    d = x - anchor
+    return c0 + d * (c1 + d * (c2 + d * c3))
+
+
+def picked_piece(x: ca.SX, xs: np.ndarray, table: np.ndarray, outside: str) -> list[ca.SX]:
+    """Column of the table (k, p) that belongs to the piece in which `x` lies; the first row holds the anchors."""
     # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
     # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
     # derivatives are those of the polynomial that is picked.
-    passed = [x >= start for start in starts]
+    passed = [x >= start for start in xs[1:]]
     if outside in ("constant", "linear"):
         passed = [x >= xs[0], *passed, x > xs[-1]]
     reached = ca.vertcat(1, *passed)
     picked = reached - ca.vertcat(*passed, 0)
-    anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(np.vstack([anchors, coefficients])), picked))
+    anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(table), picked))
     if outside == "error":
         # Added to every coefficient, so that the derivatives are NaN too; inside, 0 changes nothing.
         slack = _ROUNDING * (xs[-1] - xs[0])
         inside = ca.logic_and(x >= xs[0] - slack, x <= xs[-1] + slack)
         terms = [term + ca.if_else(inside, 0, np.nan) for term in terms]
-    d = x - anchor
-    c0, c1, c2, c3 = terms
-    return c0 + d * (c1 + d * (c2 + d * c3))
+    return [anchor, *terms]
 
 
 def _pieces(xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
+import numpy as np
 
 from ..errors import ExpressionError, ModelError
 
@@ -174,6 +175,11 @@ class Parameter(Symbol):
         self.lower, self.upper = _bounds(what, lower, upper)
         if not self.lower <= self.value <= self.upper:
             raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}")
+        _PARAMETERS[self.element_hash()] = self
+
+
+#: The parameters that live, by the hash of their node: from an expression back to the values behind it.
+_PARAMETERS: weakref.WeakValueDictionary[int, Parameter] = weakref.WeakValueDictionary()
 
 
 class StateVariable(Symbol):
@@ -244,6 +250,24 @@ def as_expression(value: Any, what: str) -> ca.SX:
 def symbols_of(expression: Any) -> list[ca.SX]:
     """Scalar symbols on which an expression depends, in the order in which they occur."""
     return ca.symvar(ca.SX(expression))
+
+
+def values_of(expression: Any) -> np.ndarray:
+    """Value of an expression (same shape) where its parameters have their own values.
+
+    Raises
+    ------
+    ExpressionError
+        Where it depends on anything but parameters.
+    """
+    expression = ca.SX(expression)
+    used = symbols_of(expression)
+    found = [_PARAMETERS.get(symbol.element_hash()) for symbol in used]
+    for symbol, parameter in zip(used, found, strict=True):
+        if parameter is None:
+            raise ExpressionError(f"a number is needed here, and {describe(symbol)} has none; use parameters only")
+    at = ca.DM([p.value for p in found if p is not None])
+    return ca.Function("value", [ca.vertcat(ca.SX(0, 1), *used)], [ca.densify(expression)])(at).full()
 
 
 def describe(symbol: ca.SX) -> str:

@@ -99,7 +99,7 @@ def test_an_unbounded_problem():
     assert "diverge" in str(error) or "iterations" in str(error) or "bounded" in str(error)
 
 
-@pytest.mark.xfail(strict=True, run=False, reason="refinement has no bound on the intervals and fills the memory")
+@pytest.mark.xfail(strict=True, reason="refinement has no bound on the intervals and fills the memory")
 def test_a_tolerance_that_cannot_be_met():
     """Below rounding: the refinement gives up before the mesh fills the memory, and keeps the finest solution."""
     problem, *_ = rest_to_rest(duration=1.0)

@@ -130,7 +130,7 @@ def test_a_waypoint_without_conditions_is_a_mesh_point():
     exact = np.sqrt(2 * 2 * 4 * (1 / 5 + 1 / 2))
     assert solution.duration == pytest.approx(exact, rel=1e-6)
     assert np.min(np.abs(solution.mesh - exact * 2 / 7)) < 1e-5 * exact
-    fixed = mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.37, [])]), intervals=5)
+    fixed = mbd.optimize(problem.replace(duration=5.0, waypoints=[mbd.Waypoint(0.37, [])]), intervals=5)
     assert np.min(np.abs(fixed.mesh - 0.37)) < 1e-15
 
 

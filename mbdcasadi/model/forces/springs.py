@@ -61,9 +61,10 @@ class _SpringDamper(Element):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Energy stored in the linear spring, J; zero where a law of its own is given."""
+        """Energy stored in the spring, J; zero for a law of its own that has no ``potential(length)``."""
         if self.law is not None:
-            return ca.SX(0)
+            energy = getattr(self.law, "potential", None)
+            return ca.SX(0) if energy is None else ca.SX(energy(self._coordinate))
         return ca.SX(0.5 * self.stiffness * (self._coordinate - self.free) ** 2)
 
 
@@ -81,7 +82,7 @@ class TSDA(_SpringDamper):
     stiffness, free_length, damping, actuator : float or expression, default 0
         k (N/m), l0 (m), c (N s/m) and an added tension (N).
     law : callable, optional
-        ``law(length, rate)`` returns the tension instead of ``k (l - l0) + c l̇``.
+        ``law(length, rate)`` returns the tension instead of ``k (l - l0) + c l̇``; see also ``DataLaw``.
 
     Attributes
     ----------

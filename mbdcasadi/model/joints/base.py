@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Marker, as_marker
+from ..bodies import Body, Marker, as_marker
 from ..elements import ConstraintElement, at_poses
 from ..symbols import symbols_of
 
@@ -37,6 +37,17 @@ def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
     if a.body is b.body:
         raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")
     return a, b
+
+
+def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
+    """Check the body that carries two shafts: a third one."""
+    if not isinstance(value, Body):
+        raise ModelError(f"{what}: carrier must be a body, got {value!r}")
+    if not value.is_ground and (value is a.body or value is b.body):
+        raise ModelError(
+            f"{what}: carrier '{value.name}' is one of the two bodies that turn; name the body that carries both shafts"
+        )
+    return value
 
 
 def relative_angle(a: Marker, b: Marker) -> ca.SX:

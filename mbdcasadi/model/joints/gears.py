@@ -1,4 +1,4 @@
-"""Joints that roll: toothed elements (gears, belts and rolling contact come beside them here)."""
+"""Toothed elements: gears on any carrier, rack and pinion."""
 
 from __future__ import annotations
 
@@ -6,10 +6,132 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from ...errors import ModelError
+from ..bodies import Body, Marker, ground, rotation
 from ..elements import at_poses
-from ..quantities import Limit, quantity
-from .base import Joint, pair
+from ..monitors import Monitor
+from ..quantities import Limit, known_value, quantity
+from ..symbols import values_of
+from .base import Joint, as_carrier, pair
+
+#: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.
+_CENTRES = 1e-3
+
+
+class Gear(Joint):
+    """Two gears in mesh, their centres held on the ground or on a moving carrier.
+
+    ``Phi = R_a (phi_a - psi) ± R_b (phi_b - psi) - C0`` (1 row, m): the arcs
+    that roll off on each other, seen from the line of centres, whose angle is
+    ``psi``; + for an external, - for an internal pair. Its virtual work is
+    that of one force at the pitch point, so that the bearings get their load.
+    The row is linear in the angles of the gears; ``psi`` is measured against
+    the carrier, where it stands still, and so has no branch cut after many
+    turns. C0 is what the expression has at the estimated poses: these set the
+    phase, once and for all when the gear is made.
+
+    Other joints hold the centres at the distance that the radii make.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Centres of the gears on their bodies; either body may be the ground (a fixed ring or sun).
+    radius_a, radius_b : float or expression in parameters
+        Pitch radii, m, both positive.
+    internal : bool, default False
+        Whether the smaller gear runs inside the larger one, a ring.
+    carrier : Body, default ground
+        Body that carries both centres: an arm, in a planetary train.
+
+    Raises
+    ------
+    ModelError
+        For radii that are not positive, an internal pair of equal radii, and centres that
+        coincide at the estimated poses.
+
+    Notes
+    -----
+    Haug's row ``n(theta)·d = 0`` has the same Jacobian and ``gamma`` where it
+    holds, and a second, wrong root with the line of centres turned over.
+
+    References
+    ----------
+    Haug 1989, section 3.4 (gear sets).
+
+    Examples
+    --------
+    A planet between a fixed sun and an arm::
+
+        Gear("mesh", mbd.ground.at(0, 0), planet.at(0, 0), 0.04, 0.02, carrier=arm)
+    """
+
+    def __init__(
+        self,
+        name: str,
+        a: Any,
+        b: Any,
+        radius_a: Any,
+        radius_b: Any,
+        internal: bool = False,
+        carrier: Body = ground,
+    ):
+        a, b = pair(name, a, b)
+        what = f"joint '{name}'"
+        limits: list[Limit] = []
+        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits)
+        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+        self.internal = bool(internal)
+        self.carrier = as_carrier(carrier, a, b, what)
+        sign = -1 if self.internal else 1
+        distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
+        bodies = [a.body, b.body, carrier]
+        along = _line_of_centres(what, a, b, carrier, bodies)
+        beyond = ca.atan2(along[1], along[0])
+        rolled = self.radius_a * (a.angle - carrier.phi - beyond)
+        rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
+        super().__init__(name, a, b, rolled - at_poses(rolled, bodies))
+        off = ca.norm_2(along) / distance - 1
+        self.monitors = (
+            Monitor(
+                _CENTRES - ca.fabs(off),
+                f"{self.what}: the centres are not at the distance that the pitch radii make "
+                "(the sum of both, for an internal pair the difference)",
+            ),
+            Monitor(
+                along[0] / distance,
+                f"{self.what}: the line of centres turns against carrier '{carrier.name}'; "
+                "name the body that carries both centres as carrier=",
+            ),
+        )
+
+    @cached_property
+    def tooth_force(self) -> ca.SX:
+        """Tangential force of b on a at the pitch point, N; positive turns a counter-clockwise."""
+        return -self.multipliers
+
+
+def _pitch_distance(what: str, total: ca.SX) -> ca.SX:
+    """Distance of the centres."""
+    if known_value(total) == 0:
+        raise ModelError(f"{what}: an internal pair needs two different radii, a gear and a larger ring")
+    return ca.fabs(total)
+
+
+def _line_of_centres(what: str, a: Marker, b: Marker, carrier: Body, bodies: list[Body]) -> ca.SX:
+    """Vector from a to b (2,) in axes that turn with the carrier, the first along it at the estimated poses."""
+    d = b.position - a.position
+    estimate = values_of(at_poses(rotation(-carrier.phi) @ d, bodies)).ravel()
+    if np.hypot(*estimate) <= 1e-12:
+        raise ModelError(
+            f"{what}: the centres coincide at the estimated poses, and the phase cannot be read off them; "
+            "give the bodies a pose= in which the gears mesh"
+        )
+    return rotation(-carrier.phi - float(np.arctan2(estimate[1], estimate[0]))) @ d
 
 
 class RackAndPinion(Joint):

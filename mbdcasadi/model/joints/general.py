@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...printing import to_text
-from ..elements import ConstraintElement, owners, refuse_kinds
+from ..elements import ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column
 
 #: Operations whose value is a truth, not a length or an angle.
@@ -50,6 +50,6 @@ class Constraint(ConstraintElement):
             what,
             "a Constraint holds coordinates, parameters and time only",
         )
-        if rows.numel() == 0 or not owners(rows):
-            raise ModelError(f"{what} depends on no coordinate of a body: {expression}")
+        if rows.numel() == 0 or not holds_coordinates(rows):
+            raise ModelError(f"{what} depends on no coordinate: {expression}")
         super().__init__(name, rows)

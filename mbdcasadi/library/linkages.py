@@ -1,0 +1,193 @@
+"""Four-bar, five-bar and slider-crank."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..model.bodies import Body, ground
+from ..model.forces.applied import Torque
+from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.mechanism import Mechanism
+from ..model.shapes import Rectangle
+from ..model.symbols import Input, number
+from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, meeting_point, weight
+
+
+def four_bar(
+    crank: float = 0.2,
+    coupler: float = 0.5,
+    rocker: float = 0.4,
+    base: float = 0.55,
+    angle: float = 0.5,
+    open: bool = True,
+    point: tuple[float, float] = (0.0, 0.0),
+    masses: Any = 1.0,
+    gravity: Any = GRAVITY,
+) -> Model:
+    """Return a four-bar linkage of uniform bars, with a torque on the crank.
+
+    Parameters
+    ----------
+    crank, coupler, rocker, base : float
+        Lengths of AB, BC, DC and AD, m; A at the origin, D at (base, 0).
+    angle : float, default 0.5
+        Crank angle of the estimated pose, rad.
+    open : bool, default True
+        Whether C lies to the left of the line from B to D.
+    point : (float, float), default (0, 0)
+        Coupler point in the coupler's frame, from its middle, m.
+    masses : float or three of them, default 1
+        kg.
+    gravity : (float, float) or None
+        m/s².
+
+    Returns
+    -------
+    Model
+        Bodies ``crank, coupler, rocker``; pins ``A, B, C, D``; input ``tau``; marker
+        ``point``; coordinates ``crank`` and ``rocker``, the angles against the ground.
+    """
+    what = "four_bar"
+    ab, bc, dc, ad = lengths(what, crank=crank, coupler=coupler, rocker=rocker, base=base)
+    b, d = at_angle(ab, number(angle, what, "angle")), np.array([ad, 0.0])
+    c = meeting_point(b, bc, d, dc, open, what)
+    m = masses_of(masses, 3, what)
+    first, second, third = bar("crank", (0, 0), b, m[0]), bar("coupler", b, c, m[1]), bar("rocker", d, c, m[2])
+    (a1, b1), (b2, c2), (d3, c3) = ends(first), ends(second), ends(third)
+    pins = {
+        "A": Revolute("A", ground.at(0, 0), a1),
+        "B": Revolute("B", b1, b2),
+        "C": Revolute("C", c2, c3),
+        "D": Revolute("D", ground.at(ad, 0), d3),
+    }
+    tau = Input("tau")
+    mechanism = Mechanism(
+        bodies=[first, second, third],
+        joints=list(pins.values()),
+        forces=[*weight(gravity), Torque("motor", first, tau)],
+        inputs=[tau],
+        name="four-bar",
+    )
+    coordinates = {"crank": pins["A"].angle, "rocker": pins["D"].angle}
+    marker = second.at(*point)
+    return Model(mechanism, coordinates, crank=first, coupler=second, rocker=third, **pins, tau=tau, point=marker)
+
+
+def five_bar(
+    crank: float = 0.2,
+    link: float = 0.3,
+    base: float = 0.25,
+    angles: tuple[float, float] = (2.0, 1.1),
+    masses: Any = 1.0,
+    gravity: Any = GRAVITY,
+) -> Model:
+    """Return a symmetric five-bar, a parallel robot with two torques.
+
+    Parameters
+    ----------
+    crank, link : float
+        Lengths of both cranks and both links, m.
+    base : float
+        Distance of the motors, m; the left one at the origin.
+    angles : (float, float)
+        Angles of the cranks in the estimated pose, rad; the tip lies above.
+    masses : float or four of them, default 1
+        Of left crank, left link, right crank, right link, kg.
+    gravity : (float, float) or None
+        m/s².
+
+    Returns
+    -------
+    Model
+        Bodies ``left, left_link, right, right_link``; pins ``A, B, tip_pin, C, D``; inputs
+        ``tau_left, tau_right``; marker ``tip``; coordinates ``left`` and ``right``.
+    """
+    what = "five_bar"
+    r, long, width = lengths(what, crank=crank, link=link, base=base)
+    e = np.array([width, 0.0])
+    b, d = at_angle(r, number(angles[0], what, "angles")), e + at_angle(r, number(angles[1], what, "angles"))
+    c = meeting_point(b, long, d, long, True, what)
+    m = masses_of(masses, 4, what)
+    bodies = [
+        bar("left", (0, 0), b, m[0]),
+        bar("left link", b, c, m[1]),
+        bar("right", e, d, m[2]),
+        bar("right link", d, c, m[3]),
+    ]
+    (a1, b1), (b2, c2), (e3, d3), (d4, c4) = (ends(body) for body in bodies)
+    joints = [
+        Revolute("A", ground.at(0, 0), a1),
+        Revolute("B", b1, b2),
+        Revolute("tip pin", c2, c4),
+        Revolute("C", d3, d4),
+        Revolute("D", ground.at(width, 0), e3),
+    ]
+    inputs = [Input("tau left"), Input("tau right")]
+    motors = [Torque("left motor", bodies[0], inputs[0]), Torque("right motor", bodies[2], inputs[1])]
+    mechanism = Mechanism(bodies, joints, forces=[*weight(gravity), *motors], inputs=inputs, name="five-bar")
+    return Model(
+        mechanism,
+        {"left": joints[0].angle, "right": joints[4].angle},
+        **dict(zip(("left", "left_link", "right", "right_link"), bodies, strict=True)),
+        **dict(zip(("A", "B", "tip_pin", "C", "D"), joints, strict=True)),
+        tau_left=inputs[0],
+        tau_right=inputs[1],
+        tip=c2,
+    )
+
+
+def slider_crank(
+    crank: float = 0.05,
+    rod: float = 0.15,
+    offset: float = 0.0,
+    angle: float = 0.3,
+    masses: Any = (0.12, 0.5, 2.0),
+    gravity: Any = GRAVITY,
+) -> Model:
+    """Return a slider-crank on the x axis, with a torque on the crank.
+
+    Parameters
+    ----------
+    crank, rod : float
+        Lengths, m.
+    offset : float, default 0
+        Height of the guide above the crank's bearing, m.
+    angle : float, default 0.3
+        Crank angle of the estimated pose, rad.
+    masses : float or three of them
+        Of crank, rod and slider, kg.
+    gravity : (float, float) or None
+        m/s².
+
+    Returns
+    -------
+    Model
+        Bodies ``crank, rod, slider``; joints ``main, pin, wrist, guide``; input ``tau``;
+        coordinates ``crank`` (angle) and ``slider`` (displacement).
+    """
+    what = "slider_crank"
+    r, long = lengths(what, crank=crank, rod=rod)
+    height = number(offset, what, "offset")
+    tip = at_angle(r, number(angle, what, "angle"))
+    if abs(height - tip[1]) >= long:
+        meeting_point(tip, long, (tip[0], height), 1e-12, True, what)
+    end = np.array([tip[0] + np.sqrt(long**2 - (height - tip[1]) ** 2), height])
+    m = masses_of(masses, 3, what)
+    first, second = bar("crank", (0, 0), tip, m[0]), bar("rod", tip, end, m[1])
+    block = Rectangle(r, 0.6 * r)
+    slider = Body("slider", m[2], m[2] * (r**2 + (0.6 * r) ** 2) / 12, pose=(*end, 0.0), shape=block)
+    main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
+    pin = Revolute("crank pin", ends(first)[1], ends(second)[0])
+    wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
+    guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
+    tau = Input("tau")
+    forces = [*weight(gravity), Torque("motor", first, tau)]
+    joints = [main, pin, wrist, guide]
+    mechanism = Mechanism([first, second, slider], joints, forces=forces, inputs=[tau], name="slider-crank")
+    coordinates = {"crank": main.angle, "slider": guide.displacement}
+    return Model(
+        mechanism, coordinates, crank=first, rod=second, slider=slider, main=main, pin=pin, wrist=wrist, guide=guide,
+        tau=tau,
+    )  # fmt: skip

@@ -1,0 +1,184 @@
+"""Planetary gear and cam with follower."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import ModelError
+from ..model.bodies import Body, ground
+from ..model.cam_outlines import CamOutline
+from ..model.curves import least
+from ..model.forces.applied import Torque
+from ..model.forces.springs import TSDA
+from ..model.joints.cams import CamFlatFollower, CamPointFollower
+from ..model.joints.gears import Gear
+from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.mechanism import Mechanism
+from ..model.shapes import Disc, Rod
+from ..model.symbols import Input, number
+from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
+
+
+def planetary_gear(
+    sun: float = 0.04, planet: float = 0.02, planets: int = 1, masses: Any = (1.0, 0.3, 2.0, 1.0), gravity: Any = None
+) -> Model:
+    """Return a planetary gear about the origin, with torques on sun, ring and arm.
+
+    Two degrees of freedom, ``omega_sun R_sun + omega_ring R_ring = omega_arm (R_sun + R_ring)``
+    (Willis). Hold one by a driver or a joint, drive another.
+
+    Parameters
+    ----------
+    sun, planet : float
+        Pitch radii, m; the ring's is ``sun + 2 planet``.
+    planets : int, default 1
+        How many; with more than one the rows of the others are redundant, and tooth forces
+        those of least norm, shared evenly.
+    masses : float or four of them
+        Of sun, each planet, ring and arm, kg: discs, a hoop and a rod.
+    gravity : (float, float), optional
+        m/s²; none by default, as for an upright shaft.
+
+    Returns
+    -------
+    Model
+        Bodies ``sun, ring, arm`` and the list ``planet_bodies``; lists ``sun_meshes, ring_meshes``;
+        inputs ``tau_sun, tau_ring, tau_arm``; coordinates ``sun, ring, arm`` (angles).
+    """
+    what = "planetary_gear"
+    rs, rp = lengths(what, sun=sun, planet=planet)
+    if isinstance(planets, bool) or int(planets) != planets or planets < 1:
+        raise ModelError(f"{what}: planets must be a whole number of at least 1, got {planets!r}")
+    rr, reach = rs + 2 * rp, rs + rp
+    m = masses_of(masses, 4, what)
+    central = {
+        "sun": Body("sun", m[0], m[0] * rs**2 / 2, shape=Disc(rs)),
+        "ring": Body("ring", m[2], m[2] * rr**2),
+        "arm": Body("arm", m[3], m[3] * (2 * reach) ** 2 / 12, shape=Rod(2 * reach)),
+    }
+    joints: list[Any] = [Revolute(f"{name} bearing", ground.at(0, 0), b.at(0, 0)) for name, b in central.items()]
+    arm = central["arm"]
+    bodies, sun_meshes, ring_meshes = [], [], []
+    for k in range(int(planets)):
+        place = at_angle(reach, 2 * np.pi * k / planets)
+        tag = f" {k + 1}" if planets > 1 else ""
+        body = Body(f"planet{tag}", m[1], m[1] * rp**2 / 2, pose=(*place, 0.0), shape=Disc(rp))
+        hub = body.at(0, 0)
+        bodies.append(body)
+        joints.append(Revolute(f"planet pin{tag}", arm.at(*place), hub))
+        sun_meshes.append(Gear(f"sun mesh{tag}", central["sun"].at(0, 0), hub, rs, rp, carrier=arm))
+        ring_meshes.append(Gear(f"ring mesh{tag}", hub, central["ring"].at(0, 0), rp, rr, internal=True, carrier=arm))
+    inputs = {name: Input(f"tau {name}") for name in central}
+    torques = [Torque(f"{name} torque", central[name], inputs[name]) for name in central]
+    mechanism = Mechanism(
+        bodies=[*central.values(), *bodies],
+        joints=[*joints, *sun_meshes, *ring_meshes],
+        forces=[*weight(gravity), *torques],
+        inputs=list(inputs.values()),
+        name="planetary gear",
+    )
+    coordinates = {joint.b.body.name: joint.angle for joint in joints[:3]}
+    symbols = {f"tau_{name}": symbol for name, symbol in inputs.items()}
+    return Model(
+        mechanism, coordinates, **central, **symbols, planet_bodies=bodies, sun_meshes=sun_meshes,
+        ring_meshes=ring_meshes,
+    )  # fmt: skip
+
+
+def cam_follower(
+    program: Any = None,
+    base_radius: float = 0.04,
+    roller_radius: float | None = None,
+    offset: float = 0.0,
+    outline: CamOutline | None = None,
+    masses: Any = (1.0, 0.5),
+    stiffness: float = 0.0,
+    preload: float = 0.0,
+    gravity: Any = GRAVITY,
+) -> Model:
+    """Return a cam on a shaft at the origin and a follower above it, with a torque on the cam.
+
+    Parameters
+    ----------
+    program : MotionProgram or callable, optional
+        Lift (m) over the cam's angle, from which the profile is made.
+    base_radius : float, default 0.04
+        Smallest radius of the cam, m.
+    roller_radius : float, optional
+        Radius of the roller, m, zero for a knife edge; a flat face where none is given.
+    offset : float, default 0
+        Of the guide of a roller, to the left of the shaft, m.
+    outline : CamOutline, optional
+        Outline about the shaft, in place of `program`.
+    masses : float or two of them
+        Of the cam (a disc of the base radius) and the follower, kg.
+    stiffness, preload : float, default 0
+        Spring on the follower, N/m, and its force in the estimated pose, N.
+    gravity : (float, float) or None
+        m/s².
+
+    Returns
+    -------
+    Model
+        Bodies ``cam, follower``; joints ``shaft, guide, contact``; ``spring`` (None without
+        one); input ``tau``; coordinates ``cam`` (angle) and ``lift`` (height of the follower, m).
+    """
+    what = "cam_follower"
+    (base,) = lengths(what, base_radius=base_radius)
+    if (program is None) == (outline is None):
+        raise ModelError(f"{what}: give either a program or an outline")
+    roller = None if roller_radius is None else number(roller_radius, what, "roller_radius")
+    aside = number(offset, what, "offset")
+    if outline is None and roller is None:
+        outline = CamOutline.for_flat_follower(program, base)
+    elif outline is None:
+        outline = CamOutline.for_roller_follower(program, base, roller or 0.0, aside)
+    m = masses_of(masses, 2, what)
+    # an offset to the left of the direction of the lift is on the side of -x
+    x = 0.0 if roller is None else -aside
+    height = _height(outline, roller, x)
+    cam = Body("cam", m[0], m[0] * base**2 / 2, shape=Disc(base))
+    follower = Body("follower", m[1], m[1] * base**2, pose=(x, height, 0.0))
+    shaft = Revolute("shaft", ground.at(0, 0), cam.at(0, 0))
+    guide = Translational("guide", ground.at(x, 0, angle=np.pi / 2), follower.at(0, 0, angle=np.pi / 2))
+    if roller is None:
+        contact: Any = CamFlatFollower("contact", cam.at(0, 0), follower.at(0, 0), outline)
+    else:
+        contact = CamPointFollower("contact", cam.at(0, 0), follower.at(0, 0), outline, roller)
+    tau = Input("tau")
+    forces: list[Any] = [*weight(gravity), Torque("motor", cam, tau)]
+    spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
+    forces += [] if spring is None else [spring]
+    joints = [shaft, guide, contact]
+    mechanism = Mechanism([cam, follower], joints, forces=forces, inputs=[tau], name="cam and follower")
+    return Model(
+        mechanism, {"cam": shaft.angle, "lift": guide.displacement}, cam=cam, follower=follower, shaft=shaft,
+        guide=guide, contact=contact, spring=spring, outline=outline, tau=tau,
+    )  # fmt: skip
+
+
+def _height(outline: CamOutline, roller: float | None, x: float) -> float:
+    """Height of the follower above the shaft where the cam has not turned."""
+
+    def at(places: Any) -> tuple[np.ndarray, np.ndarray]:
+        points, normals = outline.points_and_normals(np.atleast_1d(places))
+        return points + (roller or 0.0) * normals, normals
+
+    if roller is None:
+        place = least(lambda places: -at(places)[0][1], outline)
+    else:
+        # on the upper side, straight above or below the roller's centre
+        place = least(lambda p: np.abs(at(p)[0][0] - x) + np.where(at(p)[1][1] > 0, 0.0, 10 * outline.size), outline)
+    return float(at(place)[0][1, 0])
+
+
+def _spring(follower: Body, x: float, height: float, base: float, stiffness: Any, preload: Any) -> TSDA:
+    """Spring from the follower to a place above it, compressed by the preload in the estimated pose."""
+    length = 5 * base
+    k, force = number(stiffness, "cam_follower", "stiffness"), number(preload, "cam_follower", "preload")
+    at, top = follower.at(0, 0), ground.at(x, height + length)
+    if k == 0:
+        return TSDA("spring", at, top, actuator=-force)
+    return TSDA("spring", at, top, stiffness=k, free_length=length + force / k)

@@ -1,0 +1,129 @@
+"""What the ready mechanisms are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import ModelError
+from ..model.bodies import Body
+from ..model.drivers import Driver
+from ..model.forces.gravity import Gravity
+from ..model.immutable import Immutable
+from ..model.mechanism import Mechanism
+from ..model.shapes import Rod
+from ..model.symbols import number
+
+#: Free-fall acceleration, m/s².
+GRAVITY = (0.0, -9.81)
+
+
+class Model(Immutable):
+    """A mechanism with names for its parts.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        What the analyses take; without drivers, its inputs at zero.
+    coordinates : dict of str to casadi.SX
+        Natural coordinates, as many as there are degrees of freedom or more.
+
+    Bodies, joints, inputs and points are attributes by their own names.
+    """
+
+    mechanism: Mechanism
+    coordinates: dict[str, ca.SX]
+
+    def __init__(self, mechanism: Mechanism, coordinates: Mapping[str, Any], **parts: Any):
+        self.mechanism = mechanism
+        self.coordinates = dict(coordinates)
+        self._names = tuple(parts)
+        for name, part in parts.items():
+            setattr(self, name, part)
+
+    def __getattr__(self, name: str) -> Any:
+        # reached only where there is no such part
+        known = ", ".join(self.__dict__.get("_names", ()))
+        raise AttributeError(f"this model has no part '{name}'; it has mechanism, coordinates, {known}")
+
+    def driven(self, **courses: Any) -> Mechanism:
+        """Return the mechanism with drivers on natural coordinates.
+
+        Parameters
+        ----------
+        **courses : float or expression in time
+            By the name of a coordinate: ``driven(crank=20 * mbd.t)``.
+        """
+        unknown = set(courses) - set(self.coordinates)
+        if unknown:
+            raise ModelError(
+                f"driven: there is no coordinate {', '.join(sorted(unknown))}; there are {', '.join(self.coordinates)}"
+            )
+        drivers = [Driver(f"{name} drive", self.coordinates[name], value) for name, value in courses.items()]
+        return self.mechanism.replace(drivers=[*self.mechanism.drivers, *drivers])
+
+    def __repr__(self) -> str:
+        return (
+            f"Model of {self.mechanism!r}\n  coordinates {', '.join(self.coordinates)}; parts {', '.join(self._names)}"
+        )
+
+
+def weight(gravity: Any) -> list[Gravity]:
+    """Gravity as a list of forces; none for None."""
+    return [] if gravity is None else [Gravity(gravity)]
+
+
+def lengths(what: str, **values: Any) -> list[float]:
+    """Positive lengths as floats."""
+    found = []
+    for name, value in values.items():
+        length = number(value, what, name)
+        if length <= 0:
+            raise ModelError(f"{what}: {name} must be positive, got {length}")
+        found.append(length)
+    return found
+
+
+def at_angle(length: float, angle: float) -> np.ndarray:
+    """Vector of a length at an angle."""
+    return length * np.array([np.cos(angle), np.sin(angle)])
+
+
+def meeting_point(first: Any, radius: float, second: Any, other: float, left: bool, what: str) -> np.ndarray:
+    """Where two bars from two points meet: to the left or right of the line from the first to the second."""
+    first, second = np.asarray(first, float), np.asarray(second, float)
+    apart = float(np.hypot(*(second - first)))
+    if not abs(radius - other) < apart < radius + other:
+        raise ModelError(
+            f"{what}: bars of {radius:g} m and {other:g} m do not meet between points {apart:.4g} m apart; "
+            "change a length or the angle of the crank"
+        )
+    along = (second - first) / apart
+    share = (radius**2 - other**2 + apart**2) / (2 * apart)
+    across = np.sqrt(radius**2 - share**2) * (1 if left else -1)
+    return first + share * along + across * np.array([-along[1], along[0]])
+
+
+def bar(name: str, start: Any, end: Any, mass: float) -> Body:
+    """Uniform slender bar between two points; its x axis runs from the first to the second."""
+    start, end = np.asarray(start, float), np.asarray(end, float)
+    length = float(np.hypot(*(end - start)))
+    pose = (*((start + end) / 2), float(np.arctan2(*(end - start)[::-1])))
+    return Body(name, mass=mass, inertia=mass * length**2 / 12, pose=pose, shape=Rod(length))
+
+
+def ends(body: Body) -> tuple[Any, Any]:
+    """Markers at both ends of a bar."""
+    half = body.shape.length / 2  # type: ignore[union-attr]
+    return body.at(-half, 0), body.at(half, 0)
+
+
+def masses_of(masses: Any, count: int, what: str) -> list[float]:
+    """One mass for each of some bodies; a single number serves all."""
+    values = list(masses) if isinstance(masses, Sequence | np.ndarray) else [masses] * count
+    if len(values) != count:
+        raise ModelError(f"{what}: masses takes one number or {count}, got {len(values)}")
+    return [number(value, what, "mass") for value in values]

@@ -1,0 +1,128 @@
+"""Elements that bring first-order states: controllers, lags, energy meters.
+
+They exert nothing themselves; their outputs are expressions for torques,
+voltages, costs. They are listed among the forces of the mechanism.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ..elements import Element, refuse_kinds
+from ..quantities import Limit, quantity
+from ..symbols import StateVariable
+
+#: What the rate of a state cannot follow from.
+_UNKNOWN = ("acceleration",)
+
+
+def _state(value: Any, label: str) -> StateVariable:
+    """The state given, or a new one with the initial value given."""
+    return value if isinstance(value, StateVariable) else StateVariable(label, initial=value)
+
+
+class PIController(Element):
+    """Proportional–integral controller: ``output = k_p e + k_i ∫ e dt``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    error : casadi.SX
+        e: set value less what is controlled, in positions, velocities, states, inputs and time.
+    proportional, integral : float or expression in parameters
+        k_p and k_i.
+    initial : float or StateVariable, default 0
+        Integral of the error at the start, or the state to be used for it.
+
+    Attributes
+    ----------
+    integrated : StateVariable
+        ``∫ e dt``.
+    output : casadi.SX
+        What the controller asks for.
+
+    Examples
+    --------
+    A speed controller on the voltage of a motor::
+
+        speed = PIController("speed", 50 - wheel.omega, proportional=0.2, integral=1.5)
+        motor = DCMotor("motor", wheel, speed.output, constant=0.05, resistance=0.4)
+        Mechanism(..., forces=[speed, motor])
+    """
+
+    word = "controller"
+
+    def __init__(self, name: str, error: Any, proportional: Any, integral: Any, initial: Any = 0.0):
+        super().__init__(name)
+        self.error = ca.SX(quantity(error, self.what, "error"))
+        refuse_kinds(self.error, _UNKNOWN, self.what, "an error is one of positions and velocities")
+        self.proportional = quantity(proportional, self.what, "proportional")
+        self.integral = quantity(integral, self.what, "integral")
+        self.integrated = _state(initial, f"{name}.integral")
+        self.rates = {self.integrated: self.error}
+        self.output = self.proportional * self.error + self.integral * self.integrated
+
+
+class FirstOrderLag(Element):
+    """Actuator that follows its command with a delay: ``T ẏ + y = command``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    command : float or expression
+        What it is asked for: an input, a controller's output.
+    time_constant : float or expression in parameters
+        T, s.
+    initial : float or StateVariable, default 0
+        Output at the start, or the state to be used for it.
+
+    Attributes
+    ----------
+    output : StateVariable
+        y, in the unit of the command.
+    """
+
+    word = "lag"
+
+    def __init__(self, name: str, command: Any, time_constant: Any, initial: Any = 0.0):
+        super().__init__(name)
+        limits: list[Limit] = []
+        self.command = ca.SX(quantity(command, self.what, "command"))
+        refuse_kinds(self.command, _UNKNOWN, self.what, "a command is one of positions and velocities")
+        self.time_constant = quantity(time_constant, self.what, "time_constant", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+        self.output = _state(initial, f"{name}.output")
+        self.rates = {self.output: (self.command - self.output) / self.time_constant}
+
+
+class EnergyMeter(Element):
+    """Energy that a power adds up to: a budget as a state, ``Ė = power``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    power : casadi.SX
+        W, in positions, velocities, states, inputs and time: ``tau * crank.omega``,
+        ``motor.electric_power``.
+    initial : float or StateVariable, default 0
+        Energy at the start, J, or the state to be used for it.
+
+    Attributes
+    ----------
+    energy : StateVariable
+        J.
+    """
+
+    word = "energy meter"
+
+    def __init__(self, name: str, power: Any, initial: Any = 0.0):
+        super().__init__(name)
+        self.power = ca.SX(quantity(power, self.what, "power"))
+        refuse_kinds(self.power, _UNKNOWN, self.what, "a power is one of positions, velocities and forces")
+        self.energy = _state(initial, f"{name}.energy")
+        self.rates = {self.energy: self.power}

@@ -1,0 +1,209 @@
+"""Hydraulic and pneumatic cylinders: translational elements with laws of their own."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ..quantities import Limit, quantity
+from ..symbols import StateVariable
+from .springs import TSDA
+
+#: Standard atmosphere, Pa.
+ATMOSPHERE = 101_325.0
+
+
+class Cylinder(TSDA):
+    """Double-acting cylinder between two points, given its pressures.
+
+    ``f = -(p A - p_r (A - A_r)) + c l̇``, tension positive: the pressure p on the
+    full piston pushes the points apart, that on the rod's side pulls them
+    together. Pressures count from the ambient one.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Its two eyes.
+    bore : float or expression in parameters
+        Diameter of the piston, m.
+    rod : float or expression in parameters, default 0
+        Diameter of the rod, m.
+    pressure, rod_pressure : float or expression, default 0
+        On the piston and on the rod's side, Pa: numbers, inputs, states.
+    damping : float or expression, default 0
+        c, N s/m.
+
+    Attributes
+    ----------
+    thrust : casadi.SX
+        Force that the pressures push with, N.
+    """
+
+    word = "cylinder"
+
+    def __init__(
+        self,
+        name: str,
+        a: Any,
+        b: Any,
+        bore: Any,
+        rod: Any = 0.0,
+        pressure: Any = 0.0,
+        rod_pressure: Any = 0.0,
+        damping: Any = 0.0,
+    ):
+        what = f"{self.word} '{name}'"
+        limits: list[Limit] = []
+        self.bore = quantity(bore, what, "bore", above=0.0, limits=limits)
+        self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits)
+        quantity(self.bore - self.rod, what, "bore less rod", above=0.0, limits=limits)
+        self.area = math.pi / 4 * self.bore**2
+        self.rod_area = math.pi / 4 * (self.bore**2 - self.rod**2)
+        self.pressure = ca.SX(quantity(pressure, what, "pressure"))
+        self.rod_pressure = ca.SX(quantity(rod_pressure, what, "rod_pressure"))
+        self.thrust = self.pressure * self.area - self.rod_pressure * self.rod_area
+        super().__init__(name, a, b, damping=damping, actuator=-self.thrust)
+        self.limits = tuple(limits)
+
+
+class HydraulicCylinder(Cylinder):
+    """Double-acting cylinder whose pressures follow from the oil that flows in.
+
+    ``ṗ = β (q_p - A l̇) / (V0 + A (l - l0))`` on the piston's side, and
+    ``ṗ_r = β (q_r + A_r l̇) / (V0 - A_r (l - l0))`` on the rod's side: two first-order
+    states. The oil's stiffness, some MN/m, sets the frequency to be resolved.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Its two eyes.
+    bore, rod : float or expression in parameters
+        Diameters of piston and rod, m.
+    middle_length : float or expression in parameters
+        Length l0 at which both chambers hold V0, m.
+    volume : float or expression in parameters
+        V0, hoses included, m³.
+    flow, rod_flow : float or expression
+        Oil into the chambers, m³/s: inputs, or a valve law in the pressures
+        (give `pressures` then, so that the law can use them).
+    bulk_modulus : float or expression, default 1.4e9
+        β, Pa.
+    damping : float or expression, default 0
+        c, N s/m.
+    pressures : (StateVariable, StateVariable), optional
+        The states for the pressures on both sides, Pa; made here where none are given.
+
+    References
+    ----------
+    Merritt, *Hydraulic Control Systems*, 1967, section 6-1.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        a: Any,
+        b: Any,
+        bore: Any,
+        rod: Any,
+        middle_length: Any,
+        volume: Any,
+        flow: Any,
+        rod_flow: Any = 0.0,
+        bulk_modulus: Any = 1.4e9,
+        damping: Any = 0.0,
+        pressures: tuple[StateVariable, StateVariable] | None = None,
+    ):
+        p, p_rod = pressures or (StateVariable(f"{name}.pressure"), StateVariable(f"{name}.rod_pressure"))
+        super().__init__(name, a, b, bore, rod, p, p_rod, damping)
+        limits = list(self.limits)
+        self.volume = quantity(volume, self.what, "volume", above=0.0, limits=limits)
+        self.bulk_modulus = quantity(bulk_modulus, self.what, "bulk_modulus", above=0.0, limits=limits)
+        self.middle_length = quantity(middle_length, self.what, "middle_length", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+        self.flow = ca.SX(quantity(flow, self.what, "flow"))
+        self.rod_flow = ca.SX(quantity(rod_flow, self.what, "rod_flow"))
+        out = self.length - self.middle_length
+        rise = self.bulk_modulus * (self.flow - self.area * self.rate) / (self.volume + self.area * out)
+        rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate)
+        rod_rise /= self.volume - self.rod_area * out
+        self.rates = {p: rise, p_rod: rod_rise}
+
+
+class GasSpring(TSDA):
+    """Gas column that is shut in, between two points: a pneumatic spring.
+
+    ``p = p0 (V0 / V)^n`` with the volume ``V = A (l - l_d)``;
+    ``f = -A (p - p_ambient) + c l̇``, tension positive.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Its two ends.
+    area : float or expression in parameters
+        A, m².
+    charged_length : float or expression in parameters
+        Length l0 at which the gas has the pressure p0, m.
+    pressure : float or expression in parameters
+        p0, absolute, Pa.
+    dead_length : float or expression in parameters, default 0
+        Length l_d at which the volume would vanish, m.
+    exponent : float or expression, default 1.4
+        n: 1 for slow (isothermal), 1.4 for fast (adiabatic) motion of air.
+    ambient : float, default 101325
+        Pressure outside, Pa.
+    damping : float or expression, default 0
+        c, N s/m.
+    """
+
+    word = "gas spring"
+
+    def __init__(
+        self,
+        name: str,
+        a: Any,
+        b: Any,
+        area: Any,
+        charged_length: Any,
+        pressure: Any,
+        dead_length: Any = 0.0,
+        exponent: Any = 1.4,
+        ambient: Any = ATMOSPHERE,
+        damping: Any = 0.0,
+    ):
+        what = f"{self.word} '{name}'"
+        limits: list[Limit] = []
+        self.area = quantity(area, what, "area", above=0.0, limits=limits)
+        self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits)
+        self.exponent = quantity(exponent, what, "exponent", at_least=1.0, limits=limits)
+        self.ambient = quantity(ambient, what, "ambient", at_least=0.0, limits=limits)
+        self.dead_length = quantity(dead_length, what, "dead_length", at_least=0.0, limits=limits)
+        self.column = quantity(charged_length - dead_length, what, "charged_length less dead_length", above=0.0,
+                               limits=limits)  # fmt: skip
+        self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
+        super().__init__(name, a, b, law=self._tension)
+        self.limits = tuple(limits)
+
+    @cached_property
+    def pressure(self) -> ca.SX:
+        """Pressure of the gas, absolute, Pa."""
+        return self.charge * (self.column / (self.length - self.dead_length)) ** self.exponent
+
+    def _tension(self, _length: ca.SX, rate: ca.SX) -> ca.SX:
+        return -self.area * (self.pressure - self.ambient) + self._loss * rate
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Energy of the gas against the ambient pressure, zero at the charged length, J."""
+        now, full = self.length - self.dead_length, self.column
+        n, work = self.exponent, self.charge * self.area * full
+        stored = -work * ca.log(now / full) if n == 1 else work / (n - 1) * ((full / now) ** (n - 1) - 1)
+        return stored + self.ambient * self.area * (now - full)

@@ -1,0 +1,105 @@
+"""Forces spread over the mass of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ..bodies import Body
+from ..elements import Element, cross
+from ..markers import Marker
+from ..quadrature import quadrature
+from ..quantities import known_value, vector2
+from .applied import as_body
+
+#: By how much mass properties may differ from those of the shape (relative).
+_SPREAD = 1e-6
+
+
+class FieldForce(Element):
+    """Force per unit mass over the shape of a body: ``δW = ∫ f(P) · δr^P dm``.
+
+    The integral is a Gauss quadrature over the shape: exact for fields that
+    are polynomials of low degree in the position, and accurate to many digits
+    for smooth ones (gravity that varies with height, a turning frame, a magnet).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    body : Body
+        With a shape over which its mass is spread evenly (``Body.from_shape``).
+    field : callable
+        ``field(point)`` returns the force per mass (2,), N/kg, global axes; `point` is a
+        :class:`Marker` on the body, with ``.position``, ``.velocity``, ``.x``, ….
+    order : int, default 4
+        Quadrature points in each direction.
+
+    Attributes
+    ----------
+    force : casadi.SX
+        Resultant (2,), N.
+    torque : casadi.SX
+        Moment about the centre of mass, N m.
+
+    Raises
+    ------
+    ModelError
+        For a body without shape, or one whose centre of mass or inertia is not the shape's.
+
+    References
+    ----------
+    Haug 1989, section 6.1 (virtual work of forces distributed over a body).
+
+    Examples
+    --------
+    The gravity gradient on a satellite::
+
+        FieldForce("gravity", rod, lambda point: -MU * point.position / mbd.norm(point) ** 3)
+    """
+
+    word = "force"
+
+    def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
+        super().__init__(name)
+        self.body = as_body(body, self.what, "body")
+        if not callable(field):
+            raise ModelError(f"{self.what}: field must be a function of a point, got {field!r}")
+        if isinstance(order, bool) or int(order) != order or not 1 <= order <= 20:
+            raise ModelError(f"{self.what}: order must be a whole number from 1 to 20, got {order!r}")
+        if self.body.is_ground or self.body.shape is None:
+            raise ModelError(
+                f"{self.what}: body '{self.body.name}' has no shape over which its mass is spread; "
+                "make it by Body.from_shape"
+            )
+        self._check_spread(self.body)
+        local, weights = quadrature(self.body.shape, int(order))
+        shares = weights / np.sum(weights)
+        pairs = []
+        for place, share in zip(local + self.body.shape_frame, shares, strict=True):
+            point = Marker(self.body, ca.SX(ca.DM(place)), ca.SX(0))
+            pairs.append((point.position, float(share) * self.body.mass * vector2(field(point), self.what, "field")))
+        self.virtual_work = tuple(pairs)
+        self.__dict__["bodies"] = (self.body,)
+        self.force = sum((force for _, force in pairs), ca.SX(2, 1))
+        self.torque = sum((cross(place - self.body.position, force) for place, force in pairs), ca.SX(0))
+
+    def _check_spread(self, body: Body) -> None:
+        _, centroid, square = body.shape.mass_properties(mass=1.0)  # type: ignore[union-attr]
+        radius = np.sqrt(square)
+        apart = np.hypot(*(centroid + body.shape_frame))
+        if apart > _SPREAD * radius:
+            raise ModelError(
+                f"{self.what}: the centre of mass of body '{body.name}' is {apart:.4g} m from the centroid of its "
+                "shape: its mass is not spread evenly; make it by Body.from_shape"
+            )
+        mass, inertia = known_value(body.mass), known_value(body.inertia)
+        if mass is not None and inertia is not None and abs(inertia - mass * square) > _SPREAD * mass * square:
+            raise ModelError(
+                f"{self.what}: the inertia of body '{body.name}' is {inertia:.6g} kg m², and of its mass spread evenly "
+                f"over its shape it would be {mass * square:.6g}; make it by Body.from_shape"
+            )

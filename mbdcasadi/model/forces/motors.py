@@ -1,0 +1,130 @@
+"""Electric motors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..bodies import ground
+from ..elements import Element
+from ..quantities import Limit, known_value, quantity
+from ..symbols import StateVariable
+from .applied import as_body
+
+
+class DCMotor(Element):
+    """Direct-current motor on a body, its housing on another one.
+
+    ``T = n K i`` with the current from ``L di/dt = V - R i - n K omega``: a
+    first-order state. Where the inductance is zero the current follows at
+    once, ``i = (V - n K omega) / R``, and the motor has a straight line of torque
+    over speed. omega is the speed of the body against the housing, n the ratio
+    of a gearbox in between.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    body : Body
+        What it turns.
+    voltage : float or expression
+        V: a number, an input, a controller's output.
+    constant : float or expression in parameters
+        K, N m/A, which is also V s/rad.
+    resistance : float or expression in parameters
+        R, Ω.
+    inductance : float or expression in parameters, default 0
+        L, H.
+    ratio : float or expression in parameters, default 1
+        n, turns of the motor to one of the body.
+    opposite : Body, default ground
+        Body that carries the housing.
+    current : float or StateVariable, default 0
+        Current at the start, A, or the state to be used for it; only with an inductance.
+
+    Attributes
+    ----------
+    current, torque : casadi.SX
+        A, and the couple on the body, N m.
+    electric_power, heat : casadi.SX
+        Taken from the supply, and lost in the winding, W.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> wheel = mbd.Body("wheel", mass=1, inertia=0.01)
+    >>> motor = mbd.DCMotor.from_line("motor", wheel, stall_torque=2.0, no_load_speed=100.0)
+    """
+
+    word = "motor"
+
+    def __init__(
+        self,
+        name: str,
+        body: Any,
+        voltage: Any,
+        constant: Any,
+        resistance: Any,
+        inductance: Any = 0.0,
+        ratio: Any = 1.0,
+        opposite: Any = ground,
+        current: Any = 0.0,
+    ):
+        super().__init__(name)
+        self.body = as_body(body, self.what, "body")
+        self.opposite = as_body(opposite, self.what, "opposite")
+        if self.opposite is self.body:
+            raise ModelError(f"{self.what} turns '{self.body.name}' and leans on it too: it would do nothing")
+        limits: list[Limit] = []
+        self.voltage = ca.SX(quantity(voltage, self.what, "voltage"))
+        self.constant = quantity(constant, self.what, "constant", above=0.0, limits=limits)
+        self.resistance = quantity(resistance, self.what, "resistance", above=0.0, limits=limits)
+        without = known_value(quantity(inductance, self.what, "inductance", at_least=0.0)) == 0
+        self.inductance = 0.0 if without else quantity(inductance, self.what, "inductance", above=0.0, limits=limits)
+        self.ratio = quantity(ratio, self.what, "ratio")
+        if known_value(self.ratio) == 0:
+            raise ModelError(f"{self.what}: the ratio is zero, and the motor would turn nothing")
+        self.limits = tuple(limits)
+        left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
+        if without:
+            if isinstance(current, StateVariable) or current != 0.0:
+                raise ModelError(f"{self.what}: without inductance the current has no start; leave current= out")
+            self.current = left / self.resistance
+        else:
+            self.current = (
+                current if isinstance(current, StateVariable) else StateVariable(f"{name}.current", initial=current)
+            )
+            self.rates = {self.current: (left - self.resistance * self.current) / self.inductance}
+        self.torque = self.ratio * self.constant * self.current
+        self.electric_power = self.voltage * self.current
+        self.heat = self.resistance * self.current**2
+        self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
+        self.__dict__["bodies"] = (self.body, self.opposite)
+
+    @classmethod
+    def from_line(
+        cls, name: str, body: Any, stall_torque: Any, no_load_speed: Any, command: Any = 1.0, opposite: Any = ground
+    ) -> DCMotor:
+        """Motor with a straight line of torque over speed: ``T = T0 (command - omega / omega0)``.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        body : Body
+            What it turns.
+        stall_torque, no_load_speed : float or expression in parameters
+            T0 (N m) and omega0 (rad/s) at full command.
+        command : float or expression, default 1
+            Share of the full voltage, -1 … 1.
+        opposite : Body, default ground
+            Body that carries the housing.
+        """
+        what = f"{cls.word} '{name}'"
+        torque = quantity(stall_torque, what, "stall_torque", above=0.0)
+        speed = quantity(no_load_speed, what, "no_load_speed", above=0.0)
+        # at one volt: K = 1 V / omega0, and the stall current is T0 / K
+        command = quantity(command, what, "command")
+        return cls(name, body, command, 1 / speed, 1 / (torque * speed), opposite=opposite)

@@ -1,0 +1,80 @@
+"""Stops: one-sided forces on any coordinate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..bodies import ground
+from ..elements import Element, owners, refuse_kinds
+from ..expressions import if_else
+from ..quantities import quantity
+from ..symbols import time_derivative
+
+
+class EndStop(Element):
+    """Stop that acts where a gap is closed: ``F = law(-gap, -gap rate)``, ``δW = F δgap``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    gap : casadi.SX
+        What is left until the stop, in coordinates, parameters and time: m, or rad for a
+        stop on an angle; ``guide.displacement - 0.1``, ``1.2 - hinge.angle``.
+    law : callable
+        ``law(penetration, rate)`` returns the force (N, or N m on an angle), as
+        :class:`HuntCrossley` does. Where the gap is open the force is zero in any case.
+
+    Attributes
+    ----------
+    gap, rate, force : casadi.SX
+        The gap, its rate, and the force that opens it.
+
+    Examples
+    --------
+    A stop at 100 mm, linear with some damping::
+
+        EndStop("buffer", 0.1 - guide.displacement, mbd.HuntCrossley(2e5, exponent=1, damping=0.5))
+    """
+
+    word = "stop"
+
+    def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
+        super().__init__(name)
+        self.gap = ca.SX(quantity(gap, self.what, "gap"))
+        others = ("velocity", "acceleration", "multiplier", "input", "state")
+        refuse_kinds(self.gap, others, self.what, "a gap is one of coordinates")
+        if not owners(self.gap):
+            raise ModelError(f"{self.what}: the gap {gap} depends on no coordinate of a body")
+        if not callable(law):
+            raise ModelError(f"{self.what}: law must be a function of penetration and rate, got {law!r}")
+        self.law = law
+        self.limits = tuple(getattr(law, "limits", ()))
+        # what a stop leans on is the ground, where its gap does not say otherwise
+        found = owners(self.gap)
+        self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
+        self.virtual_work = ((self.gap, self.force),)
+
+    @cached_property
+    def rate(self) -> ca.SX:
+        """Rate of the gap, m/s or rad/s."""
+        return time_derivative(self.gap)
+
+    @cached_property
+    def force(self) -> ca.SX:
+        """Force that opens the gap, N or N m."""
+        closed = self.gap < 0
+        # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
+        depth, speed = if_else(closed, -self.gap, 0), if_else(closed, -self.rate, 0)
+        return if_else(closed, ca.SX(quantity(self.law(depth, speed), self.what, "law")), 0)
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Elastic energy, J, where the law knows it."""
+        energy = getattr(self.law, "potential", None)
+        return ca.SX(0) if energy is None else ca.SX(energy(-self.gap))

@@ -1,0 +1,259 @@
+"""Cams and their followers, and points on curves: contact where it is, solved with the rest.
+
+Each contact brings its place on the outline as a coordinate without inertia.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..bodies import Marker
+from ..cam_outlines import CamOutline
+from ..curves import Curve
+from ..elements import cross
+from ..events import Event
+from ..monitors import Monitor
+from ..quantities import Limit, quantity
+from ..symbols import Coordinate, values_of
+from .base import Joint, pair
+from .contact_places import nearest_place, touching_place, touching_places
+from .outline_checks import as_outline, convex, fitting, wide_enough
+
+
+class _Contact(Joint):
+    """What contacts along an outline share: their place, their force, and what must hold for both."""
+
+    parameter: Coordinate
+
+    def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...]):
+        super().__init__(name, a, b, rows, row_labels)
+        lifted = (
+            "the contact force is negative: the follower would lift off, and the joint pulled it; "
+            "press it on by a spring, or stop at the event that lift_off() makes"
+        )
+        self.monitors = (Monitor(self.normal_force, f"{self.what}: {lifted}"),)
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force that presses the two together, N; negative where they would part."""
+        raise NotImplementedError
+
+    def lift_off(self, terminal: bool = True) -> Event:
+        """Event at which the contact would part: its force passes through zero."""
+        return Event(f"lift-off at {self.name}", self.normal_force, direction=-1, terminal=terminal)
+
+
+class CamFlatFollower(_Contact):
+    """Cam against a flat face, the x axis of a marker.
+
+    ``Phi = [y_b · (r^c - r^b), y_b · A_a g']`` (2 rows, m and m/rad): the contact
+    point ``r^c = r^a + A_a s'(alpha)`` lies on the face, and the tangent
+    ``g' = ds'/dalpha`` of the outline goes along it (of a profile made for a flat face
+    its direction). One coordinate ``alpha``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    cam : Marker
+        Frame of the outline on the cam.
+    face : Marker
+        Point and x axis of the face on the follower. The cam may lie on either side;
+        it touches where it is nearer to the face at the estimated poses.
+    outline : CamOutline
+        Convex everywhere: a flat face cannot reach into a hollow.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the contact on the outline.
+    contact_point : casadi.SX
+        The same as a point (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For an outline with a hollow or a straight piece: the place and its curvature.
+
+    References
+    ----------
+    Haug 1989, section 3.4 (cam–flat-faced follower).
+    """
+
+    def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
+        a, b = pair(name, cam, face)
+        what = f"joint '{name}'"
+        self.outline = as_outline(outline, what)
+        self.limits = convex(what, self.outline)
+        self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b))
+        self.coordinates = (self.parameter,)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        on_face = ca.dot(b.y_axis, self.contact_point - b.position)
+        along_face = ca.dot(b.y_axis, a.axes @ self.outline.direction(self.parameter))
+        super().__init__(name, a, b, ca.vertcat(on_face, along_face), ("contact", "tangent"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses cam and face together, N; negative where they would part."""
+        outward = self.a.axes @ self.outline.normal(self.parameter)
+        return self.multipliers[0] * ca.dot(self.b.y_axis, outward)
+
+
+class CamPointFollower(_Contact):
+    """Cam against a point (a knife edge) or a roller.
+
+    ``Phi = r^a + A_a (s'(alpha) + R n'(alpha)) - r^b`` (2 rows, m): the centre of
+    the roller of radius R sits at that distance outside the outline, along its
+    normal n'. One coordinate ``alpha``. The roller has no mass and turns freely.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    cam : Marker
+        Frame of the outline on the cam.
+    point : Marker
+        The edge, or the centre of the roller, on the follower.
+    outline : CamOutline
+        Its hollows must be wider than the roller.
+    roller_radius : float or expression in parameters, default 0
+        R, m; zero for a knife edge.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the contact on the outline.
+    contact_point : casadi.SX
+        The same as a point (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For a hollow that is too narrow for the roller: the place and its radius of curvature.
+    """
+
+    def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
+        a, b = pair(name, cam, point)
+        what = f"joint '{name}'"
+        self.outline = as_outline(outline, what)
+        limits: list[Limit] = []
+        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits)
+        self.limits = (*limits, *wide_enough(what, self.outline, self.roller_radius))
+        radius = float(values_of(self.roller_radius)[0, 0])
+        start = nearest_place(self.outline, a, b, radius)
+        self.parameter = Coordinate(f"{name}.parameter", start)
+        self.coordinates = (self.parameter,)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        centre = a.position + a.axes @ self.outline.beside(self.parameter, self.roller_radius)
+        super().__init__(name, a, b, centre - b.position, ("x", "y"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses cam and follower together, N; negative where they would part."""
+        return ca.dot(self.multipliers, self.a.axes @ self.outline.normal(self.parameter))
+
+    @cached_property
+    def pressure_angle(self) -> ca.SX:
+        """Angle from the outward normal to the velocity of the follower's point, rad; undefined at rest."""
+        outward = self.a.axes @ self.outline.normal(self.parameter)
+        return ca.atan2(cross(outward, self.b.velocity), ca.dot(outward, self.b.velocity))
+
+
+class CamCam(_Contact):
+    """Two outlines that touch from outside and slide on each other.
+
+    ``Phi = [r^a + A_a s'_a - r^b - A_b s'_b, (R A_a g'_a) · A_b g'_b / c]`` (3 rows, m): one
+    point of each coincide, and the tangents are parallel. Two coordinates, the
+    places on both; c is the size of outline b, a constant.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Frames of the outlines on two bodies.
+    outline_a, outline_b : CamOutline
+        A hollow of one must be wider than some part of the other.
+
+    Attributes
+    ----------
+    parameter, parameter_b : Coordinate
+        Places of the contact on the outlines.
+    contact_point : casadi.SX
+        (2,), global, m.
+
+    Raises
+    ------
+    ModelError
+        For a hollow into which no part of the other outline fits.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
+        a, b = pair(name, a, b)
+        what = f"joint '{name}'"
+        self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
+        fitting(what, self.outline, self.outline_b)
+        places = touching_places(self.outline, self.outline_b, a, b)
+        self.parameter = Coordinate(f"{name}.parameter", places[0])
+        self.parameter_b = Coordinate(f"{name}.parameter_b", places[1])
+        self.coordinates = (self.parameter, self.parameter_b)
+        self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
+        other = b.position + b.axes @ self.outline_b.point(self.parameter_b)
+        g_a, g_b = a.axes @ self.outline.direction(self.parameter), b.axes @ self.outline_b.direction(self.parameter_b)
+        parallel = cross(g_a, g_b) / self.outline_b.size
+        rows = ca.vertcat(self.contact_point - other, parallel)
+        super().__init__(name, a, b, rows, ("x", "y", "tangent"))
+        gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
+        crossing = "the outlines cross at the contact, a hollow of one being narrower than the other"
+        self.monitors = (*self.monitors, Monitor(gap, f"{self.what}: {crossing}"))
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force that presses the outlines together, N; negative where they would part."""
+        return ca.dot(self.multipliers[:2], self.a.axes @ self.outline.normal(self.parameter))
+
+
+class PointOnCurve(Joint):
+    """Pin in a curved slot, or a point on a rail: a point of b stays on a curve of a.
+
+    ``Phi = r^a + A_a s'(alpha) - r^b`` (2 rows, m), held in both directions. One
+    coordinate ``alpha`` without inertia.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a : Marker
+        Frame of the curve.
+    b : Marker
+        The point.
+    curve : Curve
+        Open or closed. Where the point leaves the ends of an open one, analyses warn.
+
+    Attributes
+    ----------
+    parameter : Coordinate
+        Place of the point on the curve.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, curve: Curve):
+        a, b = pair(name, a, b)
+        if not isinstance(curve, Curve):
+            raise ModelError(f"joint '{name}': curve must be a Curve, got {curve!r}")
+        self.curve = curve
+        self.parameter = Coordinate(f"{name}.parameter", nearest_place(curve, a, b, 0.0))
+        self.coordinates = (self.parameter,)
+        rows = a.position + a.axes @ curve.point(self.parameter) - b.position
+        super().__init__(name, a, b, rows, ("x", "y"))
+        if not curve.closed:
+            left = ca.fmin(self.parameter - curve.lower, curve.upper - self.parameter)
+            self.monitors = (Monitor(left, f"{self.what}: the point has left the curve at one of its ends"),)
+
+    @cached_property
+    def normal_force(self) -> ca.SX:
+        """Force of the curve on the point along the curve's normal, to the right of its tangent, N."""
+        return ca.dot(self.multipliers, self.a.axes @ self.curve.normal(self.parameter))

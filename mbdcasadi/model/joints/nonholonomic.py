@@ -1,0 +1,95 @@
+"""Constraints at velocity level that no position constraint implies."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ...errors import ModelError
+from ...printing import to_text
+from ..bodies import as_marker
+from ..elements import ConstraintElement, refuse_kinds
+from ..quantities import column
+from ..symbols import role_of, symbols_of
+from .general import RELATIONS
+
+
+class NonholonomicConstraint(ConstraintElement):
+    """Any expression linear in velocities, held at zero: a blade, a wheel, a skate.
+
+    ``J(q, t) v + c(q, t) = 0`` (k rows, m/s or rad/s). It restricts where the
+    mechanism can go from a pose, not which poses it can reach.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    expression : casadi.SX
+        (k,), linear in velocities, in coordinates, parameters and time; or a list of scalars.
+
+    Raises
+    ------
+    ModelError
+        For an expression without velocities or not linear in them.
+    ExpressionError
+        For one that depends on accelerations, multipliers, inputs or states.
+
+    References
+    ----------
+    Goldstein, Poole, Safko, *Classical Mechanics*, 2002, sections 1.3 and 2.4.
+    """
+
+    word = "constraint"
+
+    def __init__(self, name: str, expression: Any):
+        rows = _velocity_rows(name, expression)
+        super().__init__(name, ca.SX(0, 1), velocity_rows=rows)
+
+
+class KnifeEdge(ConstraintElement):
+    """Blade or thin wheel: a point of a body moves along the marker's x axis only.
+
+    ``y_P · ṙ^P = 0`` (1 row, m/s).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    marker : Marker
+        Point P and direction of the blade, on a body that moves.
+    """
+
+    word = "constraint"
+
+    def __init__(self, name: str, marker: Any):
+        self.marker = as_marker(marker, f"constraint '{name}'", "marker")
+        row = _velocity_rows(name, ca.dot(self.marker.y_axis, self.marker.velocity))
+        super().__init__(name, ca.SX(0, 1), (), (self.marker,), velocity_rows=row)
+
+    @cached_property
+    def side_force(self) -> ca.SX:
+        """Force on the blade along its y axis, N."""
+        return -self.multipliers
+
+
+def _velocity_rows(name: str, expression: Any) -> ca.SX:
+    what = f"constraint '{name}'"
+    rows = column(expression, what)
+    for row in ca.vertsplit(rows):
+        if not row.is_constant() and row.op() in RELATIONS:
+            raise ModelError(
+                f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
+            )
+    others = ("acceleration", "multiplier", "input", "state")
+    refuse_kinds(rows, others, what, "a velocity-level constraint holds velocities, coordinates, parameters and time")
+    roles = [(symbol, role_of(symbol)) for symbol in symbols_of(rows)]
+    speeds = ca.vertcat(ca.SX(0, 1), *[s for s, role in roles if role is not None and role.kind == "velocity"])
+    slope = ca.jacobian(rows, speeds)
+    for k, row in enumerate(ca.vertsplit(rows)):
+        if slope[k, :].nnz() == 0:
+            raise ModelError(f"{what} holds no velocity in {to_text(row)}; a constraint on positions is a Constraint")
+        if ca.depends_on(slope[k, :], speeds):
+            raise ModelError(f"{what} is not linear in the velocities: {to_text(row)}")
+    return rows

@@ -1,0 +1,71 @@
+"""What an outline must be like for a follower, and the message where it is not: undercutting, with the place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ..cam_outlines import CamOutline
+from ..curves import Curve
+from ..quantities import Limit, quantity
+from ..symbols import symbols_of, values_of
+
+
+def as_outline(outline: Any, what: str) -> CamOutline:
+    if not isinstance(outline, CamOutline):
+        raise ModelError(f"{what}: the outline must be a CamOutline, got {outline!r}")
+    return outline
+
+
+def _place(outline: Curve, k: int) -> str:
+    (x,), (y,) = outline.points_and_normals(outline.samples[k : k + 1])[0]
+    return f"the parameter {outline.samples[k]:.4g}, the point ({x:.4g}, {y:.4g}) m of the outline"
+
+
+def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
+    bends = outline.curvatures(outline.samples)
+    k = int(np.argmin(bends))
+    if bends[k] <= 1e-9 / outline.size:
+        raise ModelError(
+            f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bends[k]:.4g} "
+            "1/m, and it must be positive (convex) everywhere"
+        )
+    return _limits(what, "curvature of the outline", outline, lambda bend: bend)
+
+
+def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
+    known = float(values_of(radius)[0, 0])
+    bends = outline.curvatures(outline.samples)
+    k = int(np.argmin(bends))
+    if 1 + known * bends[k] <= 0:
+        raise ModelError(
+            f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
+            f"radius of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
+        )
+    return _limits(what, "1 + roller radius × curvature of the outline", outline, lambda bend: 1 + radius * bend)
+
+
+def _limits(what: str, name: str, outline: CamOutline, value: Callable[[ca.SX], Any]) -> tuple[Limit, ...]:
+    """What must stay positive at places of the outline for other values of the parameters, where it depends on any."""
+    limits: list[Limit] = []
+    if symbols_of(value(outline.curvature(0.0))):
+        for place in outline.samples[:: len(outline.samples) // 90]:
+            bend = value(outline.curvature(float(place)))
+            quantity(bend, what, f"{name} at the parameter {place:.4g}", above=0.0, limits=limits)
+    return tuple(limits)
+
+
+def fitting(what: str, one: CamOutline, other: CamOutline) -> None:
+    for first, second in ((one, other), (other, one)):
+        bends = first.curvatures(first.samples)
+        k = int(np.argmin(bends))
+        sharpest = float(np.max(second.curvatures(second.samples)))
+        if bends[k] + sharpest <= 0:
+            raise ModelError(
+                f"{what}: no part of the other outline fits into the hollow at {_place(first, k)}: the radius of "
+                f"curvature is {-1 / bends[k]:.4g} m there, and the other's smallest one {1 / sharpest:.4g} m"
+            )

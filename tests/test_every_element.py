@@ -1,0 +1,211 @@
+"""Every element of the catalogue, unchanged, in kinematics, inverse dynamics, simulation by IDAS and optimal control.
+
+Each stands in a small machine with one coordinate s and one input u that works
+along it. The motion is prescribed, its effort found in two ways and replayed;
+then the machine is brought from rest to rest with least effort and verified.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+PROGRAM = mbd.MotionProgram(mbd.rise(np.pi, 0.01, "3-4-5"), mbd.fall(np.pi, "cycloidal"))
+EGG = mbd.CamOutline(lambda x: 0.05 + 0.006 * mbd.cos(x + 0.5))
+
+
+def machine(bodies, joints, s, by, forces=(), **more):
+    """A machine that is moved by `by` along s; its input works along s."""
+    u = mbd.Input("u")
+    push = mbd.GeneralizedForce("push", [(s, u)])
+    mechanism = mbd.Mechanism(bodies, joints, forces=[mbd.Gravity(), *forces, push], inputs=[u], **more)
+    return SimpleNamespace(mechanism=mechanism, u=u, s=s, by=by)
+
+
+def rotor(inertia=0.05, **more):
+    """A heavy shaft at the origin."""
+    shaft = mbd.Body("shaft", mass=2.0, inertia=inertia, **more)
+    return shaft, mbd.Revolute("bearing", mbd.ground.at(0, 0), shaft.at(0, 0))
+
+
+def slide(y=0.0):
+    """A block on a level guide."""
+    block = mbd.Body("block", mass=2.0, inertia=0.1, pose=(0, y, 0))
+    return block, mbd.Translational("guide", mbd.ground.at(0, y), block.at(0, 0))
+
+
+def second_shaft(joint_of, place=(0.3, 0.0)):
+    """Two shafts and what couples them."""
+    shaft, bearing = rotor()
+    other = mbd.Body("other", mass=1.0, inertia=0.02, pose=(*place, 0.4))
+    second = mbd.Revolute("second bearing", mbd.ground.at(*place), other.at(0, 0))
+    joint = joint_of(shaft.at(0, 0), other.at(0, 0))
+    return machine([shaft, other], [bearing, second, joint], bearing.angle, 2.0)
+
+
+def planet():
+    """Sun fixed, arm moved."""
+    arm = mbd.Body("arm", mass=1.0, inertia=0.05)
+    hub = mbd.Revolute("hub", mbd.ground.at(0, 0), arm.at(0, 0))
+    wheel = mbd.Body("planet", mass=0.5, inertia=1e-3, pose=(0.06, 0, 0))
+    joints = [
+        hub,
+        mbd.Revolute("pin", arm.at(0.06, 0), wheel.at(0, 0)),
+        mbd.Gear("mesh", mbd.ground.at(0, 0), wheel.at(0, 0), 0.04, 0.02, carrier=arm),
+    ]
+    return machine([arm, wheel], joints, hub.angle, 2.0)
+
+
+def rack():
+    """Rack and pinion."""
+    block, guide = slide()
+    wheel = mbd.Body("pinion", mass=1, inertia=0.01, pose=(0, 0.06, 0))
+    hub = mbd.Revolute("hub", mbd.ground.at(0, 0.06), wheel.at(0, 0))
+    mesh = mbd.RackAndPinion("mesh", block.at(0, 0), wheel.at(0, 0), 0.06)
+    return machine([block, wheel], [guide, hub, mesh], guide.displacement, 0.3)
+
+
+def rolling():
+    """An eccentric wheel."""
+    wheel = mbd.Body("wheel", mass=2.0, inertia=0.02, pose=(0.02, 0.2, 0))
+    roll = mbd.Rolling("track", mbd.ground.at(0, 0), wheel.at(-0.02, 0), 0.2)
+    return machine([wheel], [roll], roll.displacement, 0.5)
+
+
+def cam(**kind):
+    """A cam with a flywheel."""
+    model = mbd.library.cam_follower(masses=(40.0, 0.5), stiffness=2000, preload=100, **kind)
+    joints, forces = model.mechanism.joints, [model.spring]
+    return machine(model.mechanism.bodies, joints, model.shaft.angle, 2.0, forces)
+
+
+def cam_on_cam():
+    """A cam that lifts a rounded rocker."""
+    shaft, bearing = rotor()
+    rocker = mbd.Body("rocker", mass=0.5, inertia=0.005, pose=(0.005, 0.09, 0))
+    pivot = mbd.Revolute("pivot", mbd.ground.at(0.2, 0.09), rocker.at(0.195, 0))
+    contact = mbd.CamCam("contact", shaft.at(0, 0), rocker.at(0, 0), EGG, mbd.CamOutline(0.04))
+    return machine([shaft, rocker], [bearing, pivot, contact], bearing.angle, 2.0)
+
+
+def slot():
+    """A bead on a curved rail."""
+    bead = mbd.Body("bead", mass=1.0, inertia=0.01, pose=(-0.5, 0.25, 0))
+    rail = mbd.PointOnCurve("rail", mbd.ground.at(0, 0), bead.at(0, 0), mbd.Curve(lambda s: (s, s**2), -2, 2))
+    return machine([bead], [rail, mbd.AbsoluteAngle("upright", bead.at(0, 0))], bead.x, 1.0)
+
+
+def on_slide(force_of):
+    """A block on a guide with a force from the ground."""
+    block, guide = slide()
+    return machine([block], [guide], guide.displacement, 0.05, [force_of(block, guide)])
+
+
+def field():
+    """A rod in a field that grows with the height."""
+    rod = mbd.Body.from_shape("rod", mbd.Rod(1.0), mass=2.0)
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    lift = mbd.FieldForce("field", rod, lambda point: (0, 3 * point.y**2 - point.vy))
+    return machine([rod], [pin], pin.angle, 1.0, [lift])
+
+
+def motor():
+    """A motor with a speed-torque line against a rotational spring."""
+    shaft, bearing = rotor()
+    drive = mbd.DCMotor("motor", shaft, 6.0, 0.4, 1.5)
+    spring = mbd.RSDA("spring", mbd.ground.at(0, 0), shaft.at(0, 0), stiffness=1.0)
+    return machine([shaft], [bearing], bearing.angle, 1.0, [drive, spring])
+
+
+def skate():
+    """A sledge whose blade and rail leave it one way to go."""
+    body = mbd.Body("sledge", mass=1.3, inertia=0.1)
+    blade = mbd.KnifeEdge("blade", body.at(-0.2, 0))
+    return machine([body], [blade, mbd.AbsoluteY("rail", body.at(0, 0), 0.0)], body.x, 0.5)
+
+
+def coupled_speeds():
+    """A variator: the ratio of block and shaft grows with the place of the block."""
+    shaft, bearing = rotor()
+    block, guide = slide(y=0.5)
+    drive = mbd.NonholonomicConstraint("variator", block.vx - (0.1 + 0.2 * block.x**2) * shaft.omega)
+    return machine([shaft, block], [bearing, guide, drive], guide.displacement, 0.2)
+
+
+GROUND = mbd.ground
+MACHINES = {
+    "Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.2, 0.1)),
+    "internal Gear": lambda: second_shaft(lambda a, b: mbd.Gear("mesh", a, b, 0.4, 0.1, internal=True)),
+    "Gear on a carrier": planet,
+    "Belt": lambda: second_shaft(lambda a, b: mbd.Belt("belt", a, b, 0.1, 0.15)),
+    "Coupler": lambda: second_shaft(lambda a, b: mbd.Coupler("gearbox", a, b, -3.0)),
+    "RackAndPinion": rack,
+    "Rolling": rolling,
+    "CamFlatFollower": lambda: cam(program=PROGRAM),
+    "CamPointFollower": lambda: cam(program=PROGRAM, roller_radius=0.01),
+    "CamPointFollower on points": lambda: cam(
+        outline=mbd.CamOutline.through([(0.05 * np.cos(x), 0.04 * np.sin(x)) for x in np.arange(0, 6.2, 0.4)]),
+        roller_radius=0.01,
+    ),
+    "CamCam": cam_on_cam,
+    "PointOnCurve": slot,
+    "Bushing": lambda: on_slide(lambda b, g: mbd.Bushing("rubber", GROUND.at(0, 0), b.at(0, 0), (500, 100), 10)),
+    "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
+    "Cylinder": lambda: on_slide(lambda b, g: mbd.Cylinder("ram", GROUND.at(-1, 0), b.at(0, 0), 0.05, 0.02, 1e4)),
+    "GasSpring": lambda: on_slide(lambda b, g: mbd.GasSpring("gas", GROUND.at(-0.3, 0), b.at(0, 0), 1e-3, 0.3, 2e5)),
+    "DataLaw": lambda: on_slide(
+        lambda b, g: mbd.TSDA(
+            "spring", GROUND.at(-0.3, 0), b.at(0, 0), law=mbd.DataLaw([-0.1, 0, 0.05, 0.1], [-50, 0, 20, 60], free=0.3)
+        )
+    ),
+    "FieldForce": field,
+    "DCMotor": motor,
+    "KnifeEdge": skate,
+    "NonholonomicConstraint": coupled_speeds,
+}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_prescribed_motion_and_its_replay(name):
+    """Kinematics; effort of the driver; the input that takes its place; IDAS with that input gives the motion back."""
+    m = MACHINES[name]()
+    start = mbd.assemble(m.mechanism)
+    course = m.by * mbd.step(mbd.t, 0, 0, 1.0, 1)
+    driver = mbd.Driver("drive", m.s, course, relative_to=start)
+    times = np.linspace(0, 1.0, 401)
+    driven = m.mechanism.replace(drivers=[driver])
+    moved = mbd.kinematics(driven, times)
+    run = mbd.inverse_dynamics(driven, times)
+    np.testing.assert_allclose(moved.q, run.q, atol=1e-9)
+    assert moved[m.s][-1] - start[m.s] == pytest.approx(m.by)
+    found = mbd.inverse_dynamics(m.mechanism, motion=run, efforts=[m.u])
+    size = 1 + np.max(np.abs(run[driver.effort]))
+    np.testing.assert_allclose(found[m.u], run[driver.effort], atol=1e-9 * size)
+    effort = mbd.spline(mbd.t, times, found[m.u], outside="constant")
+    replay = mbd.simulate(m.mechanism, times, initial=found.initial, inputs={m.u: effort})
+    np.testing.assert_allclose(replay[m.s], run[m.s], atol=1e-4 * (1 + abs(m.by)))
+    assert replay.drift.position < 1e-12 and replay.drift.velocity < 1e-11
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_least_effort_from_rest_to_rest(name):
+    """Solved, and verified by IDAS with the solution's own inputs."""
+    m = MACHINES[name]()
+    start = mbd.assemble(m.mechanism)
+    speed = mbd.time_derivative(m.s)
+    rest = [m.s == start[m.s], speed == 0]
+    problem = mbd.OptimalControlProblem(
+        m.mechanism,
+        duration=1.0,
+        initial=start if name == "NonholonomicConstraint" else rest,
+        final=[m.s == start[m.s] + m.by, speed == 0],
+        running_cost=m.u**2,
+    )
+    solution = mbd.optimize(problem, intervals=30)
+    assert solution.trajectory[m.s][-1] == pytest.approx(start[m.s] + m.by, abs=1e-6)
+    assert solution.verify().final_error < 1e-3
