@@ -249,9 +249,7 @@ def test_moved_shape_keeps_size_and_takes_its_centroid_along(shape):
     assert moved.centroid == pytest.approx(turn @ shape.centroid + [2.0, -3.0])
 
 
-@pytest.mark.parametrize(
-    "shape", [EXAMPLES[0], EXAMPLES[2], EXAMPLES[3], EXAMPLES[4], Rectangle(4, 3) - NOTCH]
-)
+@pytest.mark.parametrize("shape", [EXAMPLES[0], EXAMPLES[2], EXAMPLES[3], EXAMPLES[4], Rectangle(4, 3) - NOTCH])
 def test_corners_move_with_the_shape(shape):
     turn = np.array([[np.cos(0.8), -np.sin(0.8)], [np.sin(0.8), np.cos(0.8)]])
     moved = shape.moved(2.0, -3.0, angle=0.8)
@@ -393,9 +391,7 @@ def test_hole_that_does_not_fit(make):
         make()
 
 
-@pytest.mark.parametrize(
-    "make", [lambda: Rectangle(1, 1) + Rod(1), lambda: Rod(1) + Disc(1), lambda: Disc(1) - Rod(1)]
-)
+@pytest.mark.parametrize("make", [lambda: Rectangle(1, 1) + Rod(1), lambda: Rod(1) + Disc(1), lambda: Disc(1) - Rod(1)])
 def test_rods_and_areas_do_not_mix(make):
     with pytest.raises(ModelError, match=r"mass by length .* make two bodies and weld them together"):
         make()
