@@ -82,7 +82,7 @@ class Preparation:
     """
 
     def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
-        self.problem, self.numeric = problem, numeric
+        self.problem, self.numeric, self.start = problem, numeric, start
         low, high = problem.duration
         self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)

@@ -97,6 +97,8 @@ class Solver:
     @cached_property
     def way(self) -> tuple[np.ndarray, np.ndarray]:
         """Times and poses from this start on."""
+        if self.start is self.prepared.start:
+            return self.prepared.times, self.prepared.poses
         return kinematic_poses(self.problem, self.numeric, self.start, self.prepared.marks)
 
     # --- one mesh ----------------------------------------------------------------------------
