@@ -10,9 +10,13 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 
 from .analysis.assemble import assemble
 from .analysis.check import Report, check
+from .analysis.equilibrium.find import Equilibrium, EquilibriumError, equilibrium
+from .analysis.equilibrium.path import EquilibriumPath, equilibrium_path
 from .analysis.inputs import SampledController
 from .analysis.inverse_dynamics import inverse_dynamics
 from .analysis.kinematics import kinematics
+from .analysis.linear.linearize import linearize
+from .analysis.linear.model import LinearModel
 from .analysis.simulate import simulate
 from .equations import Equations, equations
 from .errors import (
