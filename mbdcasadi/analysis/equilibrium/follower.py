@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ...model.symbols import as_expression
-from ...numerics.least_squares import largest, polish, solve
+from ...numerics.least_squares import largest
+from ...numerics.newton import settle
 from ...numerics.roots import bracketed_root
 from .find import Equilibrium, EquilibriumError
 from .statics import Statics
@@ -174,10 +175,10 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
 
-        outcome = solve(with_advance, guess, weights, iterations=12)
-        if not outcome.converged or largest((outcome.x - point.x)[self._turns]) > LARGEST_TURN:
+        x = settle(with_advance, guess, weights, iterations=12)
+        if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
             return None
-        found = self._point(polish(with_advance, outcome.x, weights), point.tangent)
+        found = self._point(x, point.tangent)
         return found if found.tangent @ point.tangent > STRAIGHT else None
 
     def _at(self, point: _Point, value: float) -> _Point | None:
@@ -192,10 +193,8 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, x[-1] - value), np.vstack([slope, row])
 
-        outcome = solve(at_value, guess, weights, iterations=20)
-        if not outcome.converged:
-            return None
-        return self._point(polish(at_value, outcome.x, weights), point.tangent)
+        x = settle(at_value, guess, weights, iterations=20)
+        return None if x is None else self._point(x, point.tangent)
 
     # --- critical points -------------------------------------------------------------------
     def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:

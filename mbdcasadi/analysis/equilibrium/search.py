@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...numerics.least_squares import largest, polish, solve
+from ...numerics.least_squares import largest
+from ...numerics.newton import settle
 from .statics import Statics, Stiffness
 
 #: How far a body may turn in a step (rad), and move (in levers of the mechanism).
@@ -60,8 +61,7 @@ def _step(stiffness: Stiffness) -> np.ndarray:
 def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     """Equilibrium to rounding by Newton's method on all rows; None where it does not settle."""
     equations, weights = statics.scaled(x)
-    outcome = solve(equations, x, weights, iterations=100)
-    return polish(equations, outcome.x, weights) if outcome.converged else None
+    return settle(equations, x, weights)
 
 
 def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:

@@ -46,6 +46,11 @@ class Stiffness:
         Unbalanced force along the basis (k,), N.
     scale : float
         Largest stiffness of a coordinate: what rounding is measured by.
+    stable : bool
+        Whether every free direction is held: all eigenvalues above zero. Where
+        forces have no potential (a load that follows a rod) the matrix is not
+        symmetric, and small undamped motions decide: the squares of their
+        frequencies must be real and above zero, else there is flutter.
     """
 
     values: np.ndarray
@@ -54,6 +59,7 @@ class Stiffness:
     basis: np.ndarray
     force: np.ndarray
     scale: float
+    stable: bool
 
     @property
     def least(self) -> float:
@@ -64,12 +70,6 @@ class Stiffness:
     def negative(self) -> int:
         """Number of directions in which the mechanism gives way."""
         return int(np.sum(self.values.real < 0))
-
-    @property
-    def stable(self) -> bool:
-        """Whether every free direction is held: all eigenvalues real and above zero."""
-        flutter = np.any(np.abs(self.values.imag) > CIRCULATORY * self.scale)
-        return bool(np.all(self.values.real > NEUTRAL * self.scale) and not flutter)
 
 
 class Statics:
@@ -203,11 +203,21 @@ class Statics:
         scale = largest(c[:, None] * jacobian[: self.n, : self.n] * c)
         if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
             values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+            stable = bool(np.all(values > NEUTRAL * scale))
         else:
             values, vectors = np.linalg.eig(matrix)
             order = np.argsort(values.real)
             values, vectors = values[order], vectors[:, order]
-        return Stiffness(values, basis @ vectors, matrix, basis, force, scale)
+            stable = self._oscillates(matrix, basis, x)
+        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable)
+
+    def _oscillates(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> bool:
+        """Whether small undamped motions have real frequencies."""
+        inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
+        least = float(np.min(np.linalg.eigvalsh(inertia)))
+        squares = np.linalg.eigvals(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
+        size = largest(squares)
+        return bool(np.all(squares.real > NEUTRAL * size) and np.all(np.abs(squares.imag) <= CIRCULATORY * size))
 
     def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
