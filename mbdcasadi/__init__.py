@@ -17,6 +17,8 @@ from .analysis.inverse_dynamics import inverse_dynamics
 from .analysis.kinematics import kinematics
 from .analysis.linear.linearize import linearize
 from .analysis.linear.model import LinearModel
+from .analysis.sensitivity.cost import CostFunction, cost_function
+from .analysis.sensitivity.sensitivities import Sensitivities, sensitivities
 from .analysis.simulate import simulate
 from .equations import Equations, equations
 from .errors import (

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from linkages import G, four_bar, pendulum
 
 import mbdcasadi as mbd
-
-from linkages import G, four_bar, pendulum
 
 
 def column(load):

@@ -41,7 +41,7 @@ def test_two_rods():
 
 
 def test_three_rods_against_lagrange():
-    rods, chain = hanging_rods(3)
+    _, chain = hanging_rods(3)
     # absolute angles: M_ij and K_i of equal uniform rods (Lagrange), in units of m l² and m g l
     inertia = np.array([[7 / 3, 3 / 2, 1 / 2], [3 / 2, 4 / 3, 1 / 2], [1 / 2, 1 / 2, 1 / 3]])
     squares = np.linalg.eigvals(np.linalg.solve(inertia, np.diag([5 / 2, 3 / 2, 1 / 2]))) * G / 0.7

@@ -1,0 +1,167 @@
+"""The motion from a start over an output grid as one function, and expressions along it.
+
+Accelerations and multipliers at outputs come from the equations of motion
+there, after a step back onto the constraints; so derivatives of reactions are
+exact, forward and adjoint, which those through the algebraic outputs of IDAS are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...equations.numeric import NumericEquations
+from ...equations.recovery import Recovery
+from ...errors import ModelError, SimulationError
+from ...numerics.integration import MAX_STEPS, Integrator
+from ..formulations import METHODS, choose
+from ..inputs import Signals
+from ..run import DECAY
+from ..schedule import CHUNKS
+
+
+class Flow:
+    """A simulation as ``(x0, p, shifts, channel) -> states``, with constant shifts added to the inputs.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at parameters that are typical.
+    signals : Signals
+        Inputs.
+    grid : numpy.ndarray
+        Output times (n_t,), s.
+    method : {"idas", "erk", "rosenbrock"}
+        Integrator.
+    redundant : bool
+        Whether rows are dependent.
+    reltol, abstol : float
+        Tolerances.
+    jit : bool
+        Whether to compile with the C compiler of the machine.
+    integrands : casadi.SX, optional
+        Expressions whose integrals over time are states of their own.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        ``(x0, p, shifts, channel) -> X`` with the states by column (n_x, n_t), a clock last.
+    """
+
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        signals: Signals,
+        grid: np.ndarray,
+        *,
+        method: str = "idas",
+        redundant: bool = False,
+        reltol: float = 1e-8,
+        abstol: float = 1e-8,
+        jit: bool = False,
+        integrands: ca.SX | None = None,
+    ):
+        if method not in METHODS:
+            raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+        if signals.controller or signals.pieces:
+            raise ModelError(
+                "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
+                "optimal solution cannot be differentiated or compiled: give samples of them"
+            )
+        self.numeric, self.grid, self.redundant, self.jit = numeric, grid, redundant, jit
+        self.shifts = ca.SX.sym("shift", numeric.eom.u.numel())
+        self.signals = replace(signals, expressions=signals.expressions + self.shifts)
+        self.form = choose(numeric, method, redundant=redundant)
+        self.integrals = 0 if integrands is None else integrands.numel()
+        dae = self.form.dae(numeric, self.signals, integrands)
+        self._dae = replace(dae, p=ca.vertcat(dae.p, self.shifts))
+        self._integrator = Integrator(self._dae, method, reltol, abstol, jit=jit)
+        self._recovery = Recovery(numeric, redundant=redundant)
+        self.function = self._compile()
+
+    @property
+    def channel_size(self) -> tuple[int, int]:
+        """Rows and columns of the channel of sampled inputs."""
+        rows = self.signals.channel.numel()
+        return rows, self.grid.size - 1 if rows else 0
+
+    def channel(self) -> np.ndarray:
+        """Values of the channel as the inputs were given."""
+        if not self.signals.is_sampled:
+            return np.zeros(self.channel_size)
+        return self.signals.channel_values(self.grid, np.zeros(0))
+
+    def _compile(self) -> ca.Function:
+        eom, n_t = self.numeric.eom, self.grid.size
+        size = self._dae.x.numel() - self.integrals
+        x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", eom.p.numel())
+        shifts, channel = ca.MX.sym("shifts", self.shifts.numel()), ca.MX.sym("channel", *self.channel_size)
+        duration = float(self.grid[-1] - self.grid[0])
+        start = ca.vertcat(x0, ca.MX.zeros(self.integrals + 1))
+        arguments: dict[str, Any] = {
+            "x0": start,
+            # the start of the run, the parameters, and the rate at which drift decays in the regularised form
+            "p": ca.vertcat(float(self.grid[0]), p, DECAY * CHUNKS / duration, shifts),
+        }
+        if self._dae.u.numel():
+            arguments["u"] = channel
+        integrator = self._integrator.function(self.grid[1:] - self.grid[0], MAX_STEPS)
+        states = ca.horzcat(start, integrator(**arguments)["xf"])
+        assert states.shape[1] == n_t
+        return ca.Function("motion", [x0, p, shifts, channel], [states], ["x0", "p", "shifts", "channel"], ["X"])
+
+    def reached(self, states: np.ndarray) -> bool:
+        """Whether an integration got to its end: its clock tells, and that all is finite."""
+        off = np.abs(states[-1] - (self.grid - self.grid[0]))
+        return bool(np.all(np.isfinite(states))) and bool(np.all(off <= 1e-6 * (self.grid[-1] - self.grid[0])))
+
+    # --- outputs -------------------------------------------------------------------------
+    def outputs(self, expressions: Sequence[ca.SX]) -> ca.Function:
+        """``(X, p, shifts, channel) -> Y``: expressions, stacked, at every output (n_y, n_t)."""
+        eom = self.numeric.eom
+        at_one = self._at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
+        n_t, rows = self.grid.size, self.channel_size[0]
+        states = ca.MX.sym("X", self._dae.x.numel() + 1, n_t)
+        p, shifts = ca.MX.sym("p", eom.p.numel()), ca.MX.sym("shifts", self.shifts.numel())
+        channel = ca.MX.sym("channel", *self.channel_size)
+        # the interval that ends at an output holds its inputs too; the first output takes the first interval
+        before = [max(k - 1, 0) for k in range(n_t)]
+        by_output = channel[:, before] if rows else ca.MX(0, n_t)
+        values = at_one.map(n_t)(
+            ca.DM(self.grid).T, states[:-1, :], ca.repmat(p, 1, n_t), ca.repmat(shifts, 1, n_t), by_output
+        )
+        names = ["X", "p", "shifts", "channel"]
+        return ca.Function("outputs", [states, p, shifts, channel], [values], names, ["Y"])
+
+    def _at_one_output(self, expression: ca.SX) -> ca.Function:
+        """``(t, x, p, shifts, channel) -> values`` at one output."""
+        eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
+        given = [
+            kind.sym(name, size)
+            for name, size in (
+                ("t", 1),
+                ("x", self._dae.x.numel()),
+                ("p", eom.p.numel()),
+                ("shifts", self.shifts.numel()),
+                ("channel", self.channel_size[0]),
+            )
+        ]
+        t, x, p, shifts, channel = given
+        n, k = eom.q.numel(), eom.z.numel()
+        q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
+        weights = ca.DM(self.numeric.weights)
+        if eom.Phi.numel():
+            q = self._recovery.position_step(t, q, p, weights)[0]
+        if eom.lam.numel():
+            v = self._recovery.velocity_step(t, q, v, p, weights)
+        inputs = ca.Function(
+            "u", [eom.t, eom.q, eom.v, eom.z, eom.p, self.shifts, self.signals.channel], [self.signals.expressions]
+        )
+        u = inputs(t, q, v, z, p, shifts, channel)
+        a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
+        values = eom.function(expression)(t, q, v, a, z, lam, u, p)
+        return ca.Function("output", given, [values])
