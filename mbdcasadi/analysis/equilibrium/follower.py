@@ -13,7 +13,7 @@ from ...numerics.least_squares import largest
 from ...numerics.newton import settle
 from ...numerics.roots import bracketed_root
 from .find import Equilibrium, EquilibriumError
-from .statics import Statics
+from .statics import NEUTRAL, Statics
 
 #: Points of a path that is asked to go on for ever.
 MOST_POINTS = 2000
@@ -217,7 +217,10 @@ class Follower:
                 found[advance] = between
             return float(np.sort(found[advance].state.stiffness.values.real)[index])
 
-        at = bracketed_root(eigenvalue, 0.0, length, eigenvalue(0.0), eigenvalue(length), ACCURACY)
+        ends = {advance: eigenvalue(advance) for advance in (0.0, length)}
+        at = min(ends, key=lambda advance: abs(ends[advance]))
+        if abs(ends[at]) > NEUTRAL * low.state.stiffness.scale:  # else a point of the path is the critical one itself
+            at = bracketed_root(eigenvalue, 0.0, length, ends[0.0], ends[length], ACCURACY)
         eigenvalue(at)
         point = found[at]
         turned = low.tangent[-1] * high.tangent[-1] < 0

@@ -69,7 +69,7 @@ class Stiffness:
     @property
     def negative(self) -> int:
         """Number of directions in which the mechanism gives way."""
-        return int(np.sum(self.values.real < 0))
+        return int(np.sum(self.values.real < -NEUTRAL * self.scale))
 
 
 class Statics:
