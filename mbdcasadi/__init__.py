@@ -12,6 +12,9 @@ from .analysis.assemble import assemble
 from .analysis.check import Report, check
 from .analysis.equilibrium.find import Equilibrium, EquilibriumError, equilibrium
 from .analysis.equilibrium.path import EquilibriumPath, equilibrium_path
+from .analysis.identification.data import Experiment, IdentificationError
+from .analysis.identification.fit import Fit
+from .analysis.identification.identify import identify
 from .analysis.inputs import SampledController
 from .analysis.inverse_dynamics import inverse_dynamics
 from .analysis.kinematics import kinematics
@@ -67,4 +70,5 @@ from .optimal_control.solution import Solution
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .visual.fits import plot_residuals
 from .visual.plots import plot

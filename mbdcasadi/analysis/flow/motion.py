@@ -25,7 +25,7 @@ from ..schedule import CHUNKS
 
 
 class Flow:
-    """A simulation as ``(x0, p, shifts, channel) -> states``, with constant shifts added to the inputs.
+    """A simulation as functions of ``(x0, p, shifts, channel)``, with constant shifts added to the inputs.
 
     Parameters
     ----------
@@ -45,11 +45,6 @@ class Flow:
         Whether to compile with the C compiler of the machine.
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
-
-    Attributes
-    ----------
-    function : casadi.Function
-        ``(x0, p, shifts, channel) -> X`` with the states by column (n_x, n_t), a clock last.
     """
 
     def __init__(
@@ -81,7 +76,6 @@ class Flow:
         self._dae = replace(dae, p=ca.vertcat(dae.p, self.shifts))
         self._integrator = Integrator(self._dae, method, reltol, abstol, jit=jit)
         self._recovery = Recovery(numeric, redundant=redundant)
-        self.function = self._compile()
 
     @property
     def channel_size(self) -> tuple[int, int]:
@@ -95,44 +89,57 @@ class Flow:
             return np.zeros(self.channel_size)
         return self.signals.channel_values(self.grid, np.zeros(0))
 
-    def _compile(self) -> ca.Function:
-        eom, n_t = self.numeric.eom, self.grid.size
+    def _stretch(self, first: int, last: int) -> np.ndarray:
+        """Times of the grid from one to another, both included."""
+        return self.grid[first:] if last == -1 else self.grid[first : last + 1]
+
+    def motion(self, first: int = 0, last: int = -1) -> ca.Function:
+        """``(x0, p, shifts, channel) -> X`` over the grid, or from one of its times to another.
+
+        The states stand by column (n_x, n_t): ``(q, v, z)``, integrals, and a
+        clock. Stretches of equal steps share a compiled integrator.
+        """
+        grid = self._stretch(first, last)
+        eom = self.numeric.eom
         size = self._dae.x.numel() - self.integrals
+        rows = self.channel_size[0]
         x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", eom.p.numel())
-        shifts, channel = ca.MX.sym("shifts", self.shifts.numel()), ca.MX.sym("channel", *self.channel_size)
-        duration = float(self.grid[-1] - self.grid[0])
+        shifts = ca.MX.sym("shifts", self.shifts.numel())
+        channel = ca.MX.sym("channel", rows, grid.size - 1 if rows else 0)
         start = ca.vertcat(x0, ca.MX.zeros(self.integrals + 1))
+        duration = float(self.grid[-1] - self.grid[0])
         arguments: dict[str, Any] = {
             "x0": start,
             # the start of the run, the parameters, and the rate at which drift decays in the regularised form
-            "p": ca.vertcat(float(self.grid[0]), p, DECAY * CHUNKS / duration, shifts),
+            "p": ca.vertcat(float(grid[0]), p, DECAY * CHUNKS / duration, shifts),
         }
         if self._dae.u.numel():
             arguments["u"] = channel
-        integrator = self._integrator.function(self.grid[1:] - self.grid[0], MAX_STEPS)
+        integrator = self._integrator.function(grid[1:] - grid[0], MAX_STEPS)
         states = ca.horzcat(start, integrator(**arguments)["xf"])
-        assert states.shape[1] == n_t
         return ca.Function("motion", [x0, p, shifts, channel], [states], ["x0", "p", "shifts", "channel"], ["X"])
 
-    def reached(self, states: np.ndarray) -> bool:
+    def reached(self, states: np.ndarray, first: int = 0) -> bool:
         """Whether an integration got to its end: its clock tells, and that all is finite."""
-        off = np.abs(states[-1] - (self.grid - self.grid[0]))
-        return bool(np.all(np.isfinite(states))) and bool(np.all(off <= 1e-6 * (self.grid[-1] - self.grid[0])))
+        offsets = self.grid[first:][: states.shape[1]] - self.grid[first]
+        on_time = np.abs(states[-1] - offsets) <= 1e-6 * offsets[-1]
+        return bool(np.all(np.isfinite(states))) and bool(np.all(on_time))
 
     # --- outputs -------------------------------------------------------------------------
-    def outputs(self, expressions: Sequence[ca.SX]) -> ca.Function:
-        """``(X, p, shifts, channel) -> Y``: expressions, stacked, at every output (n_y, n_t)."""
+    def outputs(self, expressions: Sequence[ca.SX], first: int = 0, last: int = -1) -> ca.Function:
+        """``(X, p, shifts, channel) -> Y``: expressions, stacked, at every output of a stretch (n_y, n_t)."""
         eom = self.numeric.eom
         at_one = self._at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
-        n_t, rows = self.grid.size, self.channel_size[0]
+        grid = self._stretch(first, last)
+        n_t, rows = grid.size, self.channel_size[0]
         states = ca.MX.sym("X", self._dae.x.numel() + 1, n_t)
         p, shifts = ca.MX.sym("p", eom.p.numel()), ca.MX.sym("shifts", self.shifts.numel())
-        channel = ca.MX.sym("channel", *self.channel_size)
+        channel = ca.MX.sym("channel", rows, n_t - 1 if rows else 0)
         # the interval that ends at an output holds its inputs too; the first output takes the first interval
         before = [max(k - 1, 0) for k in range(n_t)]
         by_output = channel[:, before] if rows else ca.MX(0, n_t)
         values = at_one.map(n_t)(
-            ca.DM(self.grid).T, states[:-1, :], ca.repmat(p, 1, n_t), ca.repmat(shifts, 1, n_t), by_output
+            ca.DM(grid).T, states[:-1, :], ca.repmat(p, 1, n_t), ca.repmat(shifts, 1, n_t), by_output
         )
         names = ["X", "p", "shifts", "channel"]
         return ca.Function("outputs", [states, p, shifts, channel], [values], names, ["Y"])

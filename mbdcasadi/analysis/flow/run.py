@@ -97,7 +97,7 @@ class CompiledRun:
         d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
         p, right, z, shifts, channel = self.design.arguments(d)
         x0, solution, residual = problem.start.function(p, right, z, guess)
-        states = self.flow.function(x0, p, shifts, channel)
+        states = self.flow.motion()(x0, p, shifts, channel)
         outputs = self.flow.outputs(expressions)(states, p, shifts, channel)
         self.rows = outputs.shape[0]
         totals = states[-1 - self.flow.integrals : -1, -1]
