@@ -23,6 +23,9 @@ from .analysis.linear.model import LinearModel
 from .analysis.sensitivity.cost import CostFunction, cost_function
 from .analysis.sensitivity.sensitivities import Sensitivities, sensitivities
 from .analysis.simulate import simulate
+from .analysis.sweeping.cases import full_factorial, latin_hypercube
+from .analysis.sweeping.result import Sweep
+from .analysis.sweeping.sweep import sweep
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,
