@@ -25,6 +25,8 @@ from .worker import Parcel, run_batch
 
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
+#: Cases that are tried as the one from which the others are reached.
+TRIES = 100
 
 Batch = tuple[np.ndarray, np.ndarray, list[str]]
 
@@ -154,9 +156,10 @@ def _problem(
     varied: dict[Any, np.ndarray],
     settings: dict[str, Any],
 ) -> Problem:
-    """The mechanism at the first of the cases that can be assembled."""
+    """The mechanism at the first of the cases, spread over all of them, that can be assembled."""
     obstacle: MechanismError | None = None
-    for k in range(len(next(iter(varied.values())))):
+    count = len(next(iter(varied.values())))
+    for k in np.unique(np.linspace(0, count - 1, min(count, TRIES)).astype(int)):
         values = [(key, column[k]) for key, column in varied.items() if isinstance(key, Parameter)]
         try:
             return Problem(mechanism, times, initial, inputs, [*fixed, *values], **settings)
