@@ -41,8 +41,6 @@ class Flow:
         Whether rows are dependent.
     reltol, abstol : float
         Tolerances.
-    jit : bool
-        Whether to compile with the C compiler of the machine.
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
     """
@@ -57,7 +55,6 @@ class Flow:
         redundant: bool = False,
         reltol: float = 1e-8,
         abstol: float = 1e-8,
-        jit: bool = False,
         integrands: ca.SX | None = None,
     ):
         if method not in METHODS:
@@ -67,14 +64,14 @@ class Flow:
                 "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
                 "optimal solution cannot be differentiated or compiled: give samples of them"
             )
-        self.numeric, self.grid, self.redundant, self.jit = numeric, grid, redundant, jit
+        self.numeric, self.grid, self.redundant = numeric, grid, redundant
         self.shifts = ca.SX.sym("shift", numeric.eom.u.numel())
         self.signals = replace(signals, expressions=signals.expressions + self.shifts)
         self.form = choose(numeric, method, redundant=redundant)
         self.integrals = 0 if integrands is None else integrands.numel()
         dae = self.form.dae(numeric, self.signals, integrands)
         self._dae = replace(dae, p=ca.vertcat(dae.p, self.shifts))
-        self._integrator = Integrator(self._dae, method, reltol, abstol, jit=jit)
+        self._integrator = Integrator(self._dae, method, reltol, abstol)
         self._recovery = Recovery(numeric, redundant=redundant)
 
     @property

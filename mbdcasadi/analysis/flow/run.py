@@ -34,7 +34,7 @@ class Problem:
         Output times, s.
     initial, inputs, parameters
         As for ``simulate``.
-    method, reltol, abstol, jit
+    method, reltol, abstol
         Of the integrator; ``"auto"`` takes Runge–Kutta where the motion at the start is not stiff.
     """
 

@@ -56,7 +56,7 @@ def identify(
     times : sequence of float
         Times of the samples, the first one the start; at any distances, s.
     data : mapping or list of pairs
-        Expression to samples (n_t,) or (n_t, k); NaN where a sample is missing.
+        Expression to samples (n_t,), or of a vector (expression, samples (n_t, k)) as a pair; NaN where one is missing.
         Positions, rates, accelerations, reactions: anything that can be measured.
     unknowns : sequence of Parameter
         Searched for from their values, or from those of ``parameters=``.

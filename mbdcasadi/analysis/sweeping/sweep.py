@@ -44,7 +44,6 @@ def sweep(
     method: str = "idas",
     reltol: float = 1e-8,
     abstol: float = 1e-8,
-    jit: bool = False,
     batch: int | None = None,
     file: str | Path | None = None,
     progress: bool = False,
@@ -71,7 +70,7 @@ def sweep(
         Threads, processes, a Dask cluster by ``client.get_executor()``; without, one case after the other, here.
     method : {"idas", "erk", "rosenbrock", "auto"}
         Integrator, for all cases; "auto" decides by the first.
-    reltol, abstol, jit
+    reltol, abstol : float, default 1e-8
         Of the integrator.
     batch : int, optional
         Cases in a batch: what a worker takes at a time.
@@ -108,7 +107,7 @@ def sweep(
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)
     fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
-    settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit}
+    settings = {"method": method, "reltol": reltol, "abstol": abstol}
     problem = _problem(mechanism, times, initial, inputs, fixed, varied, settings)
     result = Sweep(problem.grid, varied, named)
     p, shifts = _values(problem, varied, count)
