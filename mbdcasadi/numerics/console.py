@@ -45,3 +45,14 @@ def interruptible() -> Iterator[Interruption]:
         yield interruption
     finally:
         signal.signal(signal.SIGINT, previous)
+
+
+def call(function: Any, *arguments: Any) -> Any:
+    """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure."""
+    with quiet(), interruptible() as interruption:
+        try:
+            return function(*arguments)
+        except RuntimeError:
+            if interruption.requested:
+                raise KeyboardInterrupt from None
+            raise

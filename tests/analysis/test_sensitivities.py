@@ -207,6 +207,23 @@ def test_gradient_of_a_cost_with_reactions_against_differences():
         assert gradient[k] == pytest.approx(difference, rel=2e-6), cost.labels[k]
 
 
+@pytest.mark.parametrize(("method", "accuracy"), [("idas", 3e-5), ("rosenbrock", 1e-9)])
+def test_adjoint_through_friction_that_depends_on_the_reaction(method, accuracy):
+    """A block slides x = v t - mu g t² / 2; the adjoint is a polynomial, and IDAS takes it in very few steps."""
+    mu = mbd.Parameter("mu", 0.3)
+    block = mbd.Body("block", mass=2.0, inertia=1.0, velocity=(3.0, 0, 0))
+    plane = mbd.Translational("plane", mbd.ground.at(0, 0), block.at(0, 0))
+    push = mbd.norm(plane.reaction_on(block).force)
+    friction = mbd.Force("friction", block.at(0, 0), (-mu * push * mbd.tanh(block.vx / 1e-3), 0))
+    model = mbd.Mechanism(bodies=[block], joints=[plane], forces=[mbd.Gravity(), friction], parameters=[mu])
+    times = np.linspace(0, 0.8, 9)
+    found = mbd.sensitivities(model, times, [block.x, block.ax], [mu], method=method)
+    assert found[block.x, mu] == pytest.approx(-G * times**2 / 2, abs=1e-8)
+    assert found[block.ax, mu] == pytest.approx(-G, abs=1e-8)
+    cost = mbd.cost_function(model, times, [mu], terminal_cost=block.x, method=method)
+    assert cost.gradient([0.3]) == pytest.approx([-G * 0.8**2 / 2], rel=accuracy)
+
+
 def test_scipy_finds_the_throw_that_hits():
     speed, rise = mbd.Parameter("speed", 2.0, lower=0, upper=10), mbd.Parameter("rise", 2.0, lower=0, upper=10)
     ball = mbd.Body("ball", mass=1.0, inertia=1.0)

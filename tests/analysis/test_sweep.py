@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -156,6 +159,24 @@ def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch):
     # all is there: nothing is run again
     monkeypatch.setattr(module, "run_batch", None)
     assert np.array_equal(mbd.sweep(*given, file=path)["angle"], swept["angle"])
+
+
+def test_ctrl_c_inside_compiled_code_ends_the_sweep(monkeypatch):
+    rod, _, model, symbols, outputs = swing()
+    real, calls = module.run_batch, []
+
+    def watched(*arguments):
+        calls.append(0)
+        if len(calls) == 2:
+            threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT)).start()
+        return real(*arguments)
+
+    monkeypatch.setattr(module, "run_batch", watched)
+    cases = cases_of(symbols, 4000)
+    with pytest.raises(mbd.Interrupted, match="of 4000 cases") as stopped:
+        mbd.sweep(model, TIMES, cases, outputs, [rod.phi == symbols[1]], batch=100)
+    partial = stopped.value.partial
+    assert 100 <= np.sum(partial.done) < 4000 and not partial.failures
 
 
 def test_a_file_of_another_sweep_is_refused(tmp_path):

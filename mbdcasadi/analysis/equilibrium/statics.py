@@ -64,7 +64,7 @@ class Stiffness:
     @property
     def least(self) -> float:
         """Smallest real part; infinite where nothing can move."""
-        return float(np.min(self.values.real, initial=np.inf))
+        return float(np.min(self.values.real, initial=np.inf)) + 0.0  # no -0
 
     @property
     def negative(self) -> int:

@@ -12,7 +12,7 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...model.mechanism import Mechanism
-from ...numerics.console import quiet
+from ...numerics.console import call
 from ...results.state import State
 from ..inputs import read_signals
 from ..mappings import pairs_of, parameter_vector, time_grid
@@ -153,8 +153,7 @@ class CompiledRun:
 
     def _call(self, function: ca.Function, *arguments: Any) -> Any:
         try:
-            with quiet():
-                return function(*arguments)
+            return call(function, *arguments)
         except RuntimeError as error:
             lines = [line for line in str(error).splitlines() if line.strip()]
             raise SimulationError(self._stopped(arguments[0], lines[-1] if lines else "no reason given")) from None

@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import SimulationError
-from ...numerics.console import quiet
+from ...numerics.console import call
 from ..flow.run import Problem
 from ..flow.start import found
 from .data import Experiment
@@ -146,9 +146,11 @@ class Shooting:
         function = self._segments[k]
         if k not in self._derivatives:
             self._derivatives[k] = function.forward(seeds.shape[1])
-        with quiet():
-            end, values, states = function(self.nodes[k], theta)
-            moved = self._derivatives[k](self.nodes[k], theta, end, values, states, seeds, towards)
+        try:
+            end, values, states = call(function, self.nodes[k], theta)
+            moved = call(self._derivatives[k], self.nodes[k], theta, end, values, states, seeds, towards)
+        except RuntimeError as error:
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         # the directions of a matrix stand side by side
         return moved[0].full(), moved[1].full().T.ravel()
 
@@ -178,8 +180,7 @@ class Shooting:
 
     def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         try:
-            with quiet():
-                end, values, states = self._segments[k](x0, theta)
+            end, values, states = call(self._segments[k], x0, theta)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         if not self.flow.reached(states.full(), self.spans[k][0]):

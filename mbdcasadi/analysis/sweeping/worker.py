@@ -8,7 +8,7 @@ from uuid import uuid4
 import casadi as ca
 import numpy as np
 
-from ...numerics.console import quiet
+from ...numerics.console import call
 
 _compiled: dict[tuple[str, int], ca.Function] = {}
 
@@ -61,8 +61,7 @@ def run_batch(
     messages = []
     for k, case in enumerate(zip(starts, parameters, shifts, strict=True)):
         try:
-            with quiet():
-                found, clock = function(*case)
+            found, clock = call(function, *case)
             row = found.full().ravel(order="F")
             arrived = abs(float(clock) - parcel.span) <= 1e-6 * parcel.span
             message = (
