@@ -142,10 +142,12 @@ def equilibrium(
             f"among the conditions, and there are {len(equalities)}"
         )
     start = conditions if isinstance(conditions, State) else _start(numeric, rows, time, signals, bool(wanted))
-    _refuse_moving_drivers(numeric, time, start.q)
+    # the state may come from another mechanism on the same bodies
+    q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
+    _refuse_moving_drivers(numeric, time, q)
     statics = Statics(numeric, signals, time, wanted, equalities)
-    values = [_value(w, eom, p, start.inputs) for w in wanted]
-    x = statics.follow(statics.join(start.q, start.z, np.zeros(statics.m), values))
+    values = [_value(w, eom, p, start) for w in wanted]
+    x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
     if prefer == "stable" and not wanted:
         found = to_stable(statics, x)
         found = newton(statics, x) if found is None else found
@@ -170,9 +172,12 @@ def _unknowns(mechanism: Mechanism, unknowns: Any) -> tuple[Any, ...]:
     return found
 
 
-def _value(symbol: Any, eom: Any, p: np.ndarray, u: np.ndarray) -> float:
-    known, values = (eom.mechanism.inputs, u) if isinstance(symbol, Input) else (eom.mechanism.parameters, p)
-    return float(values[position_in(known, symbol, "unknowns=")])
+def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
+    """Where the search for an unknown begins."""
+    if isinstance(symbol, Parameter):
+        return float(p[position_in(eom.mechanism.parameters, symbol, "unknowns=")])
+    known = any(symbol is own for own in start.mechanism.inputs)
+    return float(start[symbol]) if known else symbol.value
 
 
 def _start(numeric: NumericEquations, rows: Sequence[Condition], time: float, signals: Signals, trim: bool) -> State:
@@ -186,8 +191,10 @@ def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray
     nu = np.abs(numeric.velocity(time, q)[1])
     if largest(nu) > AT_REST:
         worst = int(np.argmax(nu))
+        element = numeric.eom.row_elements[worst]
+        kind = "driver" if any(element is d for d in numeric.eom.mechanism.drivers) else "constraint"
         raise EquilibriumError(
-            f"equilibrium: driver '{numeric.eom.row_elements[worst].name}' moves at {nu[worst]:.6g} per second at "
+            f"equilibrium: {kind} '{element.name}' moves at {nu[worst]:.6g} per second at "
             f"t = {time:.6g} s, so nothing is at rest there; choose t= where it stands still, or use inverse_dynamics",
             time=time,
         )
