@@ -48,11 +48,14 @@ def interruptible() -> Iterator[Interruption]:
 
 
 def call(function: Any, *arguments: Any) -> Any:
-    """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure."""
+    """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure or as nothing."""
     with quiet(), interruptible() as interruption:
         try:
-            return function(*arguments)
-        except RuntimeError:
+            result = function(*arguments)
+        except Exception:
             if interruption.requested:
                 raise KeyboardInterrupt from None
             raise
+        if interruption.requested:
+            raise KeyboardInterrupt
+        return result

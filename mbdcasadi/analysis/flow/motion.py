@@ -17,11 +17,17 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
 from ...errors import ModelError, SimulationError
+from ...numerics.console import call
 from ...numerics.integration import MAX_STEPS, Integrator
+from ...numerics.least_squares import largest
 from ..formulations import METHODS, choose
 from ..inputs import Signals
 from ..run import DECAY
 from ..schedule import CHUNKS
+
+#: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
+#: then of the size of the integrator's own error.
+ACCEPTED = 10.0
 
 
 class Flow:
@@ -64,7 +70,7 @@ class Flow:
                 "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
                 "optimal solution cannot be differentiated or compiled: give samples of them"
             )
-        self.numeric, self.grid, self.redundant = numeric, grid, redundant
+        self.numeric, self.grid, self.redundant, self._abstol = numeric, grid, redundant, abstol
         self.shifts = ca.SX.sym("shift", numeric.eom.u.numel())
         self.signals = replace(signals, expressions=signals.expressions + self.shifts)
         self.form = choose(numeric, method, redundant=redundant)
@@ -76,6 +82,8 @@ class Flow:
         options = {"quad_err_con": True} if method == "idas" else {}
         self._integrator = Integrator(self._dae, method, reltol, abstol, options=options)
         self._recovery = Recovery(numeric, redundant=redundant)
+        #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
+        self.pieces = 1
 
     @property
     def channel_size(self) -> tuple[int, int]:
@@ -106,18 +114,63 @@ class Flow:
         x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", eom.p.numel())
         shifts = ca.MX.sym("shifts", self.shifts.numel())
         channel = ca.MX.sym("channel", rows, grid.size - 1 if rows else 0)
-        start = ca.vertcat(x0, ca.MX.zeros(self.integrals + 1))
+        columns = [ca.vertcat(x0, ca.MX.zeros(self.integrals + 1))]
+        for piece in self._pieces_of(grid.size - 1):
+            now = columns[-1][:, -1]
+            begin = now if len(columns) == 1 else self._projected(float(grid[piece[0]]), now, p)
+            columns.append(
+                self._over(grid[piece[0] : piece[-1] + 2], begin, p, shifts, channel[:, piece] if rows else None)
+            )
+        states = ca.horzcat(*columns)
+        return ca.Function("motion", [x0, p, shifts, channel], [states], ["x0", "p", "shifts", "channel"], ["X"])
+
+    def _pieces_of(self, intervals: int) -> list[list[int]]:
+        """Intervals of a stretch in pieces, at whose ends the state is brought back onto the constraints."""
+        count = max(1, min(intervals, round(self.pieces * intervals / (self.grid.size - 1))))
+        return [part.tolist() for part in np.array_split(np.arange(intervals), count)]
+
+    def _over(self, grid: np.ndarray, begin: ca.MX, p: ca.MX, shifts: ca.MX, channel: ca.MX | None) -> ca.MX:
+        """States at the later times of a grid."""
         duration = float(self.grid[-1] - self.grid[0])
         arguments: dict[str, Any] = {
-            "x0": start,
+            "x0": begin,
             # the start of the run, the parameters, and the rate at which drift decays in the regularised form
             "p": ca.vertcat(float(grid[0]), p, DECAY * CHUNKS / duration, shifts),
         }
-        if self._dae.u.numel():
+        if channel is not None:
             arguments["u"] = channel
-        integrator = self._integrator.function(grid[1:] - grid[0], MAX_STEPS)
-        states = ca.horzcat(start, integrator(**arguments)["xf"])
-        return ca.Function("motion", [x0, p, shifts, channel], [states], ["x0", "p", "shifts", "channel"], ["X"])
+        return self._integrator.function(grid[1:] - grid[0], MAX_STEPS)(**arguments)["xf"]
+
+    def _projected(self, time: Any, x: Any, p: Any) -> Any:
+        """A state, with whatever stands below it, brought onto the constraints."""
+        eom, n = self.numeric.eom, self.numeric.eom.q.numel()
+        q, v, weights = x[:n], x[n : 2 * n], ca.DM(self.numeric.weights)
+        if eom.Phi.numel():
+            q = self._recovery.position_step(time, q, p, weights)[0]
+        if eom.lam.numel():
+            v = self._recovery.velocity_step(time, q, v, p, weights)
+        return ca.vertcat(q, v, x[2 * n :])
+
+    def cut_where_it_drifts(self, x0: np.ndarray) -> None:
+        """Cut the motion into as many pieces as keep its drift near the tolerance, by one run from `x0`.
+
+        Drift grows with the square of the time since the state was last on the
+        constraints; each cut starts the integrator again, which costs.
+        """
+        p, shifts = self.numeric.p, np.zeros(self.shifts.numel())
+        try:
+            states = call(self.motion(), x0, p, shifts, self.channel()).full()
+        except RuntimeError:
+            return  # the run itself will say what is wrong
+        if not self.reached(states) or not self.numeric.eom.Phi.numel():
+            return
+        n = self.numeric.eom.q.numel()
+        drift = max(
+            largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, states[:n].T, strict=True)
+        )
+        self.pieces = int(
+            np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(CHUNKS, self.grid.size - 1))
+        )
 
     def reached(self, states: np.ndarray, first: int = 0) -> bool:
         """Whether an integration got to its end: its clock tells, and that all is finite."""
@@ -159,12 +212,8 @@ class Flow:
         ]
         t, x, p, shifts, channel = given
         n, k = eom.q.numel(), eom.z.numel()
+        x = self._projected(t, x, p)
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
-        weights = ca.DM(self.numeric.weights)
-        if eom.Phi.numel():
-            q = self._recovery.position_step(t, q, p, weights)[0]
-        if eom.lam.numel():
-            v = self._recovery.velocity_step(t, q, v, p, weights)
         inputs = ca.Function(
             "u", [eom.t, eom.q, eom.v, eom.z, eom.p, self.shifts, self.signals.channel], [self.signals.expressions]
         )

@@ -68,10 +68,12 @@ class Problem:
         """The start."""
         return self.start.state
 
-    def flow(self, grid: np.ndarray | None = None, integrands: ca.SX | None = None) -> Flow:
-        """The motion over the grid, or over a part of it."""
-        grid = self.grid if grid is None else grid
-        return Flow(self.numeric, self.signals, grid, redundant=self.redundant, integrands=integrands, **self.settings)
+    def flow(self, integrands: ca.SX | None = None) -> Flow:
+        """The motion over the grid, in as many pieces as it takes to stay on the constraints."""
+        given = self.settings | {"redundant": self.redundant, "integrands": integrands}
+        flow = Flow(self.numeric, self.signals, self.grid, **given)
+        flow.cut_where_it_drifts(np.r_[self.state.q, self.state.v, self.state.z])
+        return flow
 
 
 class CompiledRun:

@@ -61,12 +61,9 @@ def run_batch(
     messages = []
     for k, case in enumerate(zip(starts, parameters, shifts, strict=True)):
         try:
-            found, clock = call(function, *case)
-            row = found.full().ravel(order="F")
-            arrived = abs(float(clock) - parcel.span) <= 1e-6 * parcel.span
-            message = (
-                "" if arrived and np.all(np.isfinite(row)) else "a step became too small, or a value was not finite"
-            )
+            row, clock = call(_evaluated, function, case)
+            arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))
+            message = "" if arrived else "a step became too small, or a value was not finite"
         except RuntimeError as error:
             lines = [line for line in str(error).splitlines() if line.strip()]
             message = lines[-1] if lines else "no reason given"
@@ -78,3 +75,9 @@ def run_batch(
             values[k] = row
             messages.append("")
     return values, messages
+
+
+def _evaluated(function: ca.Function, case: tuple[np.ndarray, ...]) -> tuple[np.ndarray, float]:
+    """Outputs of a case by time, and its clock, as numbers."""
+    found, clock = function(*case)
+    return found.full().ravel(order="F"), float(clock)
