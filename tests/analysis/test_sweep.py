@@ -119,6 +119,19 @@ def test_an_integrator_that_stops_spoils_no_other_case():
         assert swept[cart.x][0] == pytest.approx(exact, abs=1e-6)
 
 
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_a_long_motion_keeps_its_energy(method):
+    """Twenty seconds of an index-1 form drift; brought back onto the constraints now and then, the energy stays."""
+    rate = mbd.Parameter("rate", 8.0)
+    f = four_bar(0.8)
+    turning = f.mechanism.replace(forces=[mbd.Gravity()], parameters=[rate])
+    eom = mbd.equations(turning)
+    start = [f.crank.phi == 0.8, f.crank.omega == rate]
+    times = np.linspace(0, 20, 81)
+    swept = mbd.sweep(turning, times, {rate: [8.0, 9.0]}, {"energy": eom.kinetic + eom.potential}, start, method=method)
+    assert np.ptp(swept["energy"], axis=1) == pytest.approx(0, abs=2e-5 * np.max(np.abs(swept["energy"])))
+
+
 def test_starts_that_cannot_be_reached_are_told():
     f = four_bar(0.8)
     angle = mbd.Parameter("angle", 1.5)
