@@ -97,9 +97,9 @@ class Statics:
         unknowns: Sequence[ca.SX] = (),
         conditions: Sequence[Condition] = (),
     ):
-        self.numeric, self.t, self.conditions = numeric, t, tuple(conditions)
+        self.numeric, self.t = numeric, t
         eom = self.eom = numeric.eom
-        self.n, self.k, self.m, self.c = eom.q.numel(), eom.z.numel(), eom.lam.numel(), len(unknowns)
+        self.n, self.k, self.m = eom.q.numel(), eom.z.numel(), eom.lam.numel()
         y = ca.vertcat(ca.SX(0, 1), *unknowns)
         self._free_p = _places(eom.mechanism.parameters, unknowns)
         self._known_p = [k for k in range(numeric.p.size) if k not in self._free_p]

@@ -108,6 +108,13 @@ def cost_function(
     CostFunction
         ``J(x)``, ``J.gradient(x)``, ``J.value_and_gradient(x)``, ``J.start``, ``J.bounds``.
 
+    Notes
+    -----
+    With IDAS value and adjoint are each integrated to the tolerance, and their
+    steps differ: the gradient is that of the motion to some 1e-6, not that of
+    the numbers J returns to the last digit. With ``method="erk"`` it is both.
+    Events have no place here: a motion that is restarted has other derivatives.
+
     Examples
     --------
     >>> import numpy as np, mbdcasadi as mbd
