@@ -24,8 +24,7 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
     stem = target.stem
     if target.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem):
         raise ModelError(
-            "generate_c: the file must be named as a C identifier that ends in .c, such as engine.c, "
-            f"got {str(path)!r}"
+            f"generate_c: the file must be named as a C identifier that ends in .c, such as engine.c, got {str(path)!r}"
         )
     if not target.resolve().parent.is_dir():
         raise ModelError(f"generate_c: there is no folder {str(target.resolve().parent)!r}")
