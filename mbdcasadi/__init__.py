@@ -11,10 +11,22 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 from . import library
 from .analysis.assemble import assemble
 from .analysis.check import Report, check
+from .analysis.equilibrium.find import Equilibrium, EquilibriumError, equilibrium
+from .analysis.equilibrium.path import EquilibriumPath, equilibrium_path
+from .analysis.identification.data import Experiment, IdentificationError
+from .analysis.identification.fit import Fit
+from .analysis.identification.identify import identify
 from .analysis.inputs import SampledController
 from .analysis.inverse_dynamics import inverse_dynamics
 from .analysis.kinematics import kinematics
+from .analysis.linear.linearize import linearize
+from .analysis.linear.model import LinearModel
+from .analysis.sensitivity.cost import CostFunction, cost_function
+from .analysis.sensitivity.sensitivities import Sensitivities, sensitivities
 from .analysis.simulate import simulate
+from .analysis.sweeping.cases import full_factorial, latin_hypercube
+from .analysis.sweeping.result import Sweep
+from .analysis.sweeping.sweep import sweep
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,
@@ -80,4 +92,5 @@ from .optimal_control.waypoints import Waypoint
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .visual.fits import plot_residuals
 from .visual.plots import plot

@@ -81,7 +81,7 @@ def assemble_at(numeric: NumericEquations, conditions: Any, t: float, signals: S
     """Assemble with parameters and inputs already read."""
     eom = numeric.eom
     rows = read_conditions(conditions)
-    at_position, at_velocity, at_states = _levels(numeric, rows)
+    at_position, at_velocity, at_states = levels_of(numeric, rows)
     q0, v0, z0 = eom.estimate
     z = _first_order_states(numeric, at_states, t, z0)
     problem = PoseProblem(numeric, at_position, t, z)
@@ -106,7 +106,7 @@ def complete_state(numeric: NumericEquations, signals: Signals, t: float, q: Any
     return State(eom.mechanism, t, q, v, a, z, lam, u, numeric.p, obstacle)
 
 
-def _levels(
+def levels_of(
     numeric: NumericEquations, rows: tuple[Condition, ...]
 ) -> tuple[list[Condition], list[Condition], list[Condition]]:
     """Conditions on positions, on velocities, and on first-order states alone."""

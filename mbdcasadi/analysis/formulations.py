@@ -48,12 +48,13 @@ class Formulation:
         """Whether accelerations and multipliers are unknowns of the integrator."""
         return self.name == "KKT"
 
-    def dae(self, numeric: NumericEquations, signals: Signals) -> Dae:
-        """The system in time counted from the start of a chunk, ``x = (q, v, z)``."""
+    def dae(self, numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None) -> Dae:
+        """The system in time counted from the start of a chunk, ``x = (q, v, z)`` and integrals of expressions."""
         eom = numeric.eom
         since, start = ca.SX.sym("since"), ca.SX.sym("start")
         u = ca.substitute(signals.expressions, eom.t, start + since)
-        x = ca.vertcat(eom.q, eom.v, eom.z)
+        integrands = ca.SX(0, 1) if integrands is None else integrands
+        x = ca.vertcat(eom.q, eom.v, eom.z, ca.SX.sym("integrals", integrands.numel()))
         inner = [start + since, eom.q, eom.v, eom.z, u, eom.p]
         rate = ca.SX.sym("rate")
         parameters = ca.vertcat(start, eom.p, rate)
@@ -66,7 +67,7 @@ class Formulation:
         else:
             a, lam = eom.a, eom.lam
             unknowns, residual = ca.vertcat(a, lam), self._residual(eom)(*inner, a, lam)
-        rates = ca.Function("z_rate", [*eom.symbols], [eom.z_rate])
+        rates = ca.Function("z_rate", [*eom.symbols], [ca.vertcat(eom.z_rate, integrands)])
         z_rate = rates(inner[0], eom.q, eom.v, a, eom.z, lam, u, eom.p)
         ode = ca.vertcat(eom.v, a, z_rate)
         return Dae(since, x, unknowns, parameters, signals.channel, ode, residual)

@@ -14,22 +14,19 @@ from ..errors import MechanismWarning, SimulationError
 from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import number
-from ..results.state import State
 from ..results.trajectory import Trajectory
-from .assemble import assemble_at, complete_state
 from .event_location import EventWatch
 from .feed import InputFeed
 from .formulations import METHODS
-from .inputs import Signals, read_signals
+from .inputs import read_signals
 from .mappings import pairs_of, parameter_vector, time_grid
 from .monitors import tell_monitors
 from .run import Run
+from .starting import carried_by, start_state
 from .stiffness import is_stiff
 
 #: Outputs where only a duration is given.
 OUTPUTS = 201
-#: A start given as a State may miss the constraints by this much (m, rad, and their rates).
-CONSISTENT = 1e-6
 
 
 def simulate(
@@ -114,7 +111,7 @@ def simulate(
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if options is not None and not isinstance(options, dict):
         raise SimulationError(f"simulate: options= takes a dict for the integrator, got {options!r}")
-    own = _carried_by(initial, mechanism)
+    own = carried_by(initial, mechanism)
     numeric = NumericEquations(
         eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
     )
@@ -125,7 +122,7 @@ def simulate(
     )
     signals = read_signals(eom, given, grid)
     watch = EventWatch(eom, events)
-    start = _start(numeric, initial, float(grid[0]), signals)
+    start = start_state(numeric, initial, float(grid[0]), signals)
     redundant = numeric.has_redundant_rows(start.t, start.q)
     _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
     if method == "auto":
@@ -152,40 +149,6 @@ def _positive(value: Any, name: str) -> float:
     if result <= 0:
         raise SimulationError(f"simulate: {name} must be positive, got {result}")
     return result
-
-
-def _carried_by(initial: Any, mechanism: Mechanism) -> dict[str, dict]:
-    """Parameters and inputs that a state brings along, where the mechanism has them."""
-    if not isinstance(initial, State):
-        return {"parameters": {}, "inputs": {}}
-    theirs = initial.mechanism
-    found = {}
-    for name, symbols, values, own in (
-        ("parameters", theirs.parameters, initial.parameters, mechanism.parameters),
-        ("inputs", theirs.inputs, initial.inputs, mechanism.inputs),
-    ):
-        found[name] = {s: float(x) for s, x in zip(symbols, values, strict=True) if any(s is o for o in own)}
-    return found
-
-
-def _start(numeric: NumericEquations, initial: Any, time: float, signals: Signals) -> State:
-    if not isinstance(initial, State):
-        return assemble_at(numeric, initial, time, signals)
-    eom = numeric.eom
-    q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
-    z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-    phi, _ = numeric.position(time, q)
-    jacobian, nu = numeric.velocity(time, q)
-    rows = np.r_[np.abs(phi), np.abs(jacobian @ v - nu)]
-    names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
-    if rows.size and np.max(rows) > CONSISTENT:
-        worst = int(np.argmax(rows))
-        level = "position" if worst < phi.size else "velocity"
-        raise SimulationError(
-            f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
-            f"at t = {time:.6g} s; use assemble to make it consistent"
-        )
-    return complete_state(numeric, signals, time, q, v, z)
 
 
 def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -222,6 +223,42 @@ class Equations:
         """
         massless = bool(np.any(self.masses(self.parameter_values) == 0))
         return forward_dynamics(self, massless=massless)
+
+    def generate_c(self, path: str | Path) -> tuple[Path, Path]:
+        """Write the equations as C: one file and its header, which need a C compiler and nothing else.
+
+        With ``engine.c`` the functions are ``engine_mass_matrix (p -> M)``,
+        ``engine_constraints (t, q, p -> Phi, Phi_q, nu)``, ``engine_residual
+        (t, q, v, a, z, lam, u, p -> r)`` with ``r = [M a + Phi_q^T lam - Q; Phi;
+        Phi_q v - nu; Phi_q a - gamma]``, ``engine_jacobians`` (of r by q, v, a, z,
+        lam), ``engine_state_rates``, ``engine_forward_dynamics (t, q, v, z, u, p ->
+        a, lam)`` and ``engine_right_side`` (the same arguments, ``-> [v; a; z_rate]``).
+        Each is called as ``f(const double** arg, double** res, long long int* iw,
+        double* w, int mem)``; ``f_work`` tells the lengths of the four; matrices are
+        stored by columns.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file that ends in ``.c``, named as a C identifier: its name goes before every function.
+
+        Returns
+        -------
+        (Path, Path)
+            The file and its header.
+
+        Raises
+        ------
+        ModelError
+            For a name that C does not take.
+
+        Examples
+        --------
+        >>> mbd.equations(engine).generate_c("engine.c")  # doctest: +SKIP
+        """
+        from .code import generate_c
+
+        return generate_c(self, path)
 
     # --- printing ----------------------------------------------------------------------
     def __str__(self) -> str:

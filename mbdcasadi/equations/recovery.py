@@ -40,7 +40,8 @@ class Recovery:
         self.regularity = np.ones(1)
 
     @cached_property
-    def _position_step(self) -> ca.Function:
+    def position_step(self) -> ca.Function:
+        """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``."""
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
         jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
@@ -50,7 +51,8 @@ class Recovery:
         return self._keep("position step", arguments, results)
 
     @cached_property
-    def _velocity_step(self) -> ca.Function:
+    def velocity_step(self) -> ca.Function:
+        """``(t, q, v, p, weights) -> v``: one step towards ``Phi_q v = nu``."""
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
         step, _ = self._towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights)
@@ -84,7 +86,7 @@ class Recovery:
         self.left_over = 0.0
         columns, before = q.T, np.inf
         for _ in range(iterations):
-            moved, size, quality = self._position_step(t[None, :], columns, p, weights)
+            moved, size, quality = self.position_step(t[None, :], columns, p, weights)
             self.regularity = quality.full().ravel()
             worst = largest(size.full())
             if not np.isfinite(worst) or worst >= before / 2:
@@ -101,7 +103,7 @@ class Recovery:
             return v
         columns = v.T
         for _ in range(2):  # the second step removes the rounding of the first
-            columns = self._velocity_step(t[None, :], q.T, columns, self.numeric.p, self.numeric.weights).full()
+            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, self.numeric.weights).full()
         return columns.T
 
     def accelerations(

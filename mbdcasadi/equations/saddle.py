@@ -128,12 +128,17 @@ def stabilised_dynamics(eom: Equations, *, massless: bool) -> ca.Function:
 
 
 def forward_dynamics(
-    eom: Equations, *, massless: bool = False, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
+    eom: Equations,
+    *,
+    massless: bool = False,
+    redundant: bool = False,
+    refinements: int = REPORT_REFINEMENTS,
+    portable: bool = False,
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
     Where a force depends on the multipliers (friction) the system is not
-    linear, and Newton's method solves it.
+    linear, and Newton's method solves it; `portable` takes one that can be written as C.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
@@ -142,9 +147,8 @@ def forward_dynamics(
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
-    root = ca.rootfinder(
-        "newton", "newton", ca.Function("r", [unknowns, *arguments], [residual]), {"linear_solver": "csparse"}
-    )
+    plugin, options = ("fast_newton", {}) if portable else ("newton", {"linear_solver": "csparse"})
+    root = ca.rootfinder("newton", plugin, ca.Function("r", [unknowns, *arguments], [residual]), options)
     given = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
     found = root(ca.MX.zeros(unknowns.numel()), *given)
     n = eom.q.numel()

@@ -52,3 +52,17 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
         yield interruption
     finally:
         signal.signal(signal.SIGINT, previous)
+
+
+def call(function: Any, *arguments: Any) -> Any:
+    """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure or as nothing."""
+    with quiet(), interruptible() as interruption:
+        try:
+            result = function(*arguments)
+        except Exception:
+            if interruption.requested:
+                raise KeyboardInterrupt from None
+            raise
+        if interruption.requested:
+            raise KeyboardInterrupt
+        return result

@@ -104,7 +104,8 @@ class Integrator:
         #: steps of the last call, where the plugin counts them
         self.steps = 0
 
-    def _function(self, offsets: np.ndarray, steps: int) -> ca.Function:
+    def function(self, offsets: np.ndarray, steps: int) -> ca.Function:
+        """The compiled integrator for outputs at times after the start; the last state is a clock."""
         digits = 12 - int(np.ceil(np.log10(max(offsets[-1], 1e-300))))
         key = (steps, *np.round(offsets, digits))
         if key not in self._functions:
@@ -194,7 +195,7 @@ class Integrator:
             arguments["z0"] = z
         if u is not None:
             arguments["u"] = u
-        function = self._function(offsets, steps)
+        function = self.function(offsets, steps)
         try:
             with quiet():
                 result = function(**arguments)

@@ -1,0 +1,213 @@
+"""Ten thousand runs of a four-bar: a sweep with two processes, beside loops over peers.
+
+    python benchmarks/sweep.py
+    python benchmarks/sweep.py --runs 2000 --readme
+
+The four-bar of ``models.py`` starts at different speeds of its crank and runs
+for a second; kept is the angle of the crank at 51 times. Slow methods run a
+part of the cases, spread over all of them. The error is the largest one of
+that angle (rad) over a few cases against Runge–Kutta at 1e-12.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from machine import describe, into_readme, machine, one_thread
+
+one_thread()
+
+import numpy as np  # noqa: E402  (after the threads are set)
+from models import four_bar  # noqa: E402
+from peers import Buffered, _exudyn_settings, _exudyn_system  # noqa: E402
+
+import mbdcasadi as mbd  # noqa: E402
+
+TIMES = np.linspace(0, 1, 51)
+#: Speeds of the crank at the start, rad/s.
+SLOWEST, FASTEST = 2.0, 8.0
+#: Cases that are compared with the reference.
+CHECKED = 8
+#: Steps of Exudyn between two outputs.
+EXUDYN_STEPS = 40
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclass
+class Row:
+    """One method: how many runs it made, seconds and seconds of processors for all, error (rad)."""
+
+    name: str
+    runs: int
+    seconds: float
+    processor: float
+    error: float
+
+    @property
+    def each(self) -> float:
+        """Milliseconds a run."""
+        return 1e3 * self.seconds / self.runs
+
+
+def processor_seconds() -> float:
+    """What this process and those that it waited for have used: other work on the machine hardly changes it."""
+    used = os.times()
+    return used.user + used.system + used.children_user + used.children_system
+
+
+def linkage() -> SimpleNamespace:
+    """The four-bar with the speed of its crank as a parameter."""
+    speed = mbd.Parameter("speed", SLOWEST)
+    model = four_bar()
+    mechanism = model.mechanism().replace(parameters=[speed])
+    crank = mechanism.bodies[0]
+    return SimpleNamespace(
+        model=model,
+        mechanism=mechanism,
+        crank=crank,
+        speed=speed,
+        start=[crank.phi == model.bodies[0].pose[2], crank.omega == speed],
+    )
+
+
+def by_sweep(four: SimpleNamespace, speeds: np.ndarray, workers: int, **settings: Any) -> np.ndarray:
+    """Our own sweep, alone or with processes; all of it counts: compiling, starts, processes."""
+    given = {"cases": {four.speed: speeds}, "outputs": {"phi": four.crank.phi}, "initial": four.start} | settings
+    if workers == 1:
+        return mbd.sweep(four.mechanism, TIMES, **given)["phi"]
+    with ProcessPoolExecutor(workers) as executor:
+        return mbd.sweep(four.mechanism, TIMES, executor=executor, **given)["phi"]
+
+
+def by_simulate(four: SimpleNamespace, speeds: np.ndarray, method: str) -> np.ndarray:
+    """A loop over simulate."""
+    found = []
+    for speed in speeds:
+        motion = mbd.simulate(four.mechanism, TIMES, initial=four.start, parameters={four.speed: speed}, method=method)
+        found.append(motion[four.crank.phi])
+    return np.array(found)
+
+
+def by_scipy(four: SimpleNamespace, speeds: np.ndarray) -> np.ndarray:
+    """A loop over SciPy's DOP853 on the same compiled equations; the starts by assemble."""
+    from scipy.integrate import solve_ivp
+
+    forward = Buffered(mbd.equations(four.mechanism).forward_dynamics)
+    n, found = four.mechanism.bodies.__len__() * 3, []
+    for speed in speeds:
+        state = mbd.assemble(four.mechanism, four.start, parameters={four.speed: speed})
+        empty, p = np.zeros(0), np.array([speed])
+
+        def rate(t: float, x: np.ndarray, p: np.ndarray = p, empty: np.ndarray = empty) -> np.ndarray:
+            return np.r_[x[n:], forward(t, x[:n], x[n:], empty, empty, p)[0]]
+
+        run = solve_ivp(rate, (0, 1), np.r_[state.q, state.v], method="DOP853", t_eval=TIMES, rtol=1e-8, atol=1e-8)
+        found.append(run.y[2])
+    return np.array(found)
+
+
+def exudyn_case(values: dict[str, Any]) -> list[float]:
+    """One case of Exudyn's parameter variation."""
+    import exudyn as exu
+
+    data = values["functionData"]
+    problem = SimpleNamespace(model=data["model"], state=data["states"][int(values["case"])])
+    system, _ = _exudyn_system(exu, problem)
+    from exudyn import itemInterface as item
+
+    sensor = system.AddSensor(
+        item.SensorNode(nodeNumber=0, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates)
+    )
+    system.Assemble()
+    settings = _exudyn_settings(exu, data["model"], EXUDYN_STEPS * (TIMES.size - 1), 3)
+    settings.timeIntegration.endTime = 1.0
+    settings.solutionSettings.sensorsWritePeriod = TIMES[1]
+    system.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2, showHints=False)
+    return (system.GetSensorStoredData(sensor)[:, 3] + problem.state.q[2]).tolist()
+
+
+def by_exudyn(four: SimpleNamespace, speeds: np.ndarray, workers: int) -> np.ndarray:
+    """Exudyn's own ParameterVariation, which has processes too; the starts by assemble."""
+    from exudyn.processing import ParameterVariation
+
+    states = [mbd.assemble(four.mechanism, four.start, parameters={four.speed: s}) for s in speeds]
+    states = [SimpleNamespace(q=s.q, v=s.v) for s in states]
+    _, values = ParameterVariation(
+        exudyn_case,
+        {"case": list(range(len(speeds)))},
+        parameterFunctionData={"model": four.model, "states": states},
+        useMultiProcessing=workers > 1,
+        numberOfThreads=workers,
+        showProgress=False,
+    )
+    return np.array(values)
+
+
+def measure(runs: int) -> list[Row]:
+    """All methods, one after the other."""
+    four = linkage()
+    speeds = np.linspace(SLOWEST, FASTEST, runs)
+    checked = np.unique(np.linspace(0, runs - 1, CHECKED).astype(int))
+    exact = by_sweep(four, speeds[checked], 1, method="erk", reltol=1e-12, abstol=1e-12)
+    rows = []
+
+    def timed(name: str, count: int, method: Callable[[np.ndarray], np.ndarray]) -> None:
+        part = np.unique(np.r_[np.linspace(0, runs - 1, count).astype(int), checked])
+        began, used = time.perf_counter(), processor_seconds()
+        found = method(speeds[part])
+        seconds, used = time.perf_counter() - began, processor_seconds() - used
+        error = float(np.max(np.abs(found[np.searchsorted(part, checked)] - exact)))
+        rows.append(Row(name, part.size, seconds, used, error))
+        print(f"{name}: {rows[-1].each:.3g} ms a run, error {error:.1e}", flush=True)
+
+    for method in ("erk", "idas"):
+        for workers in (1, 2):
+            where = "serial" if workers == 1 else "two processes"
+            timed(f"sweep, {method}, {where}", runs, lambda s, m=method, w=workers: by_sweep(linkage(), s, w, method=m))
+    timed("loop over simulate, erk", runs // 100, lambda s: by_simulate(linkage(), s, "erk"))
+    timed("loop over simulate, idas", runs // 100, lambda s: by_simulate(linkage(), s, "idas"))
+    timed("loop over SciPy DOP853", runs // 50, lambda s: by_scipy(linkage(), s))
+    for workers in (1, 2):
+        where = "serial" if workers == 1 else "two processes"
+        timed(f"Exudyn ParameterVariation, {where}", runs // 100, lambda s, w=workers: by_exudyn(linkage(), s, w))
+    return rows
+
+
+def table(rows: list[Row]) -> str:
+    """The rows in Markdown, with ratios to the sweep with IDAS in this process."""
+    base = next(r for r in rows if r.name == "sweep, idas, serial")
+    lines = ["| | runs | ms a run | ms of processors | ratio of these | error, rad |", "|---|---:|---:|---:|---:|---:|"]
+    for r in rows:
+        each = 1e3 * r.processor / r.runs
+        ratio = r.processor / r.runs / (base.processor / base.runs)
+        lines.append(f"| {r.name} | {r.runs} | {r.each:.3g} | {each:.3g} | {ratio:.3g} | {r.error:.0e} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure, print, and keep the numbers."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=10_000)
+    parser.add_argument("--readme", action="store_true", help="put the table into README.md")
+    options = parser.parse_args()
+    rows = measure(options.runs)
+    text = f"{describe()}\n\n{table(rows)}"
+    print(text)
+    RESULTS.mkdir(exist_ok=True)
+    content = machine() | {"rows": [asdict(row) for row in rows]}
+    (RESULTS / "sweep.json").write_text(json.dumps(content, indent=1) + "\n")
+    if options.readme:
+        into_readme("sweep", text)
+
+
+if __name__ == "__main__":
+    main()

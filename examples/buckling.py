@@ -1,0 +1,48 @@
+"""At which load does a jointed column give way, and where does it go afterwards?
+
+Two links stand on rotational springs under a dead load. The straight column is
+an equilibrium at any load; where it loses its stability is the buckling load,
+(3 - √5)/2 k/L in closed form. A small sideways push shows what a real one does.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import mbdcasadi as mbd
+
+K, L = 20.0, 0.5
+load = mbd.Parameter("load", 0.0)
+push = mbd.Parameter("push", 0.0)
+
+lower = mbd.Body("lower", mass=0.1, inertia=0.002, pose=(0, L / 2, np.pi / 2))
+upper = mbd.Body("upper", mass=0.1, inertia=0.002, pose=(0, 1.5 * L, np.pi / 2))
+foot = mbd.ground.at(0, 0), lower.at(-L / 2, 0)
+elbow = lower.at(L / 2, 0), upper.at(-L / 2, 0)
+top = upper.at(L / 2, 0)
+column = mbd.Mechanism(
+    bodies=[lower, upper],
+    joints=[mbd.Revolute("foot", *foot), mbd.Revolute("elbow", *elbow)],
+    forces=[
+        mbd.RSDA("foot spring", *foot, stiffness=K, free_angle=np.pi / 2),
+        mbd.RSDA("elbow spring", *elbow, stiffness=K),
+        mbd.Force("load", top, (push, -load)),
+    ],
+    parameters=[load, push],
+)
+
+straight = mbd.equilibrium_path(column, load, 0, 40)
+print(straight)
+critical = straight.critical[0].value
+print(f"buckling load {critical:.6f} N, in closed form {K / L * (3 - 5**0.5) / 2:.6f} N")
+
+figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+axes = figure.subplots()
+axes.plot(0 * straight.values, straight.values, color="#5b6770", label="straight")
+for side in (0.02, 0.2, 1.0):
+    bent = mbd.equilibrium_path(column, load, 0, 40, parameters={push: side})
+    axes.plot(bent[top.x], bent.values, label=f"pushed aside by {side} N")
+axes.axhline(critical, color="#d1495b", linewidth=0.8, linestyle="--")
+axes.set_xlabel("sideways displacement of the top, m")
+axes.set_ylabel("load, N")
+axes.legend(frameon=False)
+figure.savefig("buckling.png", dpi=120)

@@ -1,0 +1,51 @@
+"""How does a car body bounce and pitch, and how much of a wavy road reaches the driver?
+
+A half car on two springs and dampers, with an unsprung mass on a stiff tyre at
+each end. One linear model gives the modes and the frequency response.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import mbdcasadi as mbd
+
+road = mbd.Input("road")
+chassis = mbd.Body("chassis", mass=700.0, inertia=1100.0, pose=(0, 0.7, 0))
+guide = mbd.AbsoluteX("guide", chassis.at(0, 0))
+bodies, joints, forces = [chassis], [guide], [mbd.Gravity()]
+for name, x in (("front", 1.2), ("rear", -1.4)):
+    wheel = mbd.Body(f"{name} wheel", mass=40.0, inertia=1.0, pose=(x, 0.3, 0))
+    bodies.append(wheel)
+    joints.append(mbd.Translational(f"{name} strut", mbd.ground.at(x, 0, np.pi / 2), wheel.at(0, 0, np.pi / 2)))
+    spring = mbd.TSDA(
+        f"{name} spring", wheel.at(0, 0), chassis.at(x, 0), stiffness=20e3, damping=1.2e3, free_length=0.6
+    )
+    # the tyre stands on a road that moves up and down
+    squash = wheel.at(0, 0).y - 0.3 - road
+    tyre = mbd.Force(f"{name} tyre", wheel.at(0, 0), (0, -180e3 * squash))
+    forces += [spring, tyre]
+car = mbd.Mechanism(bodies=bodies, joints=joints, forces=forces, inputs=[road])
+
+rest = mbd.equilibrium(car)
+model = mbd.linearize(car, rest, wrt=[road], outputs={"driver": chassis.at(0.2, 0).y, "front tyre": bodies[1].y})
+for mode in model.modes():
+    heave, pitch = mode.shape[1], mode.shape[2]
+    print(f"{mode}; heave {abs(heave):.2f}, pitch {abs(pitch):.2f}, wheels {np.abs(mode.shape[[4, 7]]).round(2)}")
+
+frequencies = np.geomspace(0.2, 30, 400)
+response = np.abs(model.frequency_response(frequencies))[:, :, 0]
+swing = model.modes()[0].motion(amplitude=0.05, periods=2)
+
+figure = Figure(figsize=(6.4, 5.6), layout="constrained")
+above, below = figure.subplots(2, 1)
+for k, name in enumerate(model.output_names):
+    above.loglog(frequencies, response[:, k], label=name)
+above.set_xlabel("frequency, Hz")
+above.set_ylabel("motion per motion of the road")
+above.legend(frameon=False)
+below.plot(swing.t, swing[chassis.at(1.2, 0).y] - rest[chassis.at(1.2, 0).y], label="front end")
+below.plot(swing.t, swing[chassis.at(-1.4, 0).y] - rest[chassis.at(-1.4, 0).y], label="rear end")
+below.set_xlabel("t, s")
+below.set_ylabel("slowest mode, m")
+below.legend(frameon=False)
+figure.savefig("modes.png", dpi=120)

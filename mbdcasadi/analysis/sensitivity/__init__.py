@@ -1,0 +1,1 @@
+"""Derivatives of motions by parameters, starts and inputs; cost functions with gradients."""

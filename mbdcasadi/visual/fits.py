@@ -1,0 +1,67 @@
+"""Pictures of an identification: data and model, and what is left between them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import MechanismError
+from .plots import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..analysis.identification.fit import Fit
+
+
+def plot_residuals(fit: Fit) -> Figure:
+    """Plot samples with the model through them, and the residuals beneath, for every measured quantity.
+
+    A good model leaves residuals without a pattern, most of them within the
+    band of two standard deviations that is drawn.
+
+    Parameters
+    ----------
+    fit : Fit
+        What :func:`identify` found.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Two rows of axes for each measured quantity, one column for each experiment.
+    """
+    from matplotlib.figure import Figure
+
+    experiments = getattr(fit, "experiments", None)
+    if experiments is None:
+        raise MechanismError(f"plot_residuals: takes what identify returns, got {fit!r}")
+    rows = max(len(e.labels) for e in experiments)
+    figure = Figure(figsize=(5.0 * len(experiments), 3.2 * rows), layout="constrained")
+    grid = figure.subplots(2 * rows, len(experiments), squeeze=False, sharex="col", height_ratios=[2, 1] * rows)
+    for column, (e, model, residual) in enumerate(zip(experiments, fit.model, fit.residuals, strict=True)):
+        for k, label in enumerate(e.labels):
+            _one(grid[2 * k, column], grid[2 * k + 1, column], e.times, e.samples[k], model[k], residual[k], label)
+        for axes in grid[2 * len(e.labels) :, column]:
+            axes.set_visible(False)
+        grid[2 * len(e.labels) - 1, column].set_xlabel("t, s")
+        if e.name:
+            grid[0, column].set_title(e.name)
+    figure.align_ylabels()
+    return figure
+
+
+def _one(
+    above: Any, below: Any, t: np.ndarray, samples: np.ndarray, model: np.ndarray, residual: np.ndarray, label: str
+) -> None:
+    above.plot(t, samples, ".", color=COLOURS[5], markersize=4, label="data")
+    above.plot(t, model, color=COLOURS[0], linewidth=1.4, label="model")
+    above.set_ylabel(label)
+    above.legend(frameon=False, fontsize="small")
+    spread = float(np.sqrt(np.nanmean(residual**2)))
+    below.axhspan(-2 * spread, 2 * spread, color=COLOURS[0], alpha=0.12, linewidth=0)
+    below.axhline(0.0, color=COLOURS[5], linewidth=0.6)
+    below.plot(t, residual, ".", color=COLOURS[1], markersize=4)
+    below.set_ylabel("residual")
+    for axes in (above, below):
+        axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,260 @@
+"""Equilibria against closed forms: branches, stability, unknown loads, paths, buckling and snap-through."""
+
+import numpy as np
+import pytest
+from linkages import G, four_bar, pendulum
+
+import mbdcasadi as mbd
+
+
+def column(load):
+    """Two upright links of 0.5 m on rotational springs of 20 N m/rad, with a load on the top."""
+    lower = mbd.Body("lower", mass=0.1, inertia=0.002, pose=(0, 0.25, np.pi / 2))
+    upper = mbd.Body("upper", mass=0.1, inertia=0.002, pose=(0, 0.75, np.pi / 2))
+    base, elbow = (mbd.ground.at(0, 0), lower.at(-0.25, 0)), (lower.at(0.25, 0), upper.at(-0.25, 0))
+    joints = [mbd.Revolute("base", *base), mbd.Revolute("elbow", *elbow)]
+    springs = [
+        mbd.RSDA("base spring", *base, stiffness=20, free_angle=np.pi / 2),
+        mbd.RSDA("elbow spring", *elbow, stiffness=20),
+    ]
+    return lower, upper, joints, [*springs, load(upper)]
+
+
+def truss(push, rise=0.3, stiffness=1000.0):
+    """Shallow truss of von Mises: two springs over a span of 2 m, pushed down at the apex."""
+    apex = mbd.Body("apex", mass=1.0, inertia=1.0, pose=(0, rise, 0))
+    guides = [mbd.AbsoluteX("x", apex.at(0, 0)), mbd.AbsoluteAngle("upright", apex.at(0, 0))]
+    bars = [
+        mbd.TSDA(f"bar {x}", mbd.ground.at(x, 0), apex.at(0, 0), stiffness=stiffness, free_length=np.hypot(1, rise))
+        for x in (-1, 1)
+    ]
+    forces = [*bars, mbd.Force("push", apex.at(0, 0), (0, -push))]
+    return apex, mbd.Mechanism(bodies=[apex], joints=guides, forces=forces, parameters=[push])
+
+
+# --- one equilibrium -------------------------------------------------------------------
+def test_rod_on_a_spring_has_the_length_of_the_closed_form():
+    rod = mbd.Body("rod", mass=4.0, inertia=4 / 12, pose=(0.5 * np.cos(1.2), 0.5 * np.sin(1.2), 1.2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    spring = mbd.TSDA("spring", mbd.ground.at(0, 1.5), rod.at(0.5, 0), stiffness=150, free_length=0.6)
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity(), spring]))
+    # moments about the pin: k (1 - l0 / l) 1.5 = m g / 2
+    assert rest[spring.length] == pytest.approx(0.6 / (1 - 4 * G / (2 * 150 * 1.5)), abs=1e-12)
+    assert rest.stable
+    assert np.all(rest.v == 0) and np.all(rest.a == 0)
+    pull = 150 * (rest[spring.length] - 0.6)
+    along = np.array([-rest[rod.at(0.5, 0).x], 1.5 - rest[rod.at(0.5, 0).y]]) / rest[spring.length]
+    assert rest[pin.reaction_on(rod).force] == pytest.approx([-pull * along[0], 4 * G - pull * along[1]], abs=1e-9)
+
+
+def test_stable_branch_is_preferred_and_the_other_one_can_be_had():
+    p = pendulum(angle=np.pi / 2)
+    down = mbd.equilibrium(p.mechanism)
+    assert down.stable and down[mbd.sin(p.rod.phi)] == pytest.approx(-1, abs=1e-12)
+    up = mbd.equilibrium(p.mechanism, prefer="nearest")
+    assert not up.stable and up[p.rod.phi] == pytest.approx(np.pi / 2, abs=1e-12)
+    # per displacement of the centre and arc at the lever of 0.5 m, taken together: -m g h / 2 h²
+    assert up.stiffness.least == pytest.approx(-G * 0.5 / (2 * 0.5**2), rel=1e-12)
+
+
+def test_conditions_choose_where_to_start_from():
+    p = pendulum(forces=lambda rod: [mbd.Torque("two wells", rod, 20 * mbd.sin(2 * rod.phi))])
+    right = mbd.equilibrium(p.mechanism, [p.rod.phi == 0.9])
+    left = mbd.equilibrium(p.mechanism, [p.rod.phi == -2.0])
+    for rest in (right, left):
+        phi = rest[p.rod.phi]
+        assert 20 * np.sin(2 * phi) - 0.5 * G * np.cos(phi) == pytest.approx(0, abs=1e-9)
+        assert rest.stable
+    assert right[p.rod.phi] > 0 > left[p.rod.phi]
+    again = mbd.equilibrium(p.mechanism, right)
+    assert again[p.rod.phi] == pytest.approx(right[p.rod.phi], abs=1e-13)
+
+
+def test_a_limit_that_the_equilibrium_breaks_is_told():
+    p = pendulum(angle=0.3)
+    with pytest.raises(mbd.EquilibriumError, match=r"breaks the condition.*rod\.phi"):
+        mbd.equilibrium(p.mechanism, [p.rod.phi >= 0])
+
+
+def test_torque_that_holds_a_pose():
+    tau = mbd.Input("tau")
+    p = pendulum(forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
+    rest = mbd.equilibrium(p.mechanism, [p.rod.phi == 0.3], unknowns=[tau])
+    assert rest[tau] == pytest.approx(0.5 * G * np.cos(0.3), abs=1e-11)
+    assert rest[p.rod.phi] == pytest.approx(0.3, abs=1e-13)
+    assert not rest.stable
+
+
+def test_mass_at_which_a_reaction_is_as_wanted():
+    mass = mbd.Parameter("mass", 1.0, lower=0.1)
+    block = mbd.Body("block", mass=mass, inertia=1.0)
+    guide = mbd.Weld("support", mbd.ground.at(0, 0), block.at(0, 0))
+    stand = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity()], parameters=[mass])
+    weight = guide.reaction_on(block).force[1]
+    rest = mbd.equilibrium(stand, [weight == 100], unknowns=[mass])
+    assert rest[mass] == pytest.approx(100 / G, rel=1e-12)
+    with pytest.raises(mbd.ConditionError, match="1 unknowns .* need as many equalities"):
+        mbd.equilibrium(stand, unknowns=[mass])
+
+
+def test_four_bar_rests_where_its_potential_is_least():
+    def spring(f):
+        return mbd.TSDA("spring", f.crank.at(0.1, 0), mbd.ground.at(0.55, 0.4), stiffness=300, free_length=0.35)
+
+    f = four_bar(1.0, forces=lambda f: [mbd.Gravity(), spring(f)])
+    rest = mbd.equilibrium(f.mechanism)
+    assert rest.stable
+    potential = mbd.equations(f.mechanism).potential
+    here = rest[potential]
+    for turn in (-0.02, -1e-3, 1e-3, 0.02):
+        there = mbd.assemble(f.mechanism, [f.crank.phi == rest[f.crank.phi] + turn])
+        assert there[potential] > here
+    # the slope of the potential along the motion vanishes
+    ends = [mbd.assemble(f.mechanism, [f.crank.phi == rest[f.crank.phi] + h])[potential] for h in (-1e-4, 1e-4)]
+    assert (ends[1] - ends[0]) / 2e-4 == pytest.approx(0, abs=1e-6)
+
+
+def test_redundant_rows_carry_the_forces_of_least_norm():
+    beam = mbd.Body("beam", mass=3.0, inertia=1.0)
+    posts = [mbd.Revolute(f"post {x}", mbd.ground.at(x, 0), beam.at(x, 0)) for x in (-1, 0, 1)]
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=[beam], joints=posts, forces=[mbd.Gravity()]))
+    assert [rest[post.reaction_on(beam).force][1] for post in posts] == pytest.approx([G, G, G], abs=1e-10)
+
+
+def test_first_order_states_follow_the_pose():
+    level = mbd.StateVariable("level", 0.3)
+    p = pendulum(
+        forces=lambda rod: [mbd.Torque("valve", rod, level)],
+        states={level: 2 * (3.0 - level)},
+    )
+    rest = mbd.equilibrium(p.mechanism)
+    assert rest[level] == pytest.approx(3.0, abs=1e-12)
+    assert 0.5 * G * np.cos(rest[p.rod.phi]) == pytest.approx(3.0, abs=1e-10)
+
+
+def test_feedback_through_a_state_enters_the_stiffness():
+    level = mbd.StateVariable("level")
+    rod = mbd.Body("rod", mass=1.0, inertia=1 / 12, pose=(0, 0.5, np.pi / 2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    forces = [mbd.Gravity(), mbd.Torque("valve", rod, level)]
+    held = mbd.Mechanism(bodies=[rod], joints=[pin], forces=forces, states={level: -30 * (rod.phi - np.pi / 2) - level})
+    rest = mbd.equilibrium(held)
+    assert rest.stable
+    assert rest.stiffness.least == pytest.approx((30 - 0.5 * G) / (2 * 0.5**2), rel=1e-12)
+
+
+def test_what_falls_has_no_equilibrium():
+    stone = mbd.Body("stone", mass=2.0, inertia=1.0)
+    with pytest.raises(mbd.EquilibriumError, match=r"stone\.y \(-19\.62\).*no force holds it back"):
+        mbd.equilibrium(mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity()]))
+
+
+def test_a_driver_that_moves_is_told():
+    p = pendulum()
+    turned = p.mechanism.replace(drivers=[mbd.Driver("turn", p.pin.angle, 2 * mbd.t)])
+    with pytest.raises(mbd.EquilibriumError, match="driver 'turn' moves at 2 per second"):
+        mbd.equilibrium(turned)
+
+
+def test_a_wheel_that_may_turn_is_not_stable():
+    wheel = mbd.Body("wheel", mass=1.0, inertia=1.0)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=[wheel], joints=[axle], forces=[mbd.Gravity()]))
+    assert not rest.stable
+    assert rest.stiffness.values == pytest.approx([0.0], abs=1e-12)
+
+
+def test_stiff_springs_and_soft_ones_together():
+    blocks = [mbd.Body(f"block {k}", mass=1.0, inertia=1.0, pose=(k + 1.0, 0, 0)) for k in range(2)]
+    guides = [mbd.Translational(f"guide {k}", mbd.ground.at(0, 0), b.at(0, 0)) for k, b in enumerate(blocks)]
+    springs = [
+        mbd.TSDA("stiff", mbd.ground.at(0, 0), blocks[0].at(0, 0), stiffness=1e8, free_length=1.1),
+        mbd.TSDA("soft", blocks[0].at(0, 0), blocks[1].at(0, 0), stiffness=0.1, free_length=0.5),
+        mbd.Force("pull", blocks[1].at(0, 0), (0.02, 0)),
+    ]
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=blocks, joints=guides, forces=springs))
+    assert rest[blocks[0].x] == pytest.approx(1.1 + 0.02 / 1e8, abs=1e-15)
+    assert rest[blocks[1].x - blocks[0].x] == pytest.approx(0.5 + 0.02 / 0.1, abs=1e-9)
+
+
+# --- follower load ----------------------------------------------------------------------
+@pytest.mark.parametrize(("load", "stable"), [(2.0, True), (2.15, False)])
+def test_column_of_ziegler_flutters_under_a_load_that_follows(load, stable):
+    """P L / k = 7/2 - √2 = 2.086 for masses 2 m and m (Ziegler 1952); no static criterion finds it."""
+    lower = mbd.Body("lower", mass=2.0, inertia=0.0, pose=(0, 1.0, np.pi / 2))
+    upper = mbd.Body("upper", mass=1.0, inertia=0.0, pose=(0, 2.0, np.pi / 2))
+    joints = [
+        mbd.Revolute("base", mbd.ground.at(0, 0), lower.at(-1, 0)),
+        mbd.Revolute("elbow", lower.at(0, 0), upper.at(-1, 0)),
+    ]
+    forces = [
+        mbd.RSDA("base spring", mbd.ground.at(0, 0), lower.at(-1, 0), stiffness=1.0, free_angle=np.pi / 2),
+        mbd.RSDA("elbow spring", lower.at(0, 0), upper.at(-1, 0), stiffness=1.0),
+        mbd.Force("follower", upper.at(0, 0), (-load, 0), frame="body"),
+    ]
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=forces), prefer="nearest")
+    assert rest.stable is stable
+    growth = np.max(mbd.linearize(rest.mechanism, rest).eigenvalues.real)
+    assert bool(growth > 1e-3) is (not stable)
+
+
+# --- paths ------------------------------------------------------------------------------
+def test_buckling_loads_of_the_column():
+    load = mbd.Parameter("load", 0.0)
+    lower, upper, joints, forces = column(lambda top: mbd.Force("load", top.at(0.25, 0), (0, -load)))
+    stand = mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=forces, parameters=[load])
+    path = mbd.equilibrium_path(stand, load, 0, 120)
+    expected = 20 / 0.5 * (3 + np.array([-1, 1]) * np.sqrt(5)) / 2
+    assert [c.value for c in path.critical] == pytest.approx(expected, rel=1e-9)
+    assert [c.kind for c in path.critical] == ["bifurcation", "bifurcation"]
+    assert np.array_equal(path.stable, path.values < expected[0])
+    assert path[upper.y] == pytest.approx(0.75, abs=1e-12)
+    # first shape: [1, golden ratio] in the angles of the links
+    turn = path.critical[0].direction[[2, 5]]
+    assert turn[1] / turn[0] == pytest.approx((1 + np.sqrt(5)) / 2, rel=1e-6)
+
+
+def test_an_imperfect_column_bends_instead():
+    load = mbd.Input("load")
+    lower, upper, joints, forces = column(lambda top: mbd.Force("load", top.at(0.25, 0), (0.1, -load)))
+    stand = mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=forces, inputs=[load])
+    path = mbd.equilibrium_path(stand, load, 0, 30, steps=30)
+    assert path.critical == () and np.all(path.stable)
+    assert abs(path[upper.phi][-1] - np.pi / 2) > 0.5
+    last = mbd.equilibrium(stand, path.states[-1], inputs={load: 30})
+    assert last[upper.phi] == pytest.approx(path[upper.phi][-1], abs=1e-10)
+
+
+def test_truss_snaps_through_at_its_limit_points():
+    push = mbd.Parameter("push", 0.0)
+    apex, model = truss(push)
+    path = mbd.equilibrium_path(model, push, 0, 30)
+    free = np.hypot(1, 0.3)
+    at = np.sqrt(free ** (2 / 3) - 1)  # where the load 2 k y (l0 / l - 1) is largest
+    limit = 2 * 1000 * at * (free / np.hypot(1, at) - 1)
+    assert [c.value for c in path.critical] == pytest.approx([limit, -limit], rel=1e-9)
+    assert {c.kind for c in path.critical} == {"limit"}
+    assert path.values[-1] == pytest.approx(30, abs=1e-9)
+    y = path[apex.y]
+    assert path.values == pytest.approx(2 * 1000 * y * (free / np.hypot(1, y) - 1), abs=1e-8)
+    assert y[0] == pytest.approx(0.3) and y[-1] < -0.3
+    assert np.array_equal(path.stable, np.abs(y) > at)
+
+
+@pytest.mark.parametrize(("change", "text"), [({"end": 0.0}, "nothing to follow"), ({"steps": 0}, "nothing to follow")])
+def test_bad_paths(change, text):
+    push = mbd.Parameter("push", 0.0)
+    _, model = truss(push)
+    with pytest.raises(mbd.ModelError, match=text):
+        mbd.equilibrium_path(model, push, **({"start": 0.0, "end": 1.0} | change))
+
+
+def test_bad_arguments():
+    p = pendulum()
+    k = mbd.Parameter("k", 1.0)
+    with pytest.raises(mbd.ModelError, match="prefer"):
+        mbd.equilibrium(p.mechanism, prefer="lowest")
+    with pytest.raises(mbd.ModelError, match="'k', which is not in the mechanism"):
+        mbd.equilibrium(p.mechanism, unknowns=[k])
+    with pytest.raises(mbd.ModelError, match="takes inputs and parameters"):
+        mbd.equilibrium(p.mechanism, unknowns=[p.rod.phi])

@@ -1,0 +1,205 @@
+"""Identification against known parameters, SciPy's least squares, and the statistics of noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from linkages import G, pendulum
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+import mbdcasadi as mbd
+
+
+def lever(k=6.0, c=0.15, first=0.4):
+    """Rod on a torsional spring and damper; its length is 0.7 m and its mass 1.2 kg."""
+    spring, damper = mbd.Parameter("k", k, lower=0.1, upper=50), mbd.Parameter("c", c, lower=0.0)
+    start = mbd.Parameter("first", first)
+    rod = mbd.Body("rod", mass=1.2, inertia=1.2 * 0.7**2 / 12, pose=(0.35, 0, 0))
+    ends = mbd.ground.at(0, 0), rod.at(-0.35, 0)
+    hinge = mbd.Revolute("hinge", *ends)
+    forces = [mbd.Gravity(), mbd.RSDA("spring", *ends, stiffness=spring, damping=damper)]
+    model = mbd.Mechanism(bodies=[rod], joints=[hinge], forces=forces, parameters=[spring, damper, start])
+    return rod, hinge, model, (spring, damper, start)
+
+
+def lever_by_hand(times, k, c, first, rate=0.0):
+    inertia, weight = 1.2 * 0.7**2 / 3, 1.2 * G * 0.35
+    run = solve_ivp(
+        lambda t, y: [y[1], (-k * y[0] - c * y[1] - weight * np.cos(y[0])) / inertia],
+        (times[0], times[-1]),
+        [first, rate],
+        method="DOP853",
+        t_eval=times,
+        rtol=1e-11,
+        atol=1e-12,
+    )
+    return run.y
+
+
+IRREGULAR = np.sort(np.r_[0.0, np.random.default_rng(3).uniform(0.01, 2.0, 60)])
+
+
+@pytest.mark.parametrize("segments", [1, 4, None])
+def test_irregular_samples_with_gaps_against_least_squares_of_scipy(segments):
+    rod, _, model, (k, c, first) = lever()
+    record = lever_by_hand(IRREGULAR, 7.5, 0.3, 0.45)[0] + 2e-3 * np.random.default_rng(1).standard_normal(61)
+    record[[5, 6, 30]] = np.nan
+    released = [rod.phi == first, rod.omega == 0]
+    fit = mbd.identify(model, IRREGULAR, {rod.phi: record}, [k, c, first], released, segments=segments)
+    there = np.isfinite(record)
+    best = least_squares(
+        lambda x: (lever_by_hand(IRREGULAR, *x)[0] - record)[there], [6, 0.15, 0.4], xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    assert fit.values == pytest.approx(best.x, rel=2e-6)
+    variance = 2 * best.cost / (58 - 3)
+    assert fit.covariance == pytest.approx(np.linalg.inv(best.jac.T @ best.jac) * variance, rel=1e-3)
+    assert fit.standard_error[k] == pytest.approx(np.sqrt(fit.covariance[0, 0]))
+    assert np.isnan(fit.residuals[0][0, 5]) and fit.noise[0]["rod.phi"] == pytest.approx(2e-3, rel=0.2)
+    assert fit.trajectory[rod.phi][there] == pytest.approx(fit.model[0][0][there], abs=1e-6)
+    assert fit.identifiability == ()
+
+
+def test_standard_errors_cover_the_truth():
+    """Over many records of noise the normalised errors have mean 0 and variance 1."""
+    rod, _, model, (k, c, first) = lever()
+    times = np.linspace(0, 1.5, 31)
+    clean = lever_by_hand(times, 6.0, 0.15, 0.4)[0]
+    generator = np.random.default_rng(11)
+    scores = []
+    for _ in range(25):
+        data = {rod.phi: clean + 1e-3 * generator.standard_normal(31)}
+        fit = mbd.identify(model, times, data, [k, c], [rod.phi == first], segments=1)
+        scores.append([(fit[k] - 6.0) / fit.standard_error[k], (fit[c] - 0.15) / fit.standard_error[c]])
+    scores = np.array(scores)
+    assert np.all(np.abs(np.mean(scores, axis=0)) < 3 / np.sqrt(25))
+    assert np.all((np.std(scores, axis=0) > 0.6) & (np.std(scores, axis=0) < 1.5))
+
+
+def test_several_experiments_and_quantities_of_different_noise():
+    rod, hinge, model, (k, c, _) = lever()
+    push = hinge.reaction_on(rod).force[0]
+    generator = np.random.default_rng(5)
+    experiments = []
+    for name, angle, rate in (("low", 0.2, 0.0), ("kicked", -0.5, 2.0)):
+        times = np.linspace(0, 1.2, 41)
+        phi, omega = lever_by_hand(times, 8.0, 0.4, angle, rate)
+        alpha = (-8 * phi - 0.4 * omega - 1.2 * G * 0.35 * np.cos(phi)) / (1.2 * 0.7**2 / 3)
+        force = -1.2 * 0.35 * (np.sin(phi) * alpha + np.cos(phi) * omega**2)
+        data = {rod.phi: phi + 1e-4 * generator.standard_normal(41), push: force + 0.2 * generator.standard_normal(41)}
+        experiments.append(mbd.Experiment(times, data, [rod.phi == angle, rod.omega == rate], name=name))
+    fit = mbd.identify(model, unknowns=[k, c], experiments=experiments)
+    assert abs(fit[k] - 8.0) < 4 * fit.standard_error[k] < 0.05
+    assert abs(fit[c] - 0.4) < 4 * fit.standard_error[c] < 0.02
+    for noise in fit.noise:
+        assert [*noise.values()] == pytest.approx([1e-4, 0.2], rel=0.4)
+    figure = mbd.plot_residuals(fit)
+    assert len(figure.axes) == 8 and figure.axes[0].get_title() == "low"
+
+
+def test_weights_and_missing_weight():
+    """A sample of no weight does not count, however wrong it is."""
+    rod, _, model, (k, c, first) = lever()
+    times = np.linspace(0, 1, 21)
+    record = lever_by_hand(times, 7.0, 0.2, 0.4)[0]
+    wrong = record.copy()
+    wrong[10] += 1.0
+    weight = np.where(np.arange(21) == 10, 0.0, 1.0)
+    released = [rod.phi == first]
+    fit = mbd.identify(model, times, {rod.phi: wrong}, [k, c], released, weights={rod.phi: weight})
+    assert fit.values == pytest.approx([7.0, 0.2], rel=1e-5)
+
+
+def test_limits_hold_and_are_told():
+    rod, _, model, (_, c, first) = lever()
+    times = np.linspace(0, 1, 21)
+    soft = mbd.Parameter("k", 6.0, lower=0.1, upper=6.5)
+    spring = mbd.RSDA("spring", mbd.ground.at(0, 0), rod.at(-0.35, 0), stiffness=soft, damping=c)
+    bound = model.replace(forces=[mbd.Gravity(), spring], parameters=[soft, c, first])
+    record = lever_by_hand(times, 7.0, 0.2, 0.4)[0]
+    fit = mbd.identify(bound, times, {rod.phi: record}, [soft, c], [rod.phi == first])
+    assert fit[soft] == 6.5 and fit.standard_error[soft] == 0
+    assert "'k' is at its limit 6.5" in fit.identifiability[0]
+    best = least_squares(lambda x: lever_by_hand(times, 6.5, x[0], 0.4)[0] - record, [0.1], xtol=1e-14, ftol=1e-14)
+    assert fit[c] == pytest.approx(best.x[0], rel=1e-5)
+
+
+def test_led_segments_settle_at_once_where_a_single_shot_wanders():
+    """A rod that balances upright and falls: small changes of the start decide on which side, and when."""
+    gain, rate = mbd.Parameter("gain", 1.0), mbd.Parameter("rate", 0.0)
+    rod = mbd.Body("rod", mass=1.0, inertia=1 / 12, pose=(0, 0.5, np.pi / 2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    push = mbd.Torque("push", rod, gain * mbd.sin(3 * mbd.t))
+    stand = mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity(), push], parameters=[gain, rate])
+    times = np.linspace(0, 4, 81)
+    upright = [rod.phi == np.pi / 2, rod.omega == rate]
+    truth = {gain: 2.0, rate: -2.0 * 3 * 3 / (9 + 1.5 * G)}
+    motion = mbd.simulate(stand, times, initial=upright, parameters=truth, method="erk", reltol=1e-11, abstol=1e-12)
+    led, single = (
+        mbd.identify(stand, times, {rod.phi: motion[rod.phi]}, [gain, rate], upright, segments=s) for s in (10, 1)
+    )
+    for fit in (led, single):
+        assert fit.values == pytest.approx([2.0, truth[rate]], rel=1e-6)
+    assert led.iterations < 10 < single.iterations
+
+
+def test_what_cannot_be_told_apart_is_said_in_words():
+    """Of a compound pendulum the motion shows m h / J only, never mass and inertia apart."""
+    mass, inertia = mbd.Parameter("mass", 1.0, lower=0.01), mbd.Parameter("inertia", 0.4, lower=0.001)
+    spare = mbd.Parameter("spare", 3.0)
+    rod = mbd.Body("rod", mass=mass, inertia=inertia, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    swing = mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity()], parameters=[mass, inertia, spare])
+    times = np.linspace(0, 1.5, 31)
+    true = {mass: 1.5, inertia: 0.2}
+    record = mbd.simulate(swing, times, parameters=true)[rod.phi]
+    with pytest.warns(
+        mbd.MechanismWarning, match="'mass' and 'inertia' cannot be told apart|'inertia' and 'mass' cannot"
+    ):
+        fit = mbd.identify(swing, times, {rod.phi: record}, [mass, inertia])
+    assert fit[mass] / fit[inertia] == pytest.approx(1.5 / 0.2, rel=1e-4)
+    assert np.isinf(fit.standard_error[mass]) and "by +1 %" in fit.identifiability[0]
+    with pytest.warns(mbd.MechanismWarning, match="'spare' leaves no trace in the data"):
+        fit = mbd.identify(swing, times, {rod.phi: record}, [inertia, spare], parameters={mass: 1.5})
+    assert fit[inertia] == pytest.approx(0.2, rel=1e-5) and np.isinf(fit.standard_error[spare])
+
+
+def test_closed_loop_with_a_length_to_find():
+    """A four-bar whose rocker length is found from the angle of its crank alone."""
+    from linkages import four_bar
+
+    reach = mbd.Parameter("reach", 0.19, lower=0.15, upper=0.25)
+    f = four_bar(0.8)
+    c = mbd.Revolute("C", f.coupler.at(0.25, 0), f.rocker.at(reach, 0))
+    linkage = f.mechanism.replace(joints=[f.A, f.B, c, f.D], forces=[mbd.Gravity()], parameters=[reach])
+    times = np.linspace(0, 0.8, 33)
+    released = [f.crank.phi == 0.8, f.crank.omega == 4]
+    record = mbd.simulate(linkage, times, initial=released, parameters={reach: 0.21}, method="erk")[f.crank.phi]
+    fit = mbd.identify(linkage, times, {f.crank.phi: record}, [reach], released)
+    assert fit[reach] == pytest.approx(0.21, abs=1e-7)
+
+
+def test_bad_data():
+    p = pendulum()
+    g = mbd.Parameter("g", G)
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    times, good = [0, 0.1, 0.2], {p.rod.phi: [0, 0.1, 0.2]}
+
+    def refused(text, *args, **kwargs):
+        with pytest.raises(mbd.ModelError, match=text):
+            mbd.identify(model, *args, **kwargs)
+
+    refused("unknowns= is empty", times, good)
+    refused("data= is empty", times, {}, [g])
+    refused(r"2 samples of 1 values are given for rod\.phi at 3 times", times, {p.rod.phi: [0, 1]}, [g])
+    refused("a sample of rod.phi is infinite", times, {p.rod.phi: [0, np.inf, 1]}, [g])
+    refused("every sample is missing", times, {p.rod.phi: [np.nan] * 3}, [g])
+    refused("not among data=", times, good, [g], weights={p.rod.x: 1})
+    refused("must be finite and not negative", times, good, [g], weights={p.rod.phi: -1})
+    refused("'k', which is not in the mechanism", times, good, [mbd.Parameter("k", 1.0)])
+    refused("segments must be an integer from 1 to 2", times, good, [g], segments=9)
+    refused("1 samples cannot determine", times, {p.rod.phi: [np.nan, 1, np.nan]}, [g, g])
+    refused("stand in these", times, good, [g], experiments=[mbd.Experiment(times, good)])
+    with pytest.raises(mbd.ModelError, match="'g' was not among|was not among the unknowns"):
+        fit = mbd.identify(model, times, good, [g])
+        fit[mbd.Parameter("other", 1.0)]
