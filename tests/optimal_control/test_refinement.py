@@ -155,7 +155,6 @@ def test_simulating_with_other_parameters_and_starts():
     assert solution.simulate(method="erk").final[block.x] == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.xfail(strict=True, reason="inputs= does not take a solution")
 def test_a_solution_as_input_of_a_simulation():
     """An input may be given by a solution: the same as its own replay."""
     f = crank_rocker()

@@ -17,7 +17,6 @@ def stored(tmp_path):
     return solution, path, problem
 
 
-@pytest.mark.xfail(strict=True, reason="a free duration at its limit is refused for rounding")
 @pytest.mark.parametrize(
     "settings", [dict(), dict(degree=5), dict(transcription="hermite-simpson"), dict(control="linear")]
 )
