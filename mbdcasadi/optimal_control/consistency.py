@@ -57,7 +57,15 @@ class ConditionRank:
         self._constraints = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
-        self.states = self._scattered()
+        self._functions: dict[tuple[int, ...], ca.Function] = {}
+        self.states = self._kept_states()
+
+    def _kept_states(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
+        """Scattered states, found once for a mechanism and its parameters."""
+        memory, key = self.numeric.eom.mechanism.memory, ("scattered states", self.numeric.p.tobytes())
+        if key not in memory:
+            memory[key] = self._scattered()
+        return memory[key]
 
     def _scattered(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
         """Consistent states about the estimate."""
@@ -80,10 +88,12 @@ class ConditionRank:
 
     def gradients(self, expressions: ca.SX, state: tuple) -> np.ndarray:
         """Gradients of expressions at a state, scaled to size one by row."""
-        eom = self.numeric.eom
-        arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
-        function = ca.Function("gradients", arguments, [ca.densify(ca.jacobian(expressions, self._x))])
-        rows = function(*state, self.numeric.p, np.ones(self._own.numel())).full() * self._columns
+        eom, key = self.numeric.eom, tuple(e.element_hash() for e in ca.vertsplit(expressions))
+        if key not in self._functions:
+            arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
+            slopes = ca.densify(ca.jacobian(expressions, self._x))
+            self._functions[key] = ca.Function("gradients", arguments, [slopes])
+        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel())).full() * self._columns
         size = np.linalg.norm(rows, axis=1, keepdims=True)
         return rows / np.where(size > 1e-12, size, 1.0)
 
