@@ -15,7 +15,7 @@ import mbdcasadi as mbd
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: Examples that are only run; the others have a test of their own name, which says what they find.
-PLAIN = ("cam", "dc_motor", "first_mechanism", "four_bar_output", "parking", "planetary_train", "slider_crank")
+PLAIN = ("buckling", "first_mechanism", "four_bar_output", "identify_friction", "modes", "slider_crank", "tolerances")
 LINES, BYTES = 100, 20_000
 
 
@@ -29,11 +29,12 @@ def is_picture(path):
 def found(request, tmp_path, monkeypatch):
     """Names of the example that a test is called after, run with warnings as errors and drawn."""
     name = request.function.__name__.removeprefix("test_")
-    picture = tmp_path / "picture.png"
-    monkeypatch.setattr(sys, "argv", [name, str(picture)])
+    monkeypatch.setattr(sys, "argv", [name, str(tmp_path / "picture.png")])
+    monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", mbd.MechanismWarning)
         names = runpy.run_path(str(EXAMPLES / f"{name}.py"))
+    (picture,) = tmp_path.glob("*.png")
     assert is_picture(picture)
     return names
 
@@ -135,3 +136,45 @@ def test_cart_pole_control(found):
     assert len(plans) == 80 and np.abs(found["degrees"]).max() < 20 and abs(found["degrees"][-1]) < 3
     assert np.abs(motion[found["cart"].x]).max() < 1.01 * found["TRACK"]
     assert all(plan.program is plans[1].program for plan in plans)  # built once
+
+
+@pytest.mark.slow
+def test_planetary_train(found):
+    """The ratio is Willis'; torques balance the load; the relation holds while the ring slips back."""
+    assert found["ratio"] == pytest.approx(0.04 / 0.12, rel=1e-12)
+    run, drive, brake = found["run"], found["drive"], found["brake"]
+    np.testing.assert_allclose(run[drive.effort] + run[brake.effort], found["LOAD"], rtol=1e-10)
+    motion, train = found["motion"], found["train"]
+    assert np.max(np.abs(motion[found["willis"]])) < 1e-12
+    assert motion[train.ring.omega][-1] < -10
+
+
+@pytest.mark.slow
+def test_cam(found):
+    """The contact force at the limit is zero somewhere and nowhere negative; just above it the follower lifts off."""
+    contact, limit = found["contact"], found["limit"]
+    touching = found["turned_at"](limit)[contact.normal_force]
+    assert np.min(touching) == pytest.approx(0, abs=0.02)
+    flight = found["flight"]
+    assert [event.name for event in flight.events] == ["lift-off at contact"]
+    assert flight.final[contact.normal_force] == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_dc_motor(found):
+    """The energy budget closes to what the coil holds; the optimum takes less heat and replays."""
+    run, motor = found["run"], found["motor"]
+    coil = 0.5 * found["WINDING"]["inductance"] * run[motor.current][-1] ** 2
+    assert found["taken"] - found["lost"] - found["lifted"] == pytest.approx(coil, rel=0.02)
+    assert found["solution"].cost < 0.6 * found["until"]
+    assert found["solution"].verify().final_error < 1e-3
+
+
+@pytest.mark.slow
+def test_parking(found):
+    """It arrives at the side, and the blade never slipped."""
+    solution, sledge = found["solution"], found["sledge"]
+    final = solution.trajectory.final
+    assert final[sledge.y] == pytest.approx(0.4, abs=1e-7)
+    assert solution.verify().final_error < 1e-5
+    assert np.max(np.abs(found["run"][found["across"]])) < 1e-12

@@ -192,9 +192,7 @@ class Equations:
         if key not in memory:
             for symbol in symbols_of(expression):
                 if symbol.element_hash() not in self._known:
-                    raise ExpressionError(
-                        f"the expression holds {self._foreign(symbol)}, which the mechanism does not have"
-                    )
+                    raise ExpressionError(f"the expression holds {self._foreign(symbol)}")
             # the expression is kept beside its function: a hash is only unique while the node lives
             memory[key] = (ca.Function("expression", list(self.symbols), [ca.densify(expression)]), expression)
         return memory[key][0]
@@ -202,8 +200,10 @@ class Equations:
     @staticmethod
     def _foreign(symbol: ca.SX) -> str:
         role = role_of(symbol)
+        if role is not None and role.kind == "input rate":
+            return f"{describe(symbol)}, which is known in optimal control alone"
         owner = getattr(role.owner, "name", None) if role else None
-        return describe(symbol) + (f" of '{owner}'" if owner else "")
+        return describe(symbol) + (f" of '{owner}'" if owner else "") + ", which the mechanism does not have"
 
     def value(self, expression: Any, arguments: Sequence[Any]) -> np.ndarray:
         """Value of an expression at one state, in the expression's own shape."""

@@ -84,12 +84,22 @@ class MotionConstraints:
                 nu,
             ],
         )
-        self._held_slopes = self.function(0.0, eom.estimate[0], numeric.p)[2].full()[len(self.rows) :]
+        slopes = self.function(0.0, eom.estimate[0], numeric.p)
+        self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
 
     def _sizes(self, scales: Scales) -> np.ndarray:
         """Sizes of the rows as they change over typical coordinates."""
-        slopes = np.max(np.abs(self._held_slopes) * scales.q, axis=1, initial=0.0)
+        slopes = np.max(self._slopes[len(self.rows) :] * scales.q, axis=1, initial=0.0)
         return np.r_[scales.rows[self.rows], np.where(slopes > 0, slopes, 1.0)]
+
+    def corrections(self, scales: Scales, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes of the multipliers that move positions, and velocities, by typical amounts in the metric W."""
+        sizes = []
+        for slopes in (self._position_slopes, self._slopes):
+            needed = np.where(slopes > 0, scales.q * weights / np.where(slopes > 0, slopes, 1.0), np.inf)
+            least = np.min(needed, axis=1, initial=np.inf)
+            sizes.append(np.where(np.isfinite(least), least, 1.0))
+        return sizes[0], sizes[1] / scales.time
 
     def _words(self, scales: Scales, per: str) -> tuple[list[str], list[str]]:
         """Names and units of the rows."""

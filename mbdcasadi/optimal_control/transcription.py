@@ -159,14 +159,14 @@ class Transcription(ABC):
 
     def sizes(self, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
         """Typical sizes of the unknowns of a mesh point and of an interval."""
-        correction = scales.q.max(initial=0.0) * self.weights.mean()
+        mu_1, mu_2 = self.constraints.corrections(scales, self.weights)
         known = {
             "a": scales.a,
             "lam": scales.lam[self.rows],
             "rate": scales.z / scales.time,
             "u": scales.u,
-            "mu_1": np.full(self.constraints.position_count, correction),
-            "mu_2": np.full(self.constraints.velocity_count, correction / scales.time),
+            "mu_1": mu_1,
+            "mu_2": mu_2,
         }
         node = [scales.q, scales.v, scales.z, scales.u if self.inputs.joined else np.zeros(0)]
         block = [np.tile(known[name], shares.size) for name, (_, shares) in self.block_parts.items()]

@@ -153,10 +153,10 @@ def test_states_take_their_rate_from_the_mechanism(arm):
 
 
 def test_rates_that_are_not_known_are_refused(arm):
-    """Inputs, accelerations, multipliers and strangers; the message names the symbol."""
+    """Accelerations, multipliers, rates of inputs and strangers; the message names the symbol."""
     pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(0, 0))
     unknown = {
-        "input 'u'": mbd.Input("u"),
+        "input rate 'u.rate'": mbd.Input("u").rate,
         "arm.alpha": arm.alpha * arm.x,
         "pin.lam": pin.reaction_on(arm).force,
         "symbol 'stranger'": ca.SX.sym("stranger"),
@@ -165,6 +165,16 @@ def test_rates_that_are_not_known_are_refused(arm):
         with pytest.raises(mbd.ExpressionError, match="rate of") as error:
             mbd.time_derivative(expression)
         assert words in str(error.value)
+
+
+def test_the_rate_of_an_input_is_a_symbol_of_its_own(arm):
+    """Optimal control knows it; what else holds it is told."""
+    u = mbd.Input("u")
+    rate = mbd.time_derivative(u * arm.x)
+    assert same(rate, u.rate * arm.x + u * arm.vx, u, u.rate, arm.q, arm.v)
+    machine = mbd.Mechanism(bodies=[arm], forces=[mbd.Torque("motor", arm, u)], inputs=[u])
+    with pytest.raises(mbd.ExpressionError, match=r"input rate 'u\.rate'.*optimal control"):
+        mbd.assemble(machine)[u.rate]
 
 
 def test_a_state_without_its_mechanism_is_refused_with_a_hint():

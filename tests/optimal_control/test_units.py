@@ -40,7 +40,6 @@ def test_least_effort(settings, units):
         assert other[0].cost / (mass * length**2) ** 2 == pytest.approx(reference[0].cost, rel=1e-6)
 
 
-@pytest.mark.xfail(strict=True, reason="sizes of the projection multipliers mix units")
 def test_the_solver_sees_the_same_numbers():
     """Scaled by lengths, masses and the time of the model, the program is the same: so is the number of iterations."""
     counts = [in_units(length, mass)[0].statistics.iterations for length, mass in [(1.0, 1.0), *UNITS]]
