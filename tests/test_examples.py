@@ -127,7 +127,10 @@ def test_periodic_linkage(found):
         speed, torque = fine(solution, crank.omega), fine(solution, tau)
         assert speed[-1] == pytest.approx(speed[0], abs=1e-6) and torque[-1] == pytest.approx(torque[0], abs=1.0)
         assert np.mean(speed[:-1]) * found["TURN"] == pytest.approx(2 * np.pi, abs=1e-5)
-    assert largest_error(*solutions.values()) < 1e-3
+    # at constant torque the motion is nearly indifferent: intervals miss a small part of what the end is off
+    replays = [solution.verify() for solution in solutions.values()]
+    assert max(replay.final_error for replay in replays) < 1e-2
+    assert max(np.max(replay.defects) for replay in replays) < 1e-5
 
 
 @pytest.mark.slow
