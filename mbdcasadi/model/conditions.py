@@ -62,7 +62,7 @@ def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
     Parameters
     ----------
     lower, upper : float or expression
-        Limits; each may hold parameters.
+        Limits; each may hold parameters, or be infinite.
     expression : casadi.SX
         Scalar.
 
@@ -72,8 +72,10 @@ def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
         Where the limits are the wrong way round, or the expression is a number.
     """
     what = "bounded"
-    low, value, high = (
-        quantity(x, what, name) for x, name in ((lower, "lower"), (expression, "expression"), (upper, "upper"))
+    value = quantity(expression, what, "expression")
+    low, high = (
+        x if isinstance(x, float) and x == open_side else quantity(x, what, name)
+        for x, name, open_side in ((lower, "lower", -math.inf), (upper, "upper", math.inf))
     )
     if not isinstance(value, ca.SX):
         raise ConditionError(f"bounded: the expression in the middle is the number {value}")
@@ -118,8 +120,10 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
         return [entry]
     if isinstance(entry, Bounded):
         sides = (entry.lower <= entry.expression, entry.expression <= entry.upper)
-        # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1
-        return [c for side in sides if not side.is_one() for c in _relation(side, position)]
+        # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1; so does an infinite one
+        infinite = (entry.lower.is_minus_inf(), entry.upper.is_inf())
+        kept = [side for side, free in zip(sides, infinite, strict=True) if not free and not side.is_one()]
+        return [c for side in kept for c in _relation(side, position)]
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
     hint = "write body.phi == 0.3"

@@ -101,32 +101,37 @@ class ConditionRank:
         """Orthonormal basis of the gradients of the constraints at a state, by row."""
         return _span(self.gradients(self._constraints, state))
 
+    def span(self, state: tuple, given: Sequence[Condition]) -> np.ndarray:
+        """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
+        return _span(np.vstack([self.constraints_span(state), self.gradients(stacked(given), state)]))
+
     def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
         """Which conditions depend on the constraints, and on other conditions given, at every state."""
         if not conditions or not self.states:
             return [False] * len(conditions)
         result = np.ones(len(conditions), bool)
         for state in self.states:
-            span = _span(np.vstack([self.constraints_span(state), self.gradients(stacked(given), state)]))
+            span = self.span(state, given)
             rows = self.gradients(stacked(conditions), state)
             result &= np.linalg.norm(rows - rows @ span.T @ span, axis=1) <= DEPENDENT
         return result.tolist()
 
-    def count(self, conditions: Sequence[Condition]) -> int:
-        """How many of the conditions are independent of each other and of the constraints."""
+    def count(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> int:
+        """How many of the conditions are independent of each other, of the constraints, and of others given."""
         counts = [len(conditions)] if not self.states or not conditions else []
         for state in self.states if conditions else []:
-            span = self.constraints_span(state)
+            span = self.span(state, given)
             rows = self.gradients(stacked(conditions), state)
             counts.append(analyse_rank(rows - rows @ span.T @ span, DEPENDENT).rank)
         return max(counts)
 
-    def independent(self, conditions: Sequence[Condition], state: tuple) -> list[Condition]:
-        """Independent conditions at a state that meets them all, those of steepest gradient first."""
-        count = self.count(conditions)
-        if count == len(conditions):
+    def independent(
+        self, conditions: Sequence[Condition], state: tuple, given: Sequence[Condition] = ()
+    ) -> list[Condition]:
+        """Conditions independent of others given, at a state that meets all, those of steepest gradient first."""
+        if self.count(conditions, given) == len(conditions):
             return list(conditions)
-        span = self.constraints_span(state)
+        span = self.span(state, given)
         rows = self.gradients(stacked(conditions), state)
         rest = rows - rows @ span.T @ span
         order = np.argsort(-np.linalg.norm(rest, axis=1), kind="stable")

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..model.symbols import role_of, symbols_of
+from ..model.symbols import role_of, symbols_of, time_derivative
+from .problem import OptimalControlProblem
 from .rows import OWN_UNIT, Rows
 from .scaling import Scales
 
@@ -31,6 +32,22 @@ def prescribes_motion(condition: Condition) -> bool:
     speeds = [s for s, role in named if role is not None and role.kind == "velocity"]
     slopes = ca.jacobian(condition.expression, ca.vertcat(ca.SX(0, 1), *speeds))
     return not speeds or not ca.depends_on(slopes, ca.vertcat(*speeds))
+
+
+def held_conditions(problem: OptimalControlProblem) -> list[Condition]:
+    """Path conditions that prescribe the motion; those with free parameters stay conditions at the stages."""
+    free = {p.element_hash() for p in problem.free_parameters}
+    symbols = {c: {s.element_hash() for s in symbols_of(c.expression)} for c in problem.path}
+    return [c for c in problem.path if prescribes_motion(c) and not free & symbols[c]]
+
+
+def with_rates(held: Sequence[Condition]) -> list[Condition]:
+    """Conditions that prescribe the motion, and the rates of those in positions, as a state must meet them."""
+    found = list(held)
+    for c in held:
+        if not c.depends_on("velocity"):
+            found.append(Condition(time_derivative(c.expression), True, f"the rate of {c.label}"))
+    return found
 
 
 class MotionConstraints:

@@ -95,6 +95,8 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
         worst = f"; least met is: {violations[0]}"
+    if not violations and status == "Maximum_Iterations_Exceeded":
+        worst += " (a cost or limit with kinks, such as fabs or fmax, or inputs that chatter unseen, may be the cause)"
     if violations and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(

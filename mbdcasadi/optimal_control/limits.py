@@ -44,8 +44,10 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
 
     For path limits, the limits of inputs and of states: by interval (N,), the
     decrease of the cost for one unit by which the limit is loosened, per
-    second. For conditions at the start, at waypoints, at the end and between
-    both: the change of the cost for one unit added to the right-hand side.
+    second. For equalities at the start, at waypoints, at the end and between
+    both: the change of the cost for one unit added to the right-hand side; for
+    inequalities there: its decrease for one unit by which they are loosened.
+    Path equalities that prescribe the motion are constraints and have none.
     """
     program = solution.program
     multipliers = solution.answer.lam_g

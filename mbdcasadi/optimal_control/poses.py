@@ -7,12 +7,13 @@ before. A straight line in the coordinates would tear closed loops apart.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
-from ..analysis.pose import PoseProblem
+from ..analysis.pose import LARGEST_TURN, PoseProblem
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import ModelError
 from ..model.conditions import Condition
@@ -20,11 +21,13 @@ from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
 from ..numerics.rank import dependent_rows
 from ..results.state import State
-from .placeholders import placeholder_of
+from .consistency import stacked
+from .constraints import held_conditions
+from .placeholders import placeholder_of, placeholders_in
 from .problem import OptimalControlProblem
 
-#: Steps from place to place, at the least.
-STEPS = 40
+#: Steps from place to place, and parts of a step at great speed, at the most.
+STEPS, SUBSTEPS = 40, 20
 #: Rows of a unit gradient that are nearer to others than this are not used to steer by.
 TOO_NEAR = 1e-3
 
@@ -63,6 +66,7 @@ def kinematic_poses(
         Times of start, waypoints and end, s.
     """
     held = _on_positions(problem, problem.path)
+    speeds = [c for c in held_conditions(problem) if c.depends_on("velocity")]
     places = [_on_positions(problem, w.conditions) for w in problem.waypoints]
     last = problem.final
     if isinstance(last, State):
@@ -74,9 +78,23 @@ def kinematic_poses(
         if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
             span = np.linspace(begin, marks[k + 1], STEPS + 1)
             times.append(span[1:])
-            poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+            if conditions or not (np.any(start.v) or speeds):
+                poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+            else:
+                poses += _coasting(numeric, held, speeds, start, poses[-1], span)
             begin = float(marks[k + 1])
     return np.concatenate(times), np.array(poses)
+
+
+def goes_nowhere(problem: OptimalControlProblem) -> bool:
+    """Whether no condition after the start speaks of positions: the motion may go where it likes."""
+    if isinstance(problem.final, State):
+        return False
+    later = [*problem.final, *problem.path, *problem.boundary, *(c for w in problem.waypoints for c in w.conditions)]
+    inner = [p.expression for c in later for p in placeholders_in(c.expression)]
+    held = held_conditions(problem)
+    positions = [c for c in later if c.equality and c.depends_on("position")]
+    return not positions and not held and not any(Condition(e, True, "").depends_on("position") for e in inner)
 
 
 def _leg(
@@ -104,6 +122,39 @@ def _leg(
         q = outcome.x
         path.append(q)
     return path + [q] * (span.size - 1 - len(path))
+
+
+def _coasting(
+    numeric: NumericEquations,
+    held: list[Condition],
+    speeds: list[Condition],
+    start: State,
+    q: np.ndarray,
+    span: np.ndarray,
+) -> list[np.ndarray]:
+    """Poses passed at speeds that are held or, else, at the speed of the start, as straight as the joints let it."""
+    eom = numeric.eom
+    place = PoseProblem(numeric, held, float(span[0]), start.z)
+    rows = stacked(speeds)
+    slopes = ca.Function(
+        "speeds", [eom.t, eom.q, eom.v, eom.p], [ca.densify(ca.jacobian(rows, eom.v)), ca.densify(rows)]
+    )
+    v, path = start.v, []
+    for before, now in itertools.pairwise(span.tolist()):
+        turn = np.max(np.abs(v[2 : 3 * len(eom.mechanism.bodies) : 3]), initial=0.0) * (now - before)
+        count = int(np.clip(np.ceil(turn / LARGEST_TURN), 1, SUBSTEPS))
+        for k in range(1, count + 1):
+            place.t = before + (now - before) * k / count
+            moved = q + (now - before) / count * v
+            outcome = solve(place.rows_with(held), moved, numeric.weights, iterations=30)
+            q = outcome.x if outcome.converged else q
+            jacobian, nu = numeric.velocity(place.t, q)
+            slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
+            residual = np.r_[jacobian @ v - nu, missing.ravel()]
+            scaled = np.vstack([jacobian, slope]) * numeric.column_scale
+            v = v - numeric.column_scale * np.linalg.lstsq(scaled, residual, rcond=1e-9)[0]
+        path.append(q)
+    return path
 
 
 def _on_positions(problem: OptimalControlProblem, conditions: Sequence[Condition]) -> list[Condition]:

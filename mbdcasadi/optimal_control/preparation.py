@@ -13,11 +13,11 @@ from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition
-from ..model.symbols import symbols_of, time_derivative
+from ..model.symbols import symbols_of
 from ..numerics.rank import dependent_rows
 from ..results.state import State
 from .consistency import ConditionRank, on_states, stacked
-from .constraints import MotionConstraints, prescribes_motion
+from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
 from .hermite_simpson import HermiteSimpson
@@ -83,6 +83,7 @@ class Preparation:
 
     def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
         self.problem, self.numeric, self.start = problem, numeric, start
+        self.held = held_conditions(problem)
         low, high = problem.duration
         self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)
@@ -118,26 +119,21 @@ class Preparation:
         free = ca.vertcat(ca.SX(0, 1), *problem.free_parameters)
         ranks, begin = ConditionRank(self.numeric, free), (0.0, start.q, start.v, start.z)
         rows = [c for c in on_states(problem.initial) if c.equality]
-        kept = ranks.independent(rows, begin)
+        held = with_rates(self.held)
+        kept = ranks.independent(rows, begin, held)
         others = [c for c in problem.initial if c not in rows]
         moving = {s.element_hash() for s in ca.vertsplit(free)}
-        fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in kept])
+        fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in (*held, *kept)])
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
             unknowns = 2 * eom.q.numel() + eom.z.numel()
-            jacobian = np.vstack([ranks.constraints_span(begin), ranks.gradients(stacked(kept), begin)])
+            jacobian = np.vstack([ranks.span(begin, held), ranks.gradients(stacked(kept), begin)])
             if np.linalg.matrix_rank(jacobian[:, :unknowns], tol=1e-9) == unknowns:
                 return None
         return [*kept, *others]
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem
-        own = {p.element_hash() for p in problem.free_parameters}
-        held = [
-            c
-            for c in problem.path
-            if prescribes_motion(c) and not own & {s.element_hash() for s in symbols_of(c.expression)}
-        ]
-        constraints = MotionConstraints(self.numeric, self._independent_rows(), held)
+        constraints = MotionConstraints(self.numeric, self._independent_rows(), self.held)
         weights, rates = self.numeric.weights, problem.has_input_rates
         if settings.transcription == GaussLegendre.name:
             inner, joined = GaussLegendre.input_points(settings.degree)
@@ -147,18 +143,11 @@ class Preparation:
         return HermiteSimpson(constraints, weights, input_basis(settings.control, inner, joined, rates=rates))
 
     def check_start(self, start: State) -> None:
-        """Refuse a start that is given off the motion that path conditions prescribe."""
-        for condition in self.scheme.constraints.held if self.initial is None else ():
-            levels = {"": condition.expression}
-            if not condition.depends_on("velocity"):
-                levels["the rate of "] = time_derivative(condition.expression)
-            for what, level in levels.items():
-                amount = float(start[level])
-                if abs(amount) > OFF:
-                    raise ConditionError(
-                        f"the initial state does not meet {what}the path condition {condition.label}: "
-                        f"it is off by {amount:.3g}"
-                    )
+        """Refuse a state given as the start off the motion that path conditions prescribe."""
+        for condition in with_rates(self.held) if isinstance(self.problem.initial, State) else ():
+            amount = float(start[condition.expression])
+            if abs(amount) > OFF:
+                raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")
 
     def _independent_rows(self) -> list[int]:
         """Constraint rows without those that others imply; of the poses passed the one with the most counts."""
@@ -179,10 +168,12 @@ def first_state(problem: OptimalControlProblem, numeric: NumericEquations) -> St
     own = {p.element_hash() for p in problem.own_parameters}
     rows = on_states(problem.initial)
     rows = [c for c in rows if not own & {s.element_hash() for s in symbols_of(c.expression)}]
+    held = with_rates(held_conditions(problem))
     try:
-        return assemble_at(numeric, rows, 0.0, read_signals(problem.equations, None))
+        return assemble_at(numeric, [*rows, *held], 0.0, read_signals(problem.equations, None))
     except (AssemblyError, ConditionError) as error:
-        raise ConditionError(f"the initial conditions cannot be met: {error}") from None
+        more = " together with the path conditions that prescribe the motion" if held else ""
+        raise ConditionError(f"the initial conditions cannot be met{more}: {error}") from None
 
 
 def _as_conditions(problem: OptimalControlProblem, end: State) -> list[Condition]:

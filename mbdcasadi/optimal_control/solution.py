@@ -222,8 +222,8 @@ class Solution:
 
         Path limits and limits of inputs: by interval (N,), the decrease of the
         cost for one unit by which the limit is loosened, per second.
-        Conditions at places: the change of the cost for one unit added to the
-        right-hand side.
+        Equalities at places: the change of the cost for one unit added to the
+        right-hand side; inequalities there: its decrease for one unit by which they are loosened.
         """
         return costates(self)
 

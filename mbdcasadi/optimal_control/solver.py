@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time as clock
+import warnings
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -10,8 +12,9 @@ import casadi as ca
 import numpy as np
 
 from ..analysis.mappings import pairs_of, parameter_vector
+from ..analysis.simulate import simulate
 from ..equations.numeric import NumericEquations
-from ..errors import Interrupted, ModelError
+from ..errors import Interrupted, MechanismError, MechanismWarning, ModelError
 from ..numerics.console import interruptible, quiet
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -20,7 +23,7 @@ from .failure import explain_failure
 from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess
 from .mesh import Mesh
 from .monitor import Monitor
-from .poses import kinematic_poses, nominal_marks
+from .poses import STEPS, goes_nowhere, kinematic_poses, nominal_marks
 from .preparation import Preparation, Settings, first_state
 from .problem import OptimalControlProblem
 from .program import MotionProgram
@@ -32,6 +35,7 @@ DEFAULTS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
+    "ipopt.max_iter": 1000,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
     "ipopt.mu_strategy": "adaptive",
@@ -209,10 +213,24 @@ class Solver:
             side[first[scheme.node_size :]] = 0.0
         return bounds[0], bounds[1]
 
+    def _coasting(self) -> Trajectory | None:
+        """The motion from the start with the inputs' own values; None where it cannot be simulated."""
+        p = dict(zip(self.problem.mechanism.parameters, self.numeric.p, strict=True))
+        times = np.linspace(0, self.prepared.marks[-1], STEPS + 1)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", MechanismWarning)
+                return simulate(self.problem.mechanism, times, initial=self.start, parameters=p)
+        except MechanismError:  # a guess through poses does as well
+            return None
+
     # --- guesses --------------------------------------------------------------------------------
     def guess(self, given: Any) -> Guess:
         """A guess from what the user gave: nothing, a solution, or a trajectory."""
         if given is None:
+            coasting = self._coasting() if goes_nowhere(self.problem) and np.any(self.start.v) else None
+            if coasting is not None:
+                return replace(guess_from_motion(self.problem, coasting, self.prepared.marks), word="free motion")
             return kinematic_guess(self.problem, self.balance, self.start, self.prepared.marks, *self.way)
         if isinstance(given, Solution):
             if given.problem.mechanism is not self.problem.mechanism:

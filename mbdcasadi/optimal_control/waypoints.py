@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import casadi as ca
+
 from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
@@ -12,6 +14,10 @@ from ..model.symbols import number
 
 def time_span(value: Any, what: str, name: str) -> tuple[float, float]:
     """A time or a span of times as ``(lower, upper)``."""
+    if isinstance(value, ca.SX):
+        raise ModelError(
+            f"{what}: {name} is a number or a pair (lower, upper), not an expression; a pair is free between"
+        )
     try:
         low, high = value
     except TypeError:
