@@ -106,7 +106,7 @@ class Preparation:
         if not rows or (eom.q.numel() * eom.lam.numel() > LARGE and not isinstance(end, State)):
             return final
         free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
-        kept = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free)).independent(rows, state)
+        kept = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free)).independent(rows, state, with_rates(self.held))
         return [c for c in final if c in kept or c not in rows]
 
     def _initial(self, start: State) -> list[Condition] | None:

@@ -155,7 +155,7 @@ class Solver:
         found["x"] = np.clip(found["x"].full().ravel(), lower, upper)
         stats = solver.stats()
         statistics = SolveStatistics(
-            int(stats["iter_count"]),
+            max(int(stats["iter_count"]), 0),  # CasADi leaves the count open where IPOPT refuses to begin
             str(stats["return_status"]),
             clock.perf_counter() - began,
             built - began,
