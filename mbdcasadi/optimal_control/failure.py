@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 COUNTS = 1e-7
 
 _WORDS = {
-    "Infeasible_Problem_Detected": "the problem is infeasible: no motion meets all demands near the guess (another guess, or starts=, may)",
+    "Infeasible_Problem_Detected": "the problem is infeasible: no motion near the guess meets all demands "
+    "(starts= tries others)",
     "Restoration_Failed": "the problem seems infeasible: the solver could not reduce the violation of the demands",
     "Maximum_Iterations_Exceeded": "the solver ran out of iterations (options={'ipopt.max_iter': …})",
     "Maximum_CpuTime_Exceeded": "the solver ran out of time",
