@@ -35,6 +35,7 @@ DEFAULTS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
+    "ipopt.constr_viol_tol": 1e-11,
     "ipopt.max_iter": 1000,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
