@@ -84,14 +84,13 @@ def optimize(
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
     if initial is not None:
         problem = problem.started_from(initial)
+    accuracy = None if tolerance is None else _tolerance(tolerance)
     settings = _settings(transcription, degree, control, options, progress)
     solver = Solver(problem, settings, parameters)
     mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.prepared.marks)
     candidates = guesses(solver, starts, guess)
     solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution | Shifted) and starts is None)
-    if tolerance is None:
-        return solution
-    return refine(solver, solution, _tolerance(tolerance))
+    return solution if accuracy is None else refine(solver, solution, accuracy)
 
 
 def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
