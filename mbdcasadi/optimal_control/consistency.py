@@ -59,6 +59,7 @@ class ConditionRank:
         self._constraints = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
+        self._spans: dict[bytes, np.ndarray] = {}
         self._functions: dict[tuple[int, ...], ca.Function] = {}
         self.states = self._kept_states()
 
@@ -101,11 +102,18 @@ class ConditionRank:
 
     def constraints_span(self, state: tuple) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints at a state, by row."""
-        return _span(self.gradients(self._constraints, state))
+        key = state[1].tobytes()
+        if key not in self._spans:
+            self._spans[key] = _span(self.gradients(self._constraints, state))
+        return self._spans[key]
 
     def span(self, state: tuple, given: Sequence[Condition]) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
-        return _span(np.vstack([self.constraints_span(state), self.gradients(stacked(given), state)]))
+        constraints = self.constraints_span(state)
+        if not given:
+            return constraints
+        rows = self.gradients(stacked(given), state)
+        return np.vstack([constraints, _span(rows - rows @ constraints.T @ constraints, DEPENDENT)])
 
     def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
         """Which conditions depend on the constraints, and on other conditions given, at every state."""
@@ -157,10 +165,10 @@ def stacked(conditions: Sequence[Condition]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 
-def _span(rows: np.ndarray) -> np.ndarray:
+def _span(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
     """Orthonormal basis of the rows, by row."""
     _, values, right = np.linalg.svd(rows, full_matrices=False)
-    return right[: int(np.sum(values > 1e-9 * np.max(values, initial=0.0)))]
+    return right[: int(np.sum(values > max(1e-9 * np.max(values, initial=0.0), least)))]
 
 
 def on_states(conditions: Sequence[Condition]) -> list[Condition]:
