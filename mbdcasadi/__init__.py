@@ -56,6 +56,11 @@ from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.data_laws import DataLaw
 from .model.forces.field import FieldForce
+from .model.forces.friction.coulomb import Coulomb
+from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
+from .model.forces.friction.lugre import LuGre
+from .model.forces.friction.stribeck import Stribeck
+from .model.forces.friction.viscous import Viscous
 from .model.forces.gravity import Gravity
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA

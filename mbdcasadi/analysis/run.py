@@ -24,6 +24,7 @@ from .outputs import Outputs
 from .progress import progress_bar
 from .record import Record
 from .schedule import Chunk, chunks_of, merged
+from .uniqueness import Uniqueness
 
 #: Fall of the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to the largest one seen, at which the regularised
 #: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
@@ -95,6 +96,7 @@ class Run:
         self._regular = 0.0
         self._fastest = 0.0
         self._rest: list[Chunk] = []
+        self._uniqueness = Uniqueness(numeric)
 
     @property
     def outputs(self) -> Outputs:
@@ -116,7 +118,8 @@ class Run:
         record.statistics.method, record.statistics.formulation = self.method, self.formulation.name
         if redundant:
             record.statistics.notes.append(LEAST_NORM)
-        record.add(*self.outputs.block(np.array([start.t]), self._x[None, :], self.feed.at_start(start.t)))
+        first = self.outputs.block(np.array([start.t]), self._x[None, :], self.feed.at_start(start.t))
+        self._keep(first)
         with interruptible() as self._interruption:
             try:
                 self._chunks(chunks_of(grid, **self._cuts))
@@ -195,13 +198,27 @@ class Run:
             times, wanted, x, stop = self._note_events(chunk, times, wanted, x, channel)
         if np.any(wanted):
             columns = None if channel is None else channel[:, : len(times)][:, wanted]
-            self._record.add(*self.outputs.block(times[wanted], x[wanted], columns))
+            self._keep(self.outputs.block(times[wanted], x[wanted], columns))
         if stop is not None:
             return self._reset(chunk, stop, len(times)) if stop.event.reset else Outcome.ENDED
         if failure is not None:
             raise self._failed(chunk, failure, times, x)
         self._feed_back(float(times[-1]), x[-1], None if channel is None else channel[:, -1:])
         return Outcome.DONE
+
+    def _keep(self, block: tuple[np.ndarray, ...]) -> None:
+        """Record outputs, up to the one at which friction leaves the reactions open."""
+        t, q, v, _, z, lam, u = block
+        lost = self._uniqueness.first_lost(t, q, v, z, lam, u)
+        if lost is None:
+            self._record.add(*block)
+            return
+        self._record.add(*(part[:lost] for part in block))
+        raise SimulationError(
+            f"{self._uniqueness.sentence(float(t[lost]))}; what was computed is in .partial",
+            time=float(t[lost]),
+            partial=self._record.trajectory(),
+        )
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""

@@ -24,6 +24,7 @@ from .monitors import tell_monitors
 from .run import Run
 from .starting import carried_by, start_state
 from .stiffness import is_stiff
+from .tolerances import absolute_tolerance
 
 #: Outputs where only a duration is given.
 OUTPUTS = 201
@@ -74,7 +75,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator.
+        Tolerances of the integrator. Where friction has a velocity tolerance, the absolute one is
+        a thousandth of it at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -127,9 +129,12 @@ def simulate(
     _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
     if method == "auto":
         method = "idas" if eom.Q_depends_on_lam or is_stiff(numeric, start, grid, redundant) else "erk"
-    settings = {"reltol": tolerances[0], "abstol": tolerances[1], "jit": jit, "options": options}
+    absolute = absolute_tolerance(numeric, tolerances[1])
+    settings = {"reltol": tolerances[0], "abstol": absolute, "jit": jit, "options": options}
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
     motion = run.over(grid, start, redundant=redundant)
+    if absolute < tolerances[1]:
+        motion.statistics.notes.append(f"abstol = {absolute:.1e}, for the velocity tolerance of the friction")
     _tell_exceeded_limits(mechanism, motion)
     tell_monitors(motion)
     return motion

@@ -164,6 +164,12 @@ class NumericEquations:
             )
         a, lam = self.forward_dynamics(redundant=redundant)(t, q, v, z, u, self.p)
         a, lam = a.full().ravel(), lam.full().ravel()
+        if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
+            raise SingularityError(
+                f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
+                "friction is so large that a joint jams, or a force is not finite there",
+                time=t,
+            )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         scale = 1 + largest(gamma) + largest(a)
