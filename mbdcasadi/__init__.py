@@ -59,6 +59,7 @@ from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.data_laws import DataLaw
 from .model.forces.field import FieldForce
 from .model.forces.friction.coulomb import Coulomb
+from .model.forces.friction.dry import DryFriction
 from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
 from .model.forces.friction.lugre import LuGre
 from .model.forces.friction.stribeck import Stribeck

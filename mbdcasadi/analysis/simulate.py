@@ -23,6 +23,7 @@ from .mappings import pairs_of, parameter_vector, time_grid
 from .monitors import tell_monitors
 from .run import Run
 from .starting import carried_by, start_state
+from .stick_slip import StickSlip, switching
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
@@ -106,8 +107,11 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    eom = equations(mechanism)
     grid = _grid(times, duration)
+    if switching(mechanism):
+        settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
+        return StickSlip(mechanism, inputs, parameters, events, settings, simulate).over(grid, initial)
+    eom = equations(mechanism)
     tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")

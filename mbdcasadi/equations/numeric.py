@@ -7,7 +7,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..errors import SingularityError
+from ..errors import ModelError, SingularityError
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from .derivation import Equations
@@ -34,6 +34,12 @@ class NumericEquations:
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
+        for element in eom.mechanism.elements:
+            if getattr(element, "modes", ()):
+                raise ModelError(
+                    f"{element.what} switches exactly between sticking and sliding, which simulate alone can follow; "
+                    "take Coulomb, Stribeck or LuGre here"
+                )
         self.eom = eom
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)

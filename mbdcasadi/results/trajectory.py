@@ -245,7 +245,9 @@ class Trajectory:
         if not eom.lam.numel() or not self.t.size:
             return Drift(0.0, 0.0)
         position = self[eom.Phi] if eom.Phi.numel() else np.zeros(1)
-        velocity = self[eom.Phi_q @ eom.v - eom.nu]
+        # rows that hold in some modes only (stick and slip) do not count
+        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
+        velocity = self[(eom.Phi_q @ eom.v - eom.nu)[always]] if always else np.zeros(1)
         return Drift(float(np.max(np.abs(position))), float(np.max(np.abs(velocity))))
 
     # --- where people work ------------------------------------------------------------------

@@ -9,11 +9,15 @@ from typing import Any
 import casadi as ca
 
 from ....errors import ModelError
-from ...elements import Element
+from ...elements import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
 from ...quantities import Limit, quantity
+from ...symbols import register
 from .base import FrictionLaw, Resistance, as_law
+
+#: Modes of exact friction: at rest, sliding along the speed's positive and negative sense, and none.
+MODES = ("sticks", "forth", "back", "free")
 
 
 class FrictionInJoint(Element):
@@ -34,6 +38,8 @@ class FrictionInJoint(Element):
     """
 
     word = "friction"
+    #: what exact friction switches between
+    modes: tuple[str, ...] = ()
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
         super().__init__(name)
@@ -47,11 +53,36 @@ class FrictionInJoint(Element):
         self.length = None if length is None else quantity(length, self.what, "length", above=0.0, limits=limits)
         self._prepare(limits)
         self.limits = tuple(limits)
+        if law.exact:
+            self._switch()
+            return
         self.rates: Mapping[Any, ca.SX] = self.resistance.rates
-        if isinstance(joint, Revolute):
-            self.virtual_work = ((joint.angle, self.torque),)
-        else:
-            self.virtual_work = ((joint.displacement, self.force),)
+        self.virtual_work = self.work_of(self.resistance.force)
+
+    def _switch(self) -> None:
+        """Offer the row that holds while it sticks; its multiplier is the friction in every mode."""
+        self.modes = MODES
+        self.velocity_rows = self.sliding_speed
+        self.multipliers = ca.SX.sym(f"{self.name}.lam")
+        self._role = register(self.multipliers, "multiplier", f"{self.name}.lam", self)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of the row that holds while it sticks."""
+        return (self.name,) if self.modes else ()
+
+    def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """Virtual work of a force between the surfaces."""
+        if isinstance(self.joint, Revolute):
+            return ((self.joint.angle, self.radius * force),)
+        return ((self.joint.displacement, force),)
+
+    def in_mode(self, mode: str) -> Element:
+        """The element of a mechanism in one mode: a row where it sticks, a force where it slides."""
+        if mode == "sticks":
+            row = self.sliding_speed
+            return ConstraintElement(self.name, ca.SX(0, 1), (), self.markers, velocity_rows=row)
+        return SlidingFriction(self, {"forth": 1, "back": -1, "free": 0}[mode])
 
     def _check_sizes(self, radius: Any, length: Any) -> None:
         if isinstance(self.joint, Revolute):
@@ -87,6 +118,8 @@ class FrictionInJoint(Element):
     @cached_property
     def resistance(self) -> Resistance:
         """What the law exerts."""
+        if self.modes:
+            return Resistance(-self.multipliers)
         return self.law.resistance(self.name, self.sliding_speed, self.load)
 
     @property
@@ -112,6 +145,19 @@ class FrictionInJoint(Element):
     def power(self) -> ca.SX:
         """Power of the friction, W; negative where it takes energy."""
         return self.resistance.force * self.sliding_speed
+
+
+class SlidingFriction(Element):
+    """Exact friction while it slides in a given direction: ``F = -σ μ N``; without force in none."""
+
+    word = "friction"
+
+    def __init__(self, friction: FrictionInJoint, direction: int):
+        super().__init__(friction.name)
+        self.markers, self.limits = friction.markers, friction.limits
+        coefficient: Any = friction.law.coefficient  # type: ignore[attr-defined]
+        self.force = -direction * coefficient * friction.load if direction else ca.SX(0)
+        self.virtual_work = friction.work_of(self.force)
 
 
 class JointFriction(FrictionInJoint):
