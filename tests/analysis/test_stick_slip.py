@@ -183,7 +183,7 @@ def test_with_user_events_inputs_and_states():
 
 def test_refuses():
     """Other analyses, sums, contacts, resets, samples; each says what to do."""
-    block, guide, _rub, mechanism = sledge(mbd.DryFriction(0.3))
+    block, _, _, mechanism = sledge(mbd.DryFriction(0.3))
     with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
         mbd.assemble(mechanism)
     with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
