@@ -162,6 +162,21 @@ def test_dry_pin_is_the_limit_of_smoothed_ones():
     assert torque.min() < -0.1 < 0.1 < torque.max()
 
 
+@pytest.mark.parametrize("method", ["idas", "rosenbrock"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_smoothed_laws_meet_the_exact_one(method, tolerance):
+    """A mass that swings to rest: smoothing errs by its creep alone, also where coarse tolerances are asked for."""
+    motions = []
+    for law in (mbd.DryFriction(0.2), mbd.Coulomb(0.2, tolerance)):
+        _, guide, _, mechanism = sledge(
+            law, forces=lambda b: [mbd.TSDA("s", mbd.ground.at(-2, 0), b.at(0, 0), stiffness=200, free_length=2.0)]
+        )
+        start = [guide.displacement == 0.3, guide.speed == 0]
+        motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=start, method=method, reltol=1e-6, abstol=1e-4)
+        motions.append(motion[guide.displacement])
+    assert np.abs(motions[1] - motions[0]).max() < 0.06 * tolerance + 2e-5
+
+
 def test_with_user_events_inputs_and_states():
     """A terminal event ends it, an input pushes, a state starts it again."""
     tau = mbd.Input("tau")

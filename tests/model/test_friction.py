@@ -218,6 +218,15 @@ def test_energy_never_grows(seed):
         assert motion[rub.power].max() <= 1e-12
 
 
+def test_effort_of_a_driven_slide():
+    """What drives a rough block: its inertia and friction under its weight and a preload."""
+    block, guide, _, mechanism = sledge(mbd.Coulomb(0.2, 1e-4), preload=5.0)
+    driver = mbd.Driver("drive", guide.displacement, mbd.t + mbd.t**2)
+    run = mbd.inverse_dynamics(mechanism.replace(drivers=[driver]), np.linspace(0, 1, 11))
+    np.testing.assert_allclose(run[driver.effort], 3 * 2 + 0.2 * (3 * G + 5), rtol=1e-9)
+    assert run[block.vx][-1] == pytest.approx(3.0)
+
+
 # --- refusals ----------------------------------------------------------------------------------------
 def test_refuses():
     """What is missing, out of its limits, or of the wrong kind; each by name."""
