@@ -143,7 +143,8 @@ class Run:
         with progress_bar(chunks, self._progress) as bar:
             while left:
                 chunk = left.pop(0)
-                if self.feed.signals.controller and chunk is not chunks[0]:
+                goes_on = chunk is chunks[0] or any(chunk is rest for rest in self._rest)
+                if self.feed.signals.controller and not goes_on:
                     self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
                 joined = chunk if waiting is None else waiting.joined(chunk)
                 outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)

@@ -155,6 +155,28 @@ def test_newtons_cradle(clearance):
     np.testing.assert_allclose(energy, energy[0], atol=1e-5)
 
 
+def test_with_samples_and_a_controller():
+    """Bounces do not disturb inputs by samples, nor the instants at which a controller is asked."""
+    u = mbd.Input("u")
+    body, _ = ball(velocity=(1, 0, 0))
+    mechanism = mbd.Mechanism(
+        bodies=[body], forces=[mbd.Gravity(), mbd.Force("push", body.at(0, 0), (u, 0))], inputs=[u]
+    )
+    times = np.linspace(0, 1.2, 13)
+    motion = mbd.simulate(mechanism, times, inputs={u: 0.6 * times}, events=[bounce(body)])
+    assert len(motion.events) == 2
+    np.testing.assert_allclose(motion[body.vx], 1 + times**2 / 2, atol=1e-7)
+    asked = []
+
+    def control(time, state):
+        asked.append(time)
+        return {u: 0.6 * round(time / 0.3)}
+
+    motion = mbd.simulate(mechanism, times, inputs=mbd.SampledController(control, 0.3), events=[bounce(body)])
+    np.testing.assert_allclose(asked, [0, 0.3, 0.6, 0.9], atol=1e-9)
+    assert motion[body.vx][-1] == pytest.approx(1 + 0.3 * (0 + 1 + 2 + 3), abs=1e-7)
+
+
 def test_reset_of_a_state_variable():
     """A counter of turns, and a sawtooth, as first-order states."""
     body, _ = ball()
