@@ -28,7 +28,7 @@ class Circle(Outline):
 
     Parameters
     ----------
-    marker : Marker or Body
+    marker : Marker
         Its centre.
     radius : float or expression
         m, above 0.
@@ -46,7 +46,7 @@ class Point(Outline):
 
     Parameters
     ----------
-    marker : Marker or Body
+    marker : Marker
         Where it is.
     """
 
@@ -61,7 +61,7 @@ class Segment(Outline):
 
     Parameters
     ----------
-    marker : Marker or Body
+    marker : Marker
         Its middle and direction.
     length : float or expression
         Between the centres of its ends, m, above 0.
@@ -88,7 +88,7 @@ class HalfPlane(Outline):
 
     Parameters
     ----------
-    marker : Marker or Body
+    marker : Marker
         A point of its surface; the y axis points out of it.
     """
 
@@ -101,7 +101,7 @@ class PolygonEdges(Outline):
 
     Parameters
     ----------
-    marker : Marker or Body
+    marker : Marker
         Its frame.
     points : sequence of (x, y)
         Corners in the marker's axes, in counter-clockwise order, m.
