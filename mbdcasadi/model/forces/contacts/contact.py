@@ -65,9 +65,8 @@ class Contact(Element):
     --------
     >>> import mbdcasadi as mbd
     >>> ball = mbd.Body("ball", mass=0.6, inertia=2.4e-3, pose=(0, 1.1, 0))
-    >>> floor = mbd.Contact(
-    ...     "floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.HuntCrossley(2e5, damping=0.3)
-    ... )
+    >>> law = mbd.HuntCrossley(2e5, damping=0.3)
+    >>> floor = mbd.Contact("floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0)), law)
     """
 
     word = "contact"
