@@ -157,6 +157,15 @@ MACHINES = {
     "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
     "Cylinder": lambda: on_slide(lambda b, g: mbd.Cylinder("ram", GROUND.at(-1, 0), b.at(0, 0), 0.05, 0.02, 1e4)),
     "GasSpring": lambda: on_slide(lambda b, g: mbd.GasSpring("gas", GROUND.at(-0.3, 0), b.at(0, 0), 1e-3, 0.3, 2e5)),
+    "Contact": lambda: on_slide(
+        lambda b, g: mbd.Contact(
+            "pad",
+            mbd.Circle(b.at(0, 0), 0.1),
+            mbd.HalfPlane(GROUND.at(0, -0.099)),
+            mbd.HuntCrossley(1e6),
+            mbd.Stribeck(0.2, 0.3, 0.5, 0.05),
+        )
+    ),
     "DataLaw": lambda: on_slide(
         lambda b, g: mbd.TSDA(
             "spring", GROUND.at(-0.3, 0), b.at(0, 0), law=mbd.DataLaw([-0.1, 0, 0.05, 0.1], [-50, 0, 20, 60], free=0.3)

@@ -7,7 +7,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..errors import SingularityError
+from ..errors import ModelError, SingularityError
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from .derivation import Equations
@@ -34,6 +34,12 @@ class NumericEquations:
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
+        for element in eom.mechanism.elements:
+            if getattr(element, "modes", ()):
+                raise ModelError(
+                    f"{element.what} switches exactly between sticking and sliding, which simulate alone can follow; "
+                    "take Coulomb, Stribeck or LuGre here"
+                )
         self.eom = eom
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)
@@ -164,6 +170,12 @@ class NumericEquations:
             )
         a, lam = self.forward_dynamics(redundant=redundant)(t, q, v, z, u, self.p)
         a, lam = a.full().ravel(), lam.full().ravel()
+        if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
+            raise SingularityError(
+                f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
+                "friction is so large that a joint jams, or a force is not finite there",
+                time=t,
+            )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         scale = 1 + largest(gamma) + largest(a)
