@@ -41,7 +41,7 @@ class Report:
     not_unique : tuple of str
         Joints and drivers whose reactions are not unique.
     contradictory : tuple of str
-        Rows that cannot be met together.
+        Rows that cannot be met together, in their positions or in their velocities.
     residuals : dict of str to float
         What stays open by element, where the mechanism cannot be assembled.
     singular : {"", "lock-up", "bifurcation"}
@@ -146,7 +146,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
         redundant=tuple(names[k] for k in _superfluous(numeric, t, generic_pose)),
         dependent=tuple(names[k] for k in dependent),
         not_unique=tuple(dict.fromkeys(eom.row_elements[k].name for k in dependent)),
-        contradictory=_contradictory(numeric, t, q, here.null_rows) if open_rows else (),
+        contradictory=_contradictory(numeric, t, q, here.null_rows, open_rows, singular=here.rank < generic.rank),
         residuals=open_rows,
         singular=kind,
         singular_rows=singular_rows,
@@ -199,13 +199,21 @@ def _superfluous(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int
     return dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0))
 
 
-def _contradictory(numeric: NumericEquations, t: float, q: np.ndarray, null_rows: np.ndarray) -> tuple[str, ...]:
-    """Rows of a dependency whose residuals do not cancel: they cannot hold together."""
+def _contradictory(
+    numeric: NumericEquations, t: float, q: np.ndarray, null_rows: np.ndarray, open_rows: Any, *, singular: bool
+) -> tuple[str, ...]:
+    """Rows of a dependency whose residuals, or whose ``nu``, do not cancel: they cannot hold together."""
     eom = numeric.eom
-    phi = numeric.position(t, q)[0]
-    residual = np.zeros(eom.lam.numel())
-    residual[eom.position_rows] = phi
-    broken = [combination for combination in null_rows if abs(combination @ residual) > OPEN]
+    if open_rows:
+        wanted = np.zeros(eom.lam.numel())
+        wanted[eom.position_rows] = numeric.position(t, q)[0]
+    elif singular:  # what a driver asks for in a singular pose is told with that pose
+        return ()
+    else:
+        wanted = numeric.velocity(t, q)[1]
+    wanted = wanted / numeric.row_size(t, q)
+    shares = [np.abs(combination * wanted).sum() for combination in null_rows]
+    broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > OPEN * max(1.0, share)]
     return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
 
 

@@ -101,9 +101,12 @@ class NumericEquations:
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with each row and the angles scaled to size one."""
-        jacobian = self.velocity(t, q)[0] * self.column_scale
-        size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-        return analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0))
+        return analyse_rank(self.velocity(t, q)[0] * self.column_scale / self.row_size(t, q)[:, None])
+
+    def row_size(self, t: float, q: np.ndarray) -> np.ndarray:
+        """Size of each row of ``Phi_q`` with the angles scaled (m,); one for a row that vanishes."""
+        size = np.linalg.norm(self.velocity(t, q)[0] * self.column_scale, axis=1)
+        return np.where(size > 1e-12, size, 1.0)
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
         """Whether rows depend on each other at a pose; by sparse factorisation where the mechanism is large."""

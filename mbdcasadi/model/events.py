@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..errors import ModelError
 from .immutable import Immutable
-from .quantities import quantity
+from .quantities import quantity, yes_or_no
 from .symbols import check_name
 
 
@@ -36,7 +36,7 @@ class Event(Immutable):
         if direction not in (-1, 0, 1):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
         self.direction = int(direction)
-        self.terminal = bool(terminal)
+        self.terminal = yes_or_no(terminal, what, "terminal")
 
     def __repr__(self) -> str:
         return f"Event({self.name!r})"

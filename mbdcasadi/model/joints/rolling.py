@@ -46,7 +46,7 @@ class Rolling(AlongLine, Joint):
     def __init__(self, name: str, track: Any, wheel: Any, radius: Any):
         a, b = pair(name, track, wheel)
         limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits)
+        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
         d = b.position - a.position
         rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)
