@@ -46,8 +46,8 @@ class CamOutline(Curve):
         Revolute("shaft", ground.at(0, 0), cam.at(-0.010, 0))
     """
 
-    #: Polar radius over the parameter; one that does not depend on anything for outlines made in another way.
-    _radius: ca.SX = ca.SX(1)
+    #: The polar radius that was given, over the parameter.
+    _radius: ca.SX | None = None
 
     def __init__(self, radius: Any, angles: Any = None):
         law = polar_law(radius, angles)
@@ -64,8 +64,8 @@ class CamOutline(Curve):
             raise ModelError(f"CamOutline: radius must be above 0, got {values[k]:.6g} at {self.samples[k]:.4g} rad")
 
     def radius(self, parameter: Any) -> ca.SX:
-        """Polar radius of an outline that was given by it, m."""
-        return self._at(self._radius, parameter)
+        """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
+        return ca.norm_2(self.point(parameter)) if self._radius is None else self._at(self._radius, parameter)
 
     @classmethod
     def through(cls, points: Any, closed: bool = True) -> Curve:

@@ -131,12 +131,8 @@ def yes_or_no(value: Any, what: str, name: str) -> bool:
 
 def whole(value: Any, what: str, name: str, least: int, most: int | None = None) -> int:
     """Return a whole number within limits."""
-    count = math.nan if isinstance(value, bool) else value
-    if not isinstance(count, int | float | np.number) or not float(count).is_integer() or count < least:
-        valid = False
-    else:
-        valid = most is None or count <= most
-    if not valid:
+    number_like = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number_like or not float(value).is_integer() or value < least or (most is not None and value > most):
         limits = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise ModelError(f"{what}: {name} must be a whole number {limits}, got {value!r}")
     return int(value)
