@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from .monitors import broken_at_pose
 from .singular import describe_singularity
 
 _FLAGS = {
@@ -55,7 +56,7 @@ def cause_of_failure(
         pose = describe_singularity(numeric, t, q[0])
         return f"the pose is singular or nearly so, {pose.text} ({said})"
     if flag.startswith("the constraints"):
-        return said
+        return "; ".join((said, *broken_at_pose(numeric, t, q[0])))
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "

@@ -15,6 +15,7 @@ from ..numerics.least_squares import largest, solve
 from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part
 from ..results.state import State
 from .mappings import parameter_vector
+from .monitors import broken_at_pose, not_still
 from .pose import OPEN, PoseProblem
 from .singular import describe_singularity
 
@@ -52,6 +53,8 @@ class Report:
         Bodies that no joint holds and no force but gravity acts on.
     without_mass : tuple of str
         Coordinates in which something moves that has no mass.
+    remarks : tuple of str
+        What elements take for granted and the pose, or the free motions, do not keep to.
     """
 
     degrees_of_freedom: int
@@ -68,6 +71,7 @@ class Report:
     singular_rows: tuple[str, ...] = ()
     unused_bodies: tuple[str, ...] = ()
     without_mass: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -88,6 +92,7 @@ class Report:
             ("singular pose", f"{self.singular}: {', '.join(self.singular_rows)}" if self.singular else ""),
             ("unused bodies", ", ".join(self.unused_bodies)),
             ("moves without mass", ", ".join(self.without_mass)),
+            ("remarks", "; ".join(self.remarks)),
         )
         lines += [(name, value) for name, value in optional if value]
         width = max(len(name) for name, _ in lines)
@@ -152,6 +157,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
         singular_rows=singular_rows,
         unused_bodies=_unused(mechanism),
         without_mass=tuple(numeric.motion_without_mass(t, generic_pose)),
+        remarks=() if open_rows else _remarks(numeric, t, q),
     )
 
 
@@ -172,9 +178,7 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
 
 def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
     """Pose near q, on the joints' manifold, where the rank is largest; drivers let go for the excursion."""
-    eom = numeric.eom
-    drivers = {id(d) for d in eom.mechanism.drivers}
-    kept = [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
+    kept = _without_drivers(numeric)
 
     def joints(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         phi, jacobian = numeric.position(t, pose)
@@ -191,6 +195,20 @@ def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
             if found.rank > best[1].rank:
                 best = (moved.x, found)
     return best
+
+
+def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
+    """What monitors tell of a pose, and of the motions that the joints allow in it."""
+    free = analyse_rank(numeric.position(t, q)[1][_without_drivers(numeric)] * numeric.column_scale).null_columns
+    turning = not_still(numeric, t, q, free * numeric.column_scale[:, None])
+    return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
+
+
+def _without_drivers(numeric: NumericEquations) -> list[int]:
+    """Places of the joints' rows among the position rows."""
+    eom = numeric.eom
+    drivers = {id(d) for d in eom.mechanism.drivers}
+    return [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
 
 
 def _superfluous(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:

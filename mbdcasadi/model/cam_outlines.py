@@ -46,6 +46,8 @@ class CamOutline(Curve):
         Revolute("shaft", ground.at(0, 0), cam.at(-0.010, 0))
     """
 
+    _called = "CamOutline"
+
     #: The polar radius that was given, over the parameter.
     _radius: ca.SX | None = None
 

@@ -47,8 +47,10 @@ class Curve(Immutable):
         Curve(lambda s: (s, 2 * s**2), -0.1, 0.1)
     """
 
+    _called = "Curve"
+
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
-        what = type(self).__name__
+        what = self._called
         symbol = ca.SX.sym("alpha")
         coordinates = column(function_of(point, what, "point", "the parameter")(symbol), f"{what}: point")
         if coordinates.numel() != 2:
@@ -59,7 +61,7 @@ class Curve(Immutable):
         self, symbol: ca.SX, point: ca.SX, tangent: ca.SX, lower: float, upper: float, closed: bool, cusp: str = ""
     ) -> None:
         """Keep the curve as expressions in a symbol, and check it; `cusp` says what a missing tangent means."""
-        what = type(self).__name__
+        what = self._called
         self.lower, self.upper = number(lower, what, "lower"), number(upper, what, "upper")
         if not self.upper > self.lower:
             raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")

@@ -93,6 +93,7 @@ def test_rows_are_those_of_the_catalogue(kind, rng):
 
 PROGRAM = mbd.MotionProgram(mbd.rise(2.0, 0.02), mbd.dwell(1.0), mbd.fall(2 * np.pi - 3.0, "3-4-5"))
 NOSE = [(0.2 * np.cos(x) + 0.05 * np.cos(x) ** 3, 0.2 * np.sin(x)) for x in np.linspace(0, 6, 25)]
+CROSSED = [(0.03, 0), (-0.03, 0), (0, 0.03), (0, -0.03), (0.021, 0.021)]
 MORE = {
     "roller": lambda a, b: mbd.CamPointFollower("c", a, b, EGG, 0.05),
     "points and flat": lambda a, b: mbd.CamFlatFollower("c", a, b, mbd.CamOutline.through(NOSE)),
@@ -482,7 +483,7 @@ def test_parameter_that_makes_a_hollow_is_refused_in_the_analysis():
         ),
         (lambda: mbd.Curve(lambda: (0, 0), 0, 1), "Curve: point must be a function of the parameter: too many"),
         (lambda: mbd.Curve(lambda s: (s, s), 0, 1, closed="no"), "Curve: closed must be True or False, got 'no'"),
-        (lambda: mbd.CamOutline.through([*NOSE[:2], *NOSE[2:4][::-1], *NOSE[4:]]), "crosses itself near"),
+        (lambda: mbd.CamOutline.through(CROSSED), "the outline crosses itself near"),
         (lambda: mbd.CamPointFollower("c", *markers(), EGG, -1), "'c': roller_radius must be at least 0"),
     ],
 )
