@@ -8,12 +8,15 @@ from typing import Any
 
 import casadi as ca
 
+from ..monitors import Monitor
 from ..quantities import Limit, quantity
 from ..symbols import StateVariable, state_of
 from .springs import TSDA
 
 #: Standard atmosphere, Pa.
 ATMOSPHERE = 101_325.0
+#: Share of the volume in the middle position below which a chamber counts as empty.
+_EMPTY = 1e-2
 
 
 class Cylinder(TSDA):
@@ -130,9 +133,13 @@ class HydraulicCylinder(Cylinder):
         self.flow = ca.SX(quantity(flow, self.what, "flow"))
         self.rod_flow = ca.SX(quantity(rod_flow, self.what, "rod_flow"))
         out = self.length - self.middle_length
-        rise = self.bulk_modulus * (self.flow - self.area * self.rate) / (self.volume + self.area * out)
-        rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate)
-        rod_rise /= self.volume - self.rod_area * out
+        chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
+        rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
+        rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
+        self.monitors = (
+            Monitor(chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the piston's side is empty"),
+            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the rod's side is empty"),
+        )
         self.rates = {p: rise, p_rod: rod_rise}
 
 
@@ -191,6 +198,8 @@ class GasSpring(TSDA):
         self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
         super().__init__(name, a, b, law=self._tension)
         self.limits = tuple(limits)
+        within = "the length is below dead_length, where the gas has no volume"
+        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.what}: {within}"),)
 
     @cached_property
     def pressure(self) -> ca.SX:
