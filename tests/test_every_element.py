@@ -72,7 +72,7 @@ def rack():
 def rolling():
     """An eccentric wheel."""
     wheel = mbd.Body("wheel", mass=2.0, inertia=0.02, pose=(0.02, 0.2, 0))
-    roll = mbd.Rolling("track", mbd.ground.at(0, 0), wheel.at(-0.02, 0), 0.2)
+    roll = mbd.Rolling("track", wheel.at(-0.02, 0), mbd.ground.at(0, 0), 0.2)
     return machine([wheel], [roll], roll.displacement, 0.5)
 
 

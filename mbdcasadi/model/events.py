@@ -10,7 +10,7 @@ import casadi as ca
 from ..errors import ModelError
 from .elements import refuse_kinds
 from .immutable import Immutable
-from .quantities import quantity
+from .quantities import quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of
 
 
@@ -61,7 +61,7 @@ class Event(Immutable):
         if direction not in (-1, 0, 1):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
         self.direction = int(direction)
-        self.terminal = bool(terminal)
+        self.terminal = yes_or_no(terminal, what, "terminal")
         self.reset: tuple[tuple[ca.SX, ca.SX], ...] = _read_reset(reset, what)
         if self.reset and self.terminal:
             raise ModelError(
