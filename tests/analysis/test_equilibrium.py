@@ -258,3 +258,56 @@ def test_bad_arguments():
         mbd.equilibrium(p.mechanism, unknowns=[k])
     with pytest.raises(mbd.ModelError, match="takes inputs and parameters"):
         mbd.equilibrium(p.mechanism, unknowns=[p.rod.phi])
+
+
+# --- forces without potential, soft beside stiff, awkward starts -------------------------------
+def loaded_links(follows):
+    """Ziegler's column: masses 2 and 1 kg on links of 1 m, springs of 10 N m/rad; the load turns by a share."""
+    push = mbd.Parameter("push", 0.0)
+    lower = mbd.Body("lower", mass=2.0, inertia=0.0, pose=(0, 1, np.pi / 2))
+    upper = mbd.Body("upper", mass=1.0, inertia=0.0, pose=(0, 2, np.pi / 2))
+    base, elbow = (mbd.ground.at(0, 0, np.pi / 2), lower.at(-1, 0)), (lower.at(0, 0), upper.at(-1, 0))
+    joints = [mbd.Revolute("base", *base), mbd.Revolute("elbow", *elbow)]
+    turn = follows * (upper.phi - np.pi / 2)
+    load = mbd.Force("load", upper.at(0, 0), (push * mbd.sin(turn), -push * mbd.cos(turn)))
+    springs = [mbd.RSDA("low", *base, stiffness=10), mbd.RSDA("high", *elbow, stiffness=10)]
+    return push, mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=[*springs, load], parameters=[push])
+
+
+def test_a_load_that_follows_flutters_at_zieglers_value():
+    push, model = loaded_links(1.0)
+    path = mbd.equilibrium_path(model, push, 0, 40)
+    assert [c.kind for c in path.critical] == ["flutter"]
+    assert path.critical[0].value == pytest.approx((3.5 - np.sqrt(2)) * 10, rel=1e-6)
+    assert not path.critical[0].state.stable
+
+
+@pytest.mark.parametrize("follows", [0.4, 0.2, 0.0])
+def test_loads_that_follow_a_little_buckle_where_the_determinant_vanishes(follows):
+    values = np.sort(np.roots([1 - follows, -30 * (1 - follows), 100]))
+    push, model = loaded_links(follows)
+    path = mbd.equilibrium_path(model, push, 0, 40)
+    assert [c.kind for c in path.critical] == ["bifurcation"] * 2
+    assert np.allclose([c.value for c in path.critical], values, rtol=1e-7)
+
+
+@pytest.mark.parametrize("stiff", [1e6, 1e9])
+@pytest.mark.parametrize("prefer", ["stable", "nearest"])
+def test_a_soft_spring_beside_a_stiff_one(stiff, prefer):
+    blocks = [mbd.Body(f"block {k}", mass=1, inertia=0.1, pose=(k + 1, 0, 0)) for k in range(2)]
+    slides = [mbd.Translational(f"slide {k}", mbd.ground.at(0, 0), b.at(0, 0)) for k, b in enumerate(blocks)]
+    soft = mbd.TSDA("soft", mbd.ground.at(0, 0), blocks[0].at(0, 0), stiffness=1, free_length=1.5)
+    hard = mbd.TSDA("hard", blocks[0].at(0, 0), blocks[1].at(0, 0), stiffness=stiff, free_length=1.1)
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=blocks, joints=slides, forces=[soft, hard]), prefer=prefer)
+    assert rest[blocks[0].x] == pytest.approx(1.5, abs=1e-6) and rest.stable
+
+
+def test_newtons_method_starts_where_the_stiffness_vanishes():
+    tau = mbd.Input("tau")
+    p = pendulum(0.0, forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
+    rest = mbd.equilibrium(p.mechanism, prefer="nearest")
+    assert abs(np.cos(rest[p.rod.phi])) < 1e-9
+    rest = mbd.equilibrium(p.mechanism, [tau == 1.5], unknowns=[tau])
+    assert np.cos(rest[p.rod.phi]) == pytest.approx(1.5 / (G / 2))
+    with pytest.raises(mbd.ModelError, match="unknowns= holds 'tau' twice"):
+        mbd.equilibrium(p.mechanism, [tau == 1.5, p.rod.phi == 0], unknowns=[tau, tau])

@@ -276,3 +276,24 @@ def test_bad_cases():
         swept["phi"]
     with pytest.raises(mbd.ModelError, match="none of index 2"):
         swept.case(2)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"executor": 3}, "executor= takes a concurrent.futures executor"),
+        ({"reltol": "a"}, "reltol must be a number"),
+        ({"abstol": -1.0}, "abstol must not be negative"),
+        ({"file": "/no such folder/sweep"}, "cannot be written"),
+        ({"file": "/"}, "cannot be written"),
+        ({"single": True}, "single numbers only"),
+    ],
+)
+def test_arguments_that_are_wrong_in_kind(given, text):
+    g = mbd.Parameter("g", G)
+    p = pendulum()
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    values = 9.0 if given.get("single") else [9.0, 10.0]
+    more = {key: value for key, value in given.items() if key != "single"}
+    with pytest.raises(mbd.MechanismError, match=text):
+        mbd.sweep(model, TIMES, {g: values}, [p.rod.phi], **more)

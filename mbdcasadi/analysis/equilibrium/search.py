@@ -64,6 +64,19 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     return settle(equations, x, weights)
 
 
+def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
+    """Equilibrium by Newton's method; from beside the start where the stiffness vanishes at the start itself."""
+    found = newton(statics, x)
+    directions = statics.stiffness(x).directions if found is None else np.zeros((0, 0))
+    for way in directions.T[:2].real:
+        for side in (1, -1, 5, -5):
+            moved = statics.displaced(x, side * NUDGE * statics.lever * way)
+            found = None if moved is None else newton(statics, moved)
+            if found is not None:
+                return found
+    return found
+
+
 def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     """Stable equilibrium downhill of a pose; an unstable one where there is none; None where none was found."""
     first: np.ndarray | None = None

@@ -23,7 +23,7 @@ from ...numerics.rank import analyse_rank
 from ..inputs import Signals
 
 #: Eigenvalues of the reduced stiffness below this share of the largest stiffness of a coordinate count as zero.
-NEUTRAL = 1e-9
+NEUTRAL = 1e-11
 #: Imaginary parts above this share of the same belong to forces without potential, not to rounding.
 CIRCULATORY = 1e-7
 
@@ -70,6 +70,27 @@ class Stiffness:
     def negative(self) -> int:
         """Number of directions in which the mechanism gives way."""
         return int(np.sum(self.values.real < -NEUTRAL * self.scale))
+
+    @property
+    def falling(self) -> int:
+        """Number of directions in which the mechanism gives way without turning about: real eigenvalues below zero.
+
+        Only these change their number where the stiffness is singular; a complex pair, of forces
+        without potential, may pass the imaginary axis and nothing happens.
+        """
+        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
+        return int(np.sum(real & (self.values.real < -NEUTRAL * self.scale)))
+
+    @property
+    def singularity(self) -> float:
+        """Eigenvalue nearest to zero, with the sign of the determinant."""
+        sign = np.linalg.slogdet(self.matrix)[0]
+        return float(sign * np.min(np.abs(self.values), initial=np.inf))
+
+    @property
+    def is_real(self) -> bool:
+        """Whether forces have a potential here, so that all eigenvalues are real."""
+        return not np.iscomplexobj(self.values)
 
 
 class Statics:
@@ -151,7 +172,8 @@ class Statics:
         c = self.numeric.column_scale
         jacobian = self.rows(x)[1]
         size = np.maximum(np.max(np.abs(jacobian[:, : self.n] * c), axis=1, initial=0.0), 1.0)
-        force = largest(size[: self.n])
+        # the largest would make columns so large beside soft springs that these were taken for none
+        force = float(np.min(size[: self.n], initial=np.inf))
 
         def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = self.rows(x)
@@ -211,11 +233,21 @@ class Statics:
             stable = self._oscillates(matrix, basis, x)
         return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable)
 
-    def _oscillates(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> bool:
-        """Whether small undamped motions have real frequencies."""
+    def _squares(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the frequencies of small undamped motions, and their shapes in the basis."""
         inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
         least = float(np.min(np.linalg.eigvalsh(inertia)))
-        squares = np.linalg.eigvals(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
+        return np.linalg.eig(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
+
+    def flutter(self, x: np.ndarray) -> np.ndarray:
+        """Displacement over q of the small motion whose frequency is the least real one (n,)."""
+        here = self.stiffness(x)
+        squares, shapes = self._squares(here.matrix, here.basis, x)
+        return here.basis @ shapes[:, np.argmax(np.abs(squares.imag))].real
+
+    def _oscillates(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> bool:
+        """Whether small undamped motions have real frequencies."""
+        squares = self._squares(matrix, basis, x)[0]
         size = largest(squares)
         return bool(np.all(squares.real > NEUTRAL * size) and np.all(np.abs(squares.imag) <= CIRCULATORY * size))
 

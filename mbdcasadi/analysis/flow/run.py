@@ -12,6 +12,7 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...model.mechanism import Mechanism
+from ...model.symbols import number
 from ...numerics.console import call
 from ...results.state import State
 from ..inputs import read_signals
@@ -48,6 +49,9 @@ class Problem:
         **settings: Any,
     ):
         self.mechanism, self.initial, self.settings = mechanism, initial, settings
+        for name in ("reltol", "abstol"):
+            if number(settings.get(name, 1e-8), "the integrator", name) < 0:
+                raise SimulationError(f"{name} must not be negative, got {settings[name]!r}")
         self.eom = equations(mechanism)
         self.grid = time_grid(times)
         own = carried_by(initial, mechanism)

@@ -49,7 +49,8 @@ class LinearModel:
         self.A, self.B, self.C, self.D = A, B, C, D
         self.state_names, self.input_names, self.output_names = state_names, input_names, output_names
         self.state, self.rate, self.directions = state, rate, directions
-        self._positions = speeds
+        #: how many of the states are positions
+        self.speeds = speeds
 
     @property
     def eigenvalues(self) -> np.ndarray:
@@ -60,8 +61,8 @@ class LinearModel:
     @property
     def is_steady(self) -> bool:
         """Whether the state rests or moves steadily: velocities and first-order states do not change."""
-        rates = self.rate[self._positions :]
-        scale = 1 + np.max(np.abs(self.A[self._positions :]), initial=0.0)
+        rates = self.rate[self.speeds :]
+        scale = 1 + np.max(np.abs(self.A[self.speeds :]), initial=0.0)
         return bool(np.all(np.abs(rates) <= 1e-6 * scale))
 
     def modes(self) -> tuple[Mode, ...]:
@@ -100,7 +101,10 @@ class LinearModel:
         MechanismError
             At a pole.
         """
-        points = np.atleast_1d(np.asarray(s, complex))
+        try:
+            points = np.atleast_1d(np.asarray(s, complex))
+        except (TypeError, ValueError):
+            raise MechanismError(f"transfer_function: s must be a number or a sequence of numbers, got {s!r}") from None
         matrices = points[:, None, None] * np.eye(len(self.A)) - self.A
         try:
             inner = np.linalg.solve(matrices, np.broadcast_to(self.B, (points.size, *self.B.shape)))

@@ -30,6 +30,8 @@ def read_cases(mechanism: Mechanism, cases: Any) -> dict[Symbol, np.ndarray]:
             raise ModelError(f"cases=: the values of '{key.label}' must be a list of finite numbers")
         found[key] = array
     lengths = {key.label: array.size for key, array in found.items() if array.ndim == 1}
+    if found and not lengths:
+        raise ModelError("cases= holds single numbers only; give a list of values for one of them at least")
     if not lengths or 0 in lengths.values():
         raise ModelError("cases= is empty; give {parameter: values}")
     if len(set(lengths.values())) > 1:
