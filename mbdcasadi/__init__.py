@@ -52,11 +52,20 @@ from .model.expressions import *  # noqa: F403  (elementary functions, safe on s
 from .model.forces.applied import Force, GeneralizedForce, Torque
 from .model.forces.bushing import Bushing
 from .model.forces.contact_laws import HuntCrossley
+from .model.forces.contacts.contact import Contact
+from .model.forces.contacts.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
 from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.data_laws import DataLaw
 from .model.forces.field import FieldForce
+from .model.forces.friction.coulomb import Coulomb
+from .model.forces.friction.dry import DryFriction
+from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
+from .model.forces.friction.lugre import LuGre
+from .model.forces.friction.stribeck import Stribeck
+from .model.forces.friction.viscous import Viscous
 from .model.forces.gravity import Gravity
+from .model.forces.hertz import hertz_stiffness
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA
 from .model.forces.stops import EndStop

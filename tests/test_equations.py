@@ -79,6 +79,21 @@ def test_it_prints_in_a_notebook():
     assert latex.count("{") == latex.count("}")
 
 
+def test_velocity_level_rows_are_printed():
+    """Each with its name, apart from the position rows; no empty block where there are none of these."""
+    body = mbd.Body("b", 1, 1)
+    drift = mbd.NonholonomicConstraint("drift", body.vy - body.x * body.omega)
+    alone = mbd.equations(mbd.Mechanism([body], [drift]))
+    assert "m = 1 constraint rows, 1 of them at velocity level" in str(alone)
+    assert "velocity-level rows, zero\n  drift  b.vy - b.x*b.omega\n" in str(alone)
+    assert "\nPhi\n" not in str(alone)
+    both = mbd.equations(mbd.Mechanism([body], [drift, mbd.AbsoluteX("rail", body.at(0, 0), 0.5)]))
+    text = str(both)
+    assert "m = 2 constraint rows, 1 of them at velocity level" in text
+    assert "\nPhi\n  rail  b.x - 0.5\n" in text and "\n  drift  b.vy - b.x*b.omega\n" in text
+    assert r"= \mathbf{0}$$" in both._repr_latex_()
+
+
 @pytest.mark.parametrize("seed", [1, 9])
 def test_any_mechanism_prints(seed):
     """Also states, parameters and drivers."""

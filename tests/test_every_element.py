@@ -72,7 +72,7 @@ def rack():
 def rolling():
     """An eccentric wheel."""
     wheel = mbd.Body("wheel", mass=2.0, inertia=0.02, pose=(0.02, 0.2, 0))
-    roll = mbd.Rolling("track", mbd.ground.at(0, 0), wheel.at(-0.02, 0), 0.2)
+    roll = mbd.Rolling("track", wheel.at(-0.02, 0), mbd.ground.at(0, 0), 0.2)
     return machine([wheel], [roll], roll.displacement, 0.5)
 
 
@@ -157,6 +157,15 @@ MACHINES = {
     "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
     "Cylinder": lambda: on_slide(lambda b, g: mbd.Cylinder("ram", GROUND.at(-1, 0), b.at(0, 0), 0.05, 0.02, 1e4)),
     "GasSpring": lambda: on_slide(lambda b, g: mbd.GasSpring("gas", GROUND.at(-0.3, 0), b.at(0, 0), 1e-3, 0.3, 2e5)),
+    "Contact": lambda: on_slide(
+        lambda b, g: mbd.Contact(
+            "pad",
+            mbd.Circle(b.at(0, 0), 0.1),
+            mbd.HalfPlane(GROUND.at(0, -0.099)),
+            mbd.HuntCrossley(1e6),
+            mbd.Stribeck(0.2, 0.3, 0.5, 0.05),
+        )
+    ),
     "DataLaw": lambda: on_slide(
         lambda b, g: mbd.TSDA(
             "spring", GROUND.at(-0.3, 0), b.at(0, 0), law=mbd.DataLaw([-0.1, 0, 0.05, 0.1], [-50, 0, 20, 60], free=0.3)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from .monitors import broken_at_pose
 from .singular import describe_singularity
 
 _FLAGS = {
@@ -43,34 +43,22 @@ def cause_of_failure(
     """
     eom = numeric.eom
     said = _FLAGS.get(flag, flag)
+    remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q[0]))
     for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
-        broken = _forces_not_finite(numeric, time, pose, v[0], z[0])
+        broken = numeric.forces_not_finite(time, pose, v[0], z[0], numeric.eom.input_values)
         if broken:
             return (
                 f"{', '.join(broken)} is not finite there: data of a spline that are left, a division by zero, "
-                f"or a root of a negative number ({said})"
+                f"or a root of a negative number ({said}){remarks}"
             )
     values = numeric.rank(t, q[0]).singular_values
     if values.size and values[-1] < NEAR * values[0]:
         pose = describe_singularity(numeric, t, q[0])
         return f"the pose is singular or nearly so, {pose.text} ({said})"
     if flag.startswith("the constraints"):
-        return said
+        return said + remarks
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
-        f"at {v[0][fastest]:.3g} per second); method='rosenbrock', or events at the jumps, may help"
+        f"at {v[0][fastest]:.3g} per second); method='rosenbrock', or events at the jumps, may help{remarks}"
     )
-
-
-def _forces_not_finite(numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> list[str]:
-    """Elements whose force has no finite value at a state."""
-    eom = numeric.eom
-    n, m = eom.q.numel(), eom.lam.numel()
-    arguments = (t, q, v, np.zeros(n), z, np.zeros(m), eom.input_values, numeric.p)
-    found = []
-    for element in eom.mechanism.elements:
-        forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
-        if forces and not np.all(np.isfinite(eom.function(ca.vertcat(*forces))(*arguments).full())):
-            found.append(element.what)
-    return found

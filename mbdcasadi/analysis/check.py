@@ -15,6 +15,7 @@ from ..numerics.least_squares import largest, solve
 from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part
 from ..results.state import State
 from .mappings import parameter_vector
+from .monitors import broken_at_pose, not_still
 from .pose import OPEN, PoseProblem
 from .singular import describe_singularity
 
@@ -41,7 +42,7 @@ class Report:
     not_unique : tuple of str
         Joints and drivers whose reactions are not unique.
     contradictory : tuple of str
-        Rows that cannot be met together.
+        Rows that cannot be met together, in their positions or in their velocities.
     residuals : dict of str to float
         What stays open by element, where the mechanism cannot be assembled.
     singular : {"", "lock-up", "bifurcation"}
@@ -52,6 +53,8 @@ class Report:
         Bodies that no joint holds and no force but gravity acts on.
     without_mass : tuple of str
         Coordinates in which something moves that has no mass.
+    remarks : tuple of str
+        What elements take for granted and the pose, or the free motions, do not keep to.
     """
 
     degrees_of_freedom: int
@@ -68,6 +71,7 @@ class Report:
     singular_rows: tuple[str, ...] = ()
     unused_bodies: tuple[str, ...] = ()
     without_mass: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -88,6 +92,7 @@ class Report:
             ("singular pose", f"{self.singular}: {', '.join(self.singular_rows)}" if self.singular else ""),
             ("unused bodies", ", ".join(self.unused_bodies)),
             ("moves without mass", ", ".join(self.without_mass)),
+            ("remarks", "; ".join(self.remarks)),
         )
         lines += [(name, value) for name, value in optional if value]
         width = max(len(name) for name, _ in lines)
@@ -146,12 +151,13 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
         redundant=tuple(names[k] for k in _superfluous(numeric, t, generic_pose)),
         dependent=tuple(names[k] for k in dependent),
         not_unique=tuple(dict.fromkeys(eom.row_elements[k].name for k in dependent)),
-        contradictory=_contradictory(numeric, t, q, here.null_rows) if open_rows else (),
+        contradictory=_contradictory(numeric, t, q, here.null_rows, open_rows, singular=here.rank < generic.rank),
         residuals=open_rows,
         singular=kind,
         singular_rows=singular_rows,
         unused_bodies=_unused(mechanism),
         without_mass=tuple(numeric.motion_without_mass(t, generic_pose)),
+        remarks=() if open_rows else _remarks(numeric, t, q),
     )
 
 
@@ -172,9 +178,7 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
 
 def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
     """Pose near q, on the joints' manifold, where the rank is largest; drivers let go for the excursion."""
-    eom = numeric.eom
-    drivers = {id(d) for d in eom.mechanism.drivers}
-    kept = [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
+    kept = _without_drivers(numeric)
 
     def joints(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         phi, jacobian = numeric.position(t, pose)
@@ -193,19 +197,41 @@ def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
     return best
 
 
+def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
+    """What monitors tell of a pose, and of the motions that the joints allow in it."""
+    free = analyse_rank(numeric.position(t, q)[1][_without_drivers(numeric)] * numeric.column_scale).null_columns
+    turning = not_still(numeric, t, q, free * numeric.column_scale[:, None])
+    return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
+
+
+def _without_drivers(numeric: NumericEquations) -> list[int]:
+    """Places of the joints' rows among the position rows."""
+    eom = numeric.eom
+    drivers = {id(d) for d in eom.mechanism.drivers}
+    return [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
+
+
 def _superfluous(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:
     jacobian = numeric.velocity(t, q)[0] * numeric.column_scale
     size = np.linalg.norm(jacobian, axis=1, keepdims=True)
     return dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0))
 
 
-def _contradictory(numeric: NumericEquations, t: float, q: np.ndarray, null_rows: np.ndarray) -> tuple[str, ...]:
-    """Rows of a dependency whose residuals do not cancel: they cannot hold together."""
+def _contradictory(
+    numeric: NumericEquations, t: float, q: np.ndarray, null_rows: np.ndarray, open_rows: Any, *, singular: bool
+) -> tuple[str, ...]:
+    """Rows of a dependency whose residuals, or whose ``nu``, do not cancel: they cannot hold together."""
     eom = numeric.eom
-    phi = numeric.position(t, q)[0]
-    residual = np.zeros(eom.lam.numel())
-    residual[eom.position_rows] = phi
-    broken = [combination for combination in null_rows if abs(combination @ residual) > OPEN]
+    if open_rows:
+        wanted = np.zeros(eom.lam.numel())
+        wanted[eom.position_rows] = numeric.position(t, q)[0]
+    elif singular:  # what a driver asks for in a singular pose is told with that pose
+        return ()
+    else:
+        wanted = numeric.velocity(t, q)[1]
+    wanted = wanted / numeric.row_size(t, q)
+    shares = [np.abs(combination * wanted).sum() for combination in null_rows]
+    broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > OPEN * max(1.0, share)]
     return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
 
 

@@ -163,8 +163,11 @@ class Continuation:
             else:
                 step /= 2
                 if step < smallest:
-                    raise self._apart(q, now, goal, self._motion(grid, blocks)) or self._singular(
-                        now, q, self._motion(grid, blocks)
+                    motion = self._motion(grid, blocks)
+                    raise (
+                        self._not_finite(q, now, ahead, motion)
+                        or self._apart(q, now, goal, motion)
+                        or self._singular(now, q, motion)
                     )
         return q[None, :], v[None, :], a[None, :]
 
@@ -200,6 +203,19 @@ class Continuation:
     def _motion(grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
         q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
         return DrivenMotion(grid[: len(q)], q, v, a)
+
+    def _not_finite(self, q: np.ndarray, now: float, ahead: float, motion: DrivenMotion) -> AssemblyError | None:
+        """The error for rows that have no value from now on, if that is what stops the motion."""
+        rows = self.numeric.rows_not_finite(ahead, q)
+        if not rows:
+            return None
+        return AssemblyError(
+            f"the motion cannot be continued beyond t = {now:.9g} s: {', '.join(rows)} has no finite value from there "
+            "on: data of a spline that end, a division by zero, or a root of a negative number; what was computed is "
+            "in .partial",
+            time=now,
+            partial=self._wrap(motion),
+        )
 
     def _apart(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
         """The error for rows that contradict each other from now on, if that is what stops the motion."""

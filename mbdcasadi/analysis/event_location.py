@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..errors import ModelError
+from ..errors import ExpressionError, ModelError
 from ..model.events import Event
+from ..model.symbols import time_derivative
 from ..numerics.roots import bracketed_root
+from ..results.state import State
 from .outputs import Outputs
 
 #: ``(start, state, time, channel) -> state``: a short integration from an output to a time after it.
@@ -62,12 +64,23 @@ class EventWatch:
         names = [event.name for event in self.events]
         if len(set(names)) < len(names):
             raise ModelError(f"events= holds a name twice: {', '.join(names)}")
+        #: time that counts as one instant, s; the run says how long that is
+        self.instant = 1e-12
+        self._behind: dict[int, float] = {}
+        self._rates = ca.vertcat(ca.SX(0, 1), *[self._rate(eom, e) for e in self.events])
         self._values = eom.function(ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events]))
 
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
         """Expressions of all events at outputs (k, n_events)."""
         t, q, v, a, z, lam, u = outputs.block(times, x, channel)
         return self._values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
+
+    @staticmethod
+    def _rate(eom: Equations, event: Event) -> ca.SX:
+        try:
+            return time_derivative(event.expression, eom.mechanism)
+        except ExpressionError:  # it holds accelerations or reactions
+            return ca.SX(0)
 
     @staticmethod
     def _crossed(event: Event, before: float, after: float) -> bool:
@@ -77,7 +90,7 @@ class EventWatch:
     def crossings(
         self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None, reach: Reach
     ) -> list[Crossing]:
-        """Events among outputs, in order of time, up to the first terminal one.
+        """Events among outputs, in order of time, up to the first that ends the run or resets velocities.
 
         Parameters
         ----------
@@ -92,6 +105,9 @@ class EventWatch:
         """
         columns = None if channel is None else np.hstack([channel[:, :1], channel[:, : len(times) - 1]])
         values = self.values(outputs, times, x, columns)
+        for index, value in self._behind.items():
+            values[0, index] = value
+        self._behind = {}
         found: list[Crossing] = []
         for k in range(len(times) - 1):
             column = None if channel is None else channel[:, k : k + 1]
@@ -102,9 +118,21 @@ class EventWatch:
                     here.append(Crossing(event, at, reach(times[k], x[k], at, column), k, column))
             for crossing in sorted(here, key=lambda c: c.time):
                 found.append(crossing)
-                if crossing.event.terminal:
+                if crossing.event.terminal or crossing.event.reset:
                     return found
         return found
+
+    def reset_at(self, state: State) -> None:
+        """Take note of a state just after a reset: events at their zero there start on the side to which they go."""
+        self._behind = {}
+        for index, rate in enumerate(self.rates(state)):
+            value = float(state[self.events[index].expression])
+            if rate != 0 and abs(value) <= self.instant * abs(rate):
+                self._behind[index] = rate * self.instant
+
+    def rates(self, state: State) -> np.ndarray:
+        """Rates of the events' expressions at a state; 0 where the model does not know them."""
+        return np.atleast_1d(state[self._rates]) if self.events else np.zeros(0)
 
     def _located(
         self,

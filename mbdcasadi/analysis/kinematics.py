@@ -45,7 +45,7 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     Returns
     -------
     Trajectory
-        Without multipliers.
+        Without multipliers; first-order states, which follow from forces, are NaN (inverse dynamics has them).
 
     Raises
     ------

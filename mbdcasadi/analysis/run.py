@@ -16,13 +16,15 @@ from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .causes import cause_of_failure
-from .event_location import EventWatch
+from .event_location import Crossing, EventWatch
 from .feed import InputFeed
 from .formulations import EXPLICIT_BODIES, Formulation, choose
+from .impact import Impacts, resets
 from .outputs import Outputs
 from .progress import progress_bar
 from .record import Record
 from .schedule import Chunk, chunks_of, merged
+from .uniqueness import Uniqueness
 
 #: Fall of the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to the largest one seen, at which the regularised
 #: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
@@ -54,6 +56,7 @@ class Outcome(Enum):
     WAITING = "it ends near a singular pose and is run again together with the next one"
     SHORTEN = "it comes near a singular pose and is run again in chunks of the usual length"
     ENDED = "a terminal event ended the run"
+    RESET = "an event reset the velocities, and the rest of the chunk is to be run from there"
 
 
 class Run:
@@ -92,6 +95,8 @@ class Run:
         self._outputs = {flag: Outputs(numeric, feed, redundant=flag) for flag in (False, True)}
         self._regular = 0.0
         self._fastest = 0.0
+        self._rest: list[Chunk] = []
+        self._uniqueness = Uniqueness(numeric)
 
     @property
     def outputs(self) -> Outputs:
@@ -106,13 +111,15 @@ class Run:
         self.feed.ask(start)
         self._x = np.r_[start.q, start.v, start.z]
         self._z = self._estimate(np.r_[start.a, start.lam])
+        self._impacts = Impacts(self.numeric, self.watch, float(grid[-1] - grid[0]))
         record = self._record = Record(
             self.numeric.eom.mechanism, self.numeric.p, self.outputs.recovery.refine(self.feed.rule)
         )
         record.statistics.method, record.statistics.formulation = self.method, self.formulation.name
         if redundant:
             record.statistics.notes.append(LEAST_NORM)
-        record.add(*self.outputs.block(np.array([start.t]), self._x[None, :], self.feed.at_start(start.t)))
+        first = self.outputs.block(np.array([start.t]), self._x[None, :], self.feed.at_start(start.t))
+        self._keep(first)
         with interruptible() as self._interruption:
             try:
                 self._chunks(chunks_of(grid, **self._cuts))
@@ -136,12 +143,17 @@ class Run:
         with progress_bar(chunks, self._progress) as bar:
             while left:
                 chunk = left.pop(0)
-                if self.feed.signals.controller and chunk is not chunks[0]:
+                goes_on = chunk is chunks[0] or any(chunk is rest for rest in self._rest)
+                if self.feed.signals.controller and not goes_on:
                     self.feed.ask(self.outputs.state(chunk.start, self._x, self.feed.at_start(chunk.start)))
                 joined = chunk if waiting is None else waiting.joined(chunk)
                 outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
                 if outcome is Outcome.SHORTEN:
                     left, waiting = self._shortened([joined, *left]), None
+                    continue
+                if outcome is Outcome.RESET:
+                    left, waiting = [*self._rest, *left], None
+                    bar.update(chunk.length - sum(rest.length for rest in self._rest))
                     continue
                 bar.update(chunk.length)
                 if outcome is Outcome.ENDED:
@@ -159,7 +171,9 @@ class Run:
     def _lengthened(self, chunks: list[Chunk]) -> list[Chunk]:
         """Fewer, longer chunks where a multistep method would spend most of its steps on starting."""
         steps = self._integrator(self.formulation).steps
-        if self.method != "idas" or self.feed.signals.controller or not 0 < steps < STEPS_PER_CHUNK:
+        if self.method != "idas" or self.feed.signals.controller or resets(self.watch.events):
+            return chunks
+        if not 0 < steps < STEPS_PER_CHUNK:
             return chunks
         return merged(chunks, max(1, len(chunks) * steps // STEPS_PER_CHUNK))
 
@@ -180,18 +194,32 @@ class Run:
             return Outcome.SHORTEN
         if failure is None and may_wait and self._ends_near_singular():
             return Outcome.WAITING
-        ended = False
+        stop = None
         if self.watch.events and len(x):
-            times, wanted, x, ended = self._note_events(chunk, times, wanted, x, channel)
+            times, wanted, x, stop = self._note_events(chunk, times, wanted, x, channel)
         if np.any(wanted):
             columns = None if channel is None else channel[:, : len(times)][:, wanted]
-            self._record.add(*self.outputs.block(times[wanted], x[wanted], columns))
-        if ended:
-            return Outcome.ENDED
+            self._keep(self.outputs.block(times[wanted], x[wanted], columns))
+        if stop is not None:
+            return self._reset(chunk, stop, len(times)) if stop.event.reset else Outcome.ENDED
         if failure is not None:
             raise self._failed(chunk, failure, times, x)
         self._feed_back(float(times[-1]), x[-1], None if channel is None else channel[:, -1:])
         return Outcome.DONE
+
+    def _keep(self, block: tuple[np.ndarray, ...]) -> None:
+        """Record outputs, up to the one at which friction leaves the reactions open."""
+        t, q, v, _, z, lam, u = block
+        lost = self._uniqueness.first_lost(t, q, v, z, lam, u)
+        if lost is None:
+            self._record.add(*block)
+            return
+        self._record.add(*(part[:lost] for part in block))
+        raise SimulationError(
+            f"{self._uniqueness.sentence(float(t[lost]))}; what was computed is in .partial",
+            time=float(t[lost]),
+            partial=self._record.trajectory(),
+        )
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -285,16 +313,36 @@ class Run:
     # --- events ---------------------------------------------------------------------------------
     def _note_events(
         self, chunk: Chunk, times: np.ndarray, wanted: np.ndarray, x: np.ndarray, channel: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-        """Record the events of a chunk; a terminal one cuts its outputs off."""
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Crossing | None]:
+        """Record the events of a chunk; one that ends the run or resets velocities cuts its outputs off."""
         knots, states = np.r_[chunk.start, times], np.vstack([self._x, x])
         for found in self.watch.crossings(self.outputs, knots, states, channel, self._reach):
+            k = found.interval
+            if found.event.reset:
+                k += int(times[k] - found.time <= self.watch.instant)  # an output at the event itself comes before it
+                return times[:k], wanted[:k], x[:k], found
             state = self.outputs.state(found.time, found.x, found.channel)
             self._record.events.append(EventOccurrence(found.event.name, found.time, state))
             if found.event.terminal:
-                k = found.interval
-                return np.r_[times[:k], found.time], np.r_[wanted[:k], True], np.vstack([x[:k], found.x]), True
-        return times, wanted, x, False
+                return np.r_[times[:k], found.time], np.r_[wanted[:k], True], np.vstack([x[:k], found.x]), found
+        return times, wanted, x, None
+
+    def _reset(self, chunk: Chunk, found: Crossing, count: int) -> Outcome:
+        """Record an event that resets velocities, and what it brings about at the same instant; go on from there."""
+        time, column = found.time, found.channel
+        try:
+            impacts = self._impacts.after(found.event, self.outputs.state(time, found.x, column))
+        except SimulationError as error:
+            raise SimulationError(str(error), time=time, partial=self._record.trajectory()) from None
+        for event, state, v, z in impacts:
+            self._x = np.r_[state.q, v, z]
+            after = self.outputs.state(time, self._x, column)
+            self._record.events.append(EventOccurrence(event.name, time, state, after))
+        self._feed_back(time, self._x, column)
+        self.watch.reset_at(after)
+        rest = chunk.rest(time, count)
+        self._rest = [] if rest is None else [rest]
+        return Outcome.RESET
 
     def _reach(self, start: float, x: np.ndarray, time: float, channel: np.ndarray | None) -> np.ndarray:
         """Projected state at a time after an output, by a short integration from there."""

@@ -50,6 +50,12 @@ class Chunk:
         starts = [self.start, *[float(self.times[g[-1]]) for g in groups[:-1]]]
         return [Chunk(s, self.times[g], self.wanted[g]) for s, g in zip(starts, groups, strict=True)]
 
+    def rest(self, time: float, count: int) -> Chunk | None:
+        """What is left of it after a time that lies behind `count` of its outputs; None where nothing is."""
+        if count >= self.times.size:
+            return None
+        return Chunk(time, self.times[count:], self.wanted[count:])
+
     def joined(self, following: Chunk) -> Chunk:
         """This chunk and the one that follows, as one."""
         times, wanted = np.r_[self.times, following.times], np.r_[self.wanted, following.wanted]

@@ -23,7 +23,9 @@ from .mappings import pairs_of, parameter_vector, time_grid
 from .monitors import tell_monitors
 from .run import Run
 from .starting import carried_by, start_state
+from .stick_slip import StickSlip, switching
 from .stiffness import is_stiff
+from .tolerances import absolute_tolerance
 
 #: Outputs where only a duration is given.
 OUTPUTS = 201
@@ -74,7 +76,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator.
+        Tolerances of the integrator. Where friction has a velocity tolerance, the absolute one is
+        a thousandth of it at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -104,8 +107,11 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    eom = equations(mechanism)
     grid = _grid(times, duration)
+    if switching(mechanism):
+        settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
+        return StickSlip(mechanism, inputs, parameters, events, settings, simulate).over(grid, initial)
+    eom = equations(mechanism)
     tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
         raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
@@ -127,9 +133,12 @@ def simulate(
     _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
     if method == "auto":
         method = "idas" if eom.Q_depends_on_lam or is_stiff(numeric, start, grid, redundant) else "erk"
-    settings = {"reltol": tolerances[0], "abstol": tolerances[1], "jit": jit, "options": options}
+    absolute = absolute_tolerance(numeric, tolerances[1])
+    settings = {"reltol": tolerances[0], "abstol": absolute, "jit": jit, "options": options}
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
     motion = run.over(grid, start, redundant=redundant)
+    if absolute < tolerances[1]:
+        motion.statistics.notes.append(f"abstol = {absolute:.1e}, for the velocity tolerance of the friction")
     _tell_exceeded_limits(mechanism, motion)
     tell_monitors(motion)
     return motion

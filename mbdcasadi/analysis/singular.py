@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from .monitors import broken_at_pose
 
 #: Components of a null vector that count as taking part.
 TAKES_PART = 0.05
@@ -54,4 +55,5 @@ def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray) -> 
         if kind == "lock-up"
         else "a bifurcation: several motions are possible there"
     )
-    return SingularPose(kind, rows, f"{meaning}; the rows that take part are {', '.join(rows)}")
+    remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
+    return SingularPose(kind, rows, f"{meaning}; the rows that take part are {', '.join(rows)}{remarks}")

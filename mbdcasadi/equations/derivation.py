@@ -73,6 +73,8 @@ class Equations:
     gamma : casadi.SX
         Right side of the acceleration equation (m,),
         ``gamma = -(Phi_q v)_q v - 2 Phi_qt v - Phi_tt``.
+    velocity_rows : casadi.SX
+        Velocity-level rows ``J v + c``, linear in `v`, held at zero; in their order among the rows.
     z_rate : casadi.SX
         Rates of the first-order states (k,).
     coordinate_names, row_names : tuple of str
@@ -112,16 +114,17 @@ class Equations:
         flags = np.concatenate([np.zeros(0, bool), *level])
         self.position_rows = np.flatnonzero(flags)
         self.Phi = ca.vertcat(ca.SX(0, 1), *[c.rows for c in constraints])
-        velocity_rows = ca.vertcat(ca.SX(0, 1), *[c.velocity_rows for c in constraints])
+        self.velocity_rows = ca.vertcat(ca.SX(0, 1), *[c.velocity_rows for c in constraints])
 
         jacobian_q = ca.jacobian(self.Phi, self.q)
-        jacobian_v = ca.jacobian(velocity_rows, self.v)
+        jacobian_v = ca.jacobian(self.velocity_rows, self.v)
         order = np.argsort(np.r_[self.position_rows, np.flatnonzero(~flags)], kind="stable")
-        rest = ca.substitute(velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
+        rest = ca.substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
         rows = [int(k) for k in order]
         self.Phi_q = ca.vertcat(jacobian_q, jacobian_v)[rows, :] if rows else ca.SX(0, self.q.numel())
         self.nu = ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[rows]
-        rate = ca.vertcat(ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t), velocity_rows)[rows]
+        rate = ca.jtimes(self.Phi, self.q, self.v) + ca.jacobian(self.Phi, self.t)
+        rate = ca.vertcat(rate, self.velocity_rows)[rows]
         self.gamma = -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
 
     def _collect_forces(self, elements: Sequence[Any]) -> None:

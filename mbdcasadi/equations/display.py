@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import casadi as ca
+
 from ..printing import matrix_to_latex, matrix_to_text, to_latex, to_text
 
 if TYPE_CHECKING:
@@ -15,11 +17,12 @@ LARGEST_MATRIX = 30
 
 def equations_as_text(eom: Equations) -> str:
     """Equations in plain text: the general form, then each term by rows."""
-    n, m = eom.q.numel(), eom.lam.numel()
+    n, m, velocity_level = eom.q.numel(), eom.lam.numel(), eom.velocity_rows.numel()
+    of_these = f", {velocity_level} of them at velocity level" if velocity_level else ""
     lines = [
         "Constrained equations of motion",
         f"  M a + Phi_q^T lam = Q        n = {n} coordinates",
-        f"  Phi(q, t) = 0                m = {m} constraint rows",
+        f"  Phi(q, t) = 0                m = {m} constraint rows{of_these}",
         "  Phi_q v = nu",
         "  Phi_q a = gamma",
         "",
@@ -29,7 +32,10 @@ def equations_as_text(eom: Equations) -> str:
     lines += ["M = diag(" + ", ".join(masses) + ")", "", "Q"]
     lines += _rows(eom.coordinate_names, [eom.Q[k] for k in range(n)])
     position_names = [eom.row_names[k] for k in eom.position_rows]
-    lines += ["", "Phi", *_rows(position_names, [eom.Phi[k] for k in range(eom.Phi.numel())])]
+    if position_names or not velocity_level:
+        lines += ["", "Phi", *_rows(position_names, ca.vertsplit(eom.Phi))]
+    if velocity_level:
+        lines += ["", "velocity-level rows, zero", *_rows(_velocity_names(eom), ca.vertsplit(eom.velocity_rows))]
     if 0 < n <= LARGEST_MATRIX:
         lines += ["", "Phi_q", matrix_to_text(eom.Phi_q, list(eom.row_names), list(eom.coordinate_names))]
     lines += ["", "nu", *_rows(eom.row_names, [eom.nu[k] for k in range(m)])]
@@ -38,6 +44,11 @@ def equations_as_text(eom: Equations) -> str:
         names = [z.label for z in eom.mechanism.states]
         lines += ["", "rates of first-order states", *_rows(names, [eom.z_rate[k] for k in range(len(names))])]
     return "\n".join(lines)
+
+
+def _velocity_names(eom: Equations) -> list[str]:
+    position = set(eom.position_rows.tolist())
+    return [name for k, name in enumerate(eom.row_names) if k not in position]
 
 
 def _rows(names, entries) -> list[str]:
@@ -58,6 +69,7 @@ def equations_as_latex(eom: Equations) -> str:
         r"\mathbf{M} = \mathrm{diag}\left(" + ", ".join(to_latex(x) for x in eom.mass_diagonal.elements()) + r"\right)",
         r"\mathbf{Q} = " + matrix_to_latex(eom.Q),
         r"\boldsymbol{\Phi} = " + matrix_to_latex(eom.Phi),
+        *([matrix_to_latex(eom.velocity_rows) + r" = \mathbf{0}"] if eom.velocity_rows.numel() else []),
         r"\boldsymbol{\Phi}_q = " + matrix_to_latex(eom.Phi_q),
         r"\boldsymbol{\nu} = " + matrix_to_latex(eom.nu),
         r"\boldsymbol{\gamma} = " + matrix_to_latex(eom.gamma),

@@ -7,7 +7,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..errors import SingularityError
+from ..errors import ModelError, SingularityError
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from .derivation import Equations
@@ -34,6 +34,12 @@ class NumericEquations:
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
+        for element in eom.mechanism.elements:
+            if getattr(element, "modes", ()):
+                raise ModelError(
+                    f"{element.what} switches exactly between sticking and sliding, which simulate alone can follow; "
+                    "take Coulomb, Stribeck or LuGre here"
+                )
         self.eom = eom
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)
@@ -101,9 +107,12 @@ class NumericEquations:
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with each row and the angles scaled to size one."""
-        jacobian = self.velocity(t, q)[0] * self.column_scale
-        size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-        return analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0))
+        return analyse_rank(self.velocity(t, q)[0] * self.column_scale / self.row_size(t, q)[:, None])
+
+    def row_size(self, t: float, q: np.ndarray) -> np.ndarray:
+        """Size of each row of ``Phi_q`` with the angles scaled (m,); one for a row that vanishes."""
+        size = np.linalg.norm(self.velocity(t, q)[0] * self.column_scale, axis=1)
+        return np.where(size > 1e-12, size, 1.0)
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
         """Whether rows depend on each other at a pose; by sparse factorisation where the mechanism is large."""
@@ -144,6 +153,23 @@ class NumericEquations:
         moved = np.linalg.norm(empty, axis=1) > 1e-8
         return [self.eom.coordinate_names[k] for k in np.flatnonzero(moved & (self.mass == 0))]
 
+    def forces_not_finite(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> list[str]:
+        """Elements whose force has no finite value at a state."""
+        n, m = self.eom.q.numel(), self.eom.lam.numel()
+        found = []
+        for element in self.eom.mechanism.elements:
+            forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
+            if forces:
+                values = self.eom.function(ca.vertcat(*forces))(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
+                found += [] if np.all(np.isfinite(values.full())) else [element.what]
+        return found
+
+    def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:
+        """Names of the position rows that have no finite value, or no finite slope, at a pose."""
+        phi, jacobian = self.position(t, q)
+        finite = np.isfinite(phi) & np.all(np.isfinite(jacobian), axis=1)
+        return [self.eom.row_names[row] for row, well in zip(self.eom.position_rows, finite, strict=True) if not well]
+
     def accelerations(
         self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -164,9 +190,22 @@ class NumericEquations:
             )
         a, lam = self.forward_dynamics(redundant=redundant)(t, q, v, z, u, self.p)
         a, lam = a.full().ravel(), lam.full().ravel()
+        if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
+            raise SingularityError(
+                f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
+                "friction is so large that a joint jams, or a force is not finite there",
+                time=t,
+            )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
         scale = 1 + largest(gamma) + largest(a)
+        broken = self.forces_not_finite(t, q, v, z, u) if not np.all(np.isfinite(a)) else []
+        if broken:
+            raise SingularityError(
+                f"the force of {', '.join(broken)} is not finite at t = {t:.6g} s: data of a spline that are left, a "
+                "division by zero, or a root of a negative number (a length or a volume that has become negative)",
+                time=t,
+            )
         if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(left_over) > 1e-5 * scale:
             names = self.eom.row_names
             worst = np.argsort(-np.abs(np.where(np.isfinite(left_over), left_over, np.inf)))[:3]

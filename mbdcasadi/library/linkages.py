@@ -6,13 +6,26 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.forces.applied import Torque
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
+from ..model.quantities import yes_or_no
 from ..model.shapes import Rectangle
 from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, meeting_point, weight
+from .model import (
+    GRAVITY,
+    Model,
+    at_angle,
+    bar,
+    ends,
+    lengths,
+    masses_of,
+    meeting_point,
+    pair_of_numbers,
+    weight,
+)
 
 
 def four_bar(
@@ -52,7 +65,7 @@ def four_bar(
     what = "four_bar"
     ab, bc, dc, ad = lengths(what, crank=crank, coupler=coupler, rocker=rocker, base=base)
     b, d = at_angle(ab, number(angle, what, "angle")), np.array([ad, 0.0])
-    c = meeting_point(b, bc, d, dc, open, what)
+    c = meeting_point(b, bc, d, dc, yes_or_no(open, what, "open"), what)
     m = masses_of(masses, 3, what)
     first, second, third = bar("crank", (0, 0), b, m[0]), bar("coupler", b, c, m[1]), bar("rocker", d, c, m[2])
     (a1, b1), (b2, c2), (d3, c3) = ends(first), ends(second), ends(third)
@@ -71,7 +84,7 @@ def four_bar(
         name="four-bar",
     )
     coordinates = {"crank": pins["A"].angle, "rocker": pins["D"].angle}
-    marker = second.at(*point)
+    marker = second.at(*pair_of_numbers(point, what, "point"))
     return Model(mechanism, coordinates, crank=first, coupler=second, rocker=third, **pins, tau=tau, point=marker)
 
 
@@ -107,7 +120,8 @@ def five_bar(
     what = "five_bar"
     r, long, width = lengths(what, crank=crank, link=link, base=base)
     e = np.array([width, 0.0])
-    b, d = at_angle(r, number(angles[0], what, "angles")), e + at_angle(r, number(angles[1], what, "angles"))
+    left, right = pair_of_numbers(angles, what, "angles")
+    b, d = at_angle(r, left), e + at_angle(r, right)
     c = meeting_point(b, long, d, long, True, what)
     m = masses_of(masses, 4, what)
     bodies = [
@@ -172,7 +186,10 @@ def slider_crank(
     height = number(offset, what, "offset")
     tip = at_angle(r, number(angle, what, "angle"))
     if abs(height - tip[1]) >= long:
-        meeting_point(tip, long, (tip[0], height), 1e-12, True, what)
+        raise ModelError(
+            f"{what}: the rod of {long:g} m does not reach from the crank pin, {tip[1]:.4g} m high, to the guide, "
+            f"{height:g} m high; change a length, the offset or the angle of the crank"
+        )
     end = np.array([tip[0] + np.sqrt(long**2 - (height - tip[1]) ** 2), height])
     m = masses_of(masses, 3, what)
     first, second = bar("crank", (0, 0), tip, m[0]), bar("rod", tip, end, m[1])

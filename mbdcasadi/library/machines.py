@@ -16,6 +16,7 @@ from ..model.joints.cams import CamFlatFollower, CamPointFollower
 from ..model.joints.gears import Gear
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
+from ..model.quantities import whole
 from ..model.shapes import Disc, Rod
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
@@ -49,8 +50,7 @@ def planetary_gear(
     """
     what = "planetary_gear"
     rs, rp = lengths(what, sun=sun, planet=planet)
-    if isinstance(planets, bool) or int(planets) != planets or planets < 1:
-        raise ModelError(f"{what}: planets must be a whole number of at least 1, got {planets!r}")
+    planets = whole(planets, what, "planets", 1)
     rr, reach = rs + 2 * rp, rs + rp
     m = masses_of(masses, 4, what)
     central = {
@@ -61,7 +61,7 @@ def planetary_gear(
     joints: list[Any] = [Revolute(f"{name} bearing", ground.at(0, 0), b.at(0, 0)) for name, b in central.items()]
     arm = central["arm"]
     bodies, sun_meshes, ring_meshes = [], [], []
-    for k in range(int(planets)):
+    for k in range(planets):
         place = at_angle(reach, 2 * np.pi * k / planets)
         tag = f" {k + 1}" if planets > 1 else ""
         body = Body(f"planet{tag}", m[1], m[1] * rp**2 / 2, pose=(*place, 0.0), shape=Disc(rp))
@@ -131,6 +131,10 @@ def cam_follower(
         raise ModelError(f"{what}: give either a program or an outline")
     roller = None if roller_radius is None else number(roller_radius, what, "roller_radius")
     aside = number(offset, what, "offset")
+    if roller is None and aside != 0:
+        raise ModelError(
+            f"{what}: the offset {aside:g} m is one of a roller; a flat face has none, give roller_radius="
+        )
     if outline is None and roller is None:
         outline = CamOutline.for_flat_follower(program, base)
     elif outline is None:

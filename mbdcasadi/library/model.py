@@ -87,6 +87,14 @@ def lengths(what: str, **values: Any) -> list[float]:
     return found
 
 
+def pair_of_numbers(value: Any, what: str, name: str) -> tuple[float, float]:
+    """Two finite numbers."""
+    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or len(value) != 2:
+        raise ModelError(f"{what}: {name} must be two numbers, got {value!r}")
+    first, second = (number(entry, what, name) for entry in value)
+    return first, second
+
+
 def at_angle(length: float, angle: float) -> np.ndarray:
     """Vector of a length at an angle."""
     return length * np.array([np.cos(angle), np.sin(angle)])

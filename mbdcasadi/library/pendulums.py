@@ -11,6 +11,7 @@ from ..model.bodies import ground
 from ..model.forces.applied import Torque
 from ..model.joints.lower_pairs import Revolute
 from ..model.mechanism import Mechanism
+from ..model.quantities import whole
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, weight
 
@@ -40,10 +41,8 @@ def pendulum_chain(
         ``angle_1, angle_2, …``: of the first rod against the ground's x axis, then of each against the one before.
     """
     what = "pendulum_chain"
-    if isinstance(links, bool) or int(links) != links or links < 1:
-        raise ModelError(f"{what}: links must be a whole number of at least 1, got {links!r}")
+    count = whole(links, what, "links", 1)
     (long,) = lengths(what, length=length)
-    count = int(links)
     m = masses_of(masses, count, what)
     given = [angles] * count if np.ndim(angles) == 0 else list(angles)
     if len(given) != count:

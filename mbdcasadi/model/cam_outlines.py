@@ -9,8 +9,8 @@ import numpy as np
 
 from ..errors import ModelError
 from .closed_splines import closed_spline
-from .curves import Curve, checked_points, chord_lengths
-from .quantities import quantity
+from .curves import Curve, checked_points, chord_lengths, crossing
+from .quantities import quantity, yes_or_no
 from .symbols import number
 from .turn_laws import TURN, lift_law, polar_law
 
@@ -46,6 +46,11 @@ class CamOutline(Curve):
         Revolute("shaft", ground.at(0, 0), cam.at(-0.010, 0))
     """
 
+    _called = "CamOutline"
+
+    #: The polar radius that was given, over the parameter.
+    _radius: ca.SX | None = None
+
     def __init__(self, radius: Any, angles: Any = None):
         law = polar_law(radius, angles)
 
@@ -54,11 +59,15 @@ class CamOutline(Curve):
             return r * ca.vertcat(ca.cos(alpha), ca.sin(alpha))
 
         super().__init__(point, 0.0, TURN, closed=True)
-        radii = ca.dot(self._point, ca.vertcat(ca.cos(self._symbol), ca.sin(self._symbol)))
-        values = self.sampled(radii, self.samples).ravel()
+        self._radius = ca.dot(self._point, ca.vertcat(ca.cos(self._symbol), ca.sin(self._symbol)))
+        values = self.sampled(self._radius, self.samples).ravel()
         if np.min(values) <= 0:
             k = int(np.argmin(values))
             raise ModelError(f"CamOutline: radius must be above 0, got {values[k]:.6g} at {self.samples[k]:.4g} rad")
+
+    def radius(self, parameter: Any) -> ca.SX:
+        """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
+        return ca.norm_2(self.point(parameter)) if self._radius is None else self._at(self._radius, parameter)
 
     @classmethod
     def through(cls, points: Any, closed: bool = True) -> Curve:
@@ -72,7 +81,7 @@ class CamOutline(Curve):
         closed : bool, default True
             An outline closes; False is refused.
         """
-        if not closed:
+        if not yes_or_no(closed, "CamOutline.through", "closed"):
             raise ModelError("CamOutline.through: an outline closes; an open curve is Curve.through(points)")
         return _Splined(points)
 
@@ -144,6 +153,12 @@ class _Splined(CamOutline):
         symbol = ca.SX.sym("alpha")
         place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
         self._define(symbol, place, ca.jacobian(place, symbol), 0.0, TURN, True)
+        found = crossing(self.points_and_normals(self.samples[::2])[0].T)
+        if found is not None:
+            raise ModelError(
+                f"CamOutline.through: the outline crosses itself near ({found[0]:.4g}, {found[1]:.4g}) m; give the "
+                "points in the order in which the outline runs through them"
+            )
 
 
 class _FlatProfile(CamOutline):

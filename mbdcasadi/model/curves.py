@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ExpressionError, ModelError
 from .closed_splines import closed_spline
 from .immutable import Immutable
-from .quantities import column
+from .quantities import column, function_of, yes_or_no
 from .splines import spline
 from .symbols import describe, number, role_of, symbols_of, values_of
 
@@ -47,12 +47,12 @@ class Curve(Immutable):
         Curve(lambda s: (s, 2 * s**2), -0.1, 0.1)
     """
 
+    _called = "Curve"
+
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
-        what = type(self).__name__
-        if not callable(point):
-            raise ModelError(f"{what}: point must be a function of the parameter, got {point!r}")
+        what = self._called
         symbol = ca.SX.sym("alpha")
-        coordinates = column(point(symbol), f"{what}: point")
+        coordinates = column(function_of(point, what, "point", "the parameter")(symbol), f"{what}: point")
         if coordinates.numel() != 2:
             raise ModelError(f"{what}: point must return two coordinates, got {coordinates.numel()}")
         self._define(symbol, coordinates, ca.jacobian(coordinates, symbol), lower, upper, closed)
@@ -61,11 +61,11 @@ class Curve(Immutable):
         self, symbol: ca.SX, point: ca.SX, tangent: ca.SX, lower: float, upper: float, closed: bool, cusp: str = ""
     ) -> None:
         """Keep the curve as expressions in a symbol, and check it; `cusp` says what a missing tangent means."""
-        what = type(self).__name__
+        what = self._called
         self.lower, self.upper = number(lower, what, "lower"), number(upper, what, "upper")
         if not self.upper > self.lower:
             raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")
-        self.closed = bool(closed)
+        self.closed = yes_or_no(closed, what, "closed")
         for other in symbols_of(ca.vertcat(point, tangent)):
             role = role_of(other)
             if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
@@ -109,6 +109,7 @@ class Curve(Immutable):
         closed : bool, default False
             Whether it goes on from the last point to the first (not to be repeated).
         """
+        closed = yes_or_no(closed, cls.__name__, "closed")
         points = checked_points(points, cls.__name__, least_points=5 if closed else 4)
         knots, points = chord_lengths(points, closed)
 
@@ -210,6 +211,24 @@ def chord_lengths(points: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndar
         k = int(np.argmin(chords))
         raise ModelError(f"a curve through points: the points {k} and {(k + 1) % (len(points) - 1)} coincide")
     return np.r_[0.0, np.cumsum(chords)], points
+
+
+def crossing(points: np.ndarray) -> np.ndarray | None:
+    """Point (2,) near which the closed polygon through points (k, 2) crosses itself; None where it does not."""
+    sides = np.roll(points, -1, axis=0) - points
+
+    def side_of(targets: np.ndarray) -> np.ndarray:
+        """Whether each target (j) lies to the left of each side (i)."""
+        off = targets[None, :, :] - points[:, None, :]
+        return sides[:, None, 0] * off[..., 1] - sides[:, None, 1] * off[..., 0] > 0
+
+    left = side_of(points)
+    apart = left != np.roll(left, -1, axis=1)  # side i separates the ends of side j
+    k = np.arange(len(points))
+    distance = np.abs(k[:, None] - k)
+    neighbours = np.minimum(distance, len(points) - distance) <= 1
+    found = np.argwhere(apart & apart.T & ~neighbours)
+    return points[found[0, 0]] if len(found) else None
 
 
 def least(function: Callable[[np.ndarray], np.ndarray], curve: Curve) -> float:

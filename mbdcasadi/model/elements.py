@@ -136,7 +136,7 @@ class ConstraintElement(Element):
         not balance, and something that does not turn must hold the rest.
     """
 
-    leans_on_ground: ClassVar[bool] = False
+    leans_on_ground: bool = False
 
     def __init__(
         self,

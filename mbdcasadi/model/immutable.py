@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 
 class Sealed(type):
     """Metaclass that seals each object when its constructor has returned."""
+
+    @property
+    def __signature__(cls) -> inspect.Signature:
+        """Arguments of the constructor, for help and editors."""
+        whole = inspect.signature(cls.__init__)  # type: ignore[misc]
+        return whole.replace(parameters=list(whole.parameters.values())[1:])
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         instance = super().__call__(*args, **kwargs)

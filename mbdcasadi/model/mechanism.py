@@ -163,6 +163,8 @@ class Mechanism(Immutable):
         role = role_of(symbol)
         lists = {"input": "inputs", "parameter": "parameters", "state": "states"}
         kind = role.kind if role else ""
+        if role is not None and isinstance(role.owner, Element) and kind == "state":
+            return f"{what} uses {describe(symbol)}, which belongs to {role.owner.what}; list that in forces= too"
         if kind in lists:
             return f"{what} uses {describe(symbol)}, which is not among {lists[kind]}= of the mechanism"
         if kind == "acceleration":

@@ -19,7 +19,16 @@ class Monitor:
         Scalar.
     sentence : str
         What is wrong where it is negative, with the element and the remedy.
+    still : casadi.SX or None
+        An angle that the joints of the mechanism should hold still; ``check`` tells where they let it turn.
+    shown : casadi.SX or None
+        What is told of its size in place of the expression, in the unit that follows.
+    unit : str
+        Its unit.
     """
 
     expression: ca.SX
     sentence: str
+    still: ca.SX | None = None
+    shown: ca.SX | None = None
+    unit: str = ""

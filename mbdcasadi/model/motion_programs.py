@@ -165,7 +165,10 @@ class MotionProgram(Immutable):
         if isinstance(x, ca.SX):
             return self._expression(x)
         symbol = ca.SX.sym("x")
-        numbers = np.asarray(x, dtype=float)
+        try:
+            numbers = np.asarray(x, dtype=float)
+        except (TypeError, ValueError, RuntimeError):
+            raise ModelError(f"MotionProgram: takes an expression or numbers, got {x!r}") from None
         values = ca.Function("program", [symbol], [self._expression(symbol)])(numbers.reshape(1, -1)).full()
         return float(values[0, 0]) if numbers.ndim == 0 else values.reshape(numbers.shape)
 

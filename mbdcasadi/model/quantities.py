@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..errors import ModelError
-from .symbols import Parameter, number
+from ..errors import ExpressionError, ModelError
+from .symbols import Parameter, describe, number, role_of, symbols_of
 
 
 def known_value(value: Any) -> float | None:
@@ -60,6 +62,7 @@ def quantity(
     at_least: float | None = None,
     above: float | None = None,
     limits: list[Limit] | None = None,
+    fixed: bool = False,
 ) -> float | ca.SX:
     """Return a scalar quantity: a float where it is a number, else the expression.
 
@@ -75,11 +78,15 @@ def quantity(
         Where the limits of an expression are added. An element keeps them in
         its attribute ``limits``, so that they are checked again for the
         parameter values of each analysis.
+    fixed : bool, default False
+        Whether it may hold parameters only: a radius, a ratio.
 
     Raises
     ------
     ModelError
         For what is no scalar, not finite or out of its limits.
+    ExpressionError
+        For what is to be fixed and varies.
     """
     if isinstance(value, ca.MX):
         raise ModelError(f"{what}: {name} is a casadi.MX; the model is written in casadi.SX")
@@ -92,6 +99,8 @@ def quantity(
         value = number(value, what, name)
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
+    if fixed:
+        _refuse_varying(value, what, name)
     limit = Limit(what, name, ca.SX(value), at_least, above)
     known = known_value(value)
     if known is not None:
@@ -100,6 +109,48 @@ def quantity(
         limits.append(limit)
     if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
         return known
+    return value
+
+
+def _refuse_varying(value: Any, what: str, name: str) -> None:
+    """Raise where an expression holds anything but parameters."""
+    for symbol in symbols_of(value):
+        role = role_of(symbol)
+        if role is None or role.kind != "parameter":
+            raise ExpressionError(
+                f"{what}: {name} depends on {describe(symbol)}; it is a number or an expression in parameters only"
+            )
+
+
+def yes_or_no(value: Any, what: str, name: str) -> bool:
+    """Return a choice of two; a text, a number or an expression is refused."""
+    if not isinstance(value, bool | np.bool_):
+        raise ModelError(f"{what}: {name} must be True or False, got {value!r}")
+    return bool(value)
+
+
+def whole(value: Any, what: str, name: str, least: int, most: int | None = None) -> int:
+    """Return a whole number within limits."""
+    number_like = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number_like or not float(value).is_integer() or value < least or (most is not None and value > most):
+        limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise ModelError(f"{what}: {name} must be a whole number {limits}, got {value!r}")
+    return int(value)
+
+
+def function_of(value: Any, what: str, name: str, *arguments: str) -> Callable[..., Any]:
+    """Return a function that the user gave, checked to take the arguments that it will be called with."""
+    wanted = " and ".join(arguments)
+    if not callable(value):
+        raise ModelError(f"{what}: {name} must be a function of {wanted}, got {value!r}")
+    try:
+        signature = inspect.signature(value)
+    except (TypeError, ValueError):  # some functions of compiled modules do not tell theirs
+        return value
+    try:
+        signature.bind(*arguments)
+    except TypeError as error:
+        raise ModelError(f"{what}: {name} must be a function of {wanted}: {error} in {name}{signature}") from None
     return value
 
 
@@ -126,6 +177,17 @@ def column(value: Any, what: str) -> ca.SX:
     if not isinstance(value, int | float | np.number):
         raise ModelError(f"{what} takes an expression in casadi.SX or a list of them, got {value!r}")
     return ca.SX(value)
+
+
+def number_pairs(values: Any, what: str, name: str) -> np.ndarray:
+    """Return points of the plane, in finite numbers, as an array (k, 2)."""
+    try:
+        points = [[number(x, what, name) for x in point] for point in values]
+    except TypeError:
+        raise ModelError(f"{what}: {name} must be a list of (x, y), got {values!r}") from None
+    if any(len(point) != 2 for point in points):
+        raise ModelError(f"{what}: {name} must be a list of (x, y), got {values!r}")
+    return np.array(points).reshape(-1, 2)
 
 
 def triple(value: Any, what: str, name: str, form: str) -> np.ndarray:

@@ -73,7 +73,8 @@ def check_name(name: Any, what: str) -> str:
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
     """Return a finite float, or raise with the owner, the quantity and the value."""
     try:
-        if isinstance(value, str | bytes):  # float() would read "1.0"
+        # float() would read "1.0", and make nan of a symbol
+        if isinstance(value, str | bytes) or (isinstance(value, ca.SX) and not value.is_constant()):
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
@@ -202,6 +203,15 @@ class StateVariable(Symbol):
         what = f"state variable '{label}'"
         self.initial = number(initial, what, "initial")
         self.lower, self.upper = _bounds(what, lower, upper)
+
+
+def state_of(owner: Any, label: str, initial: Any = 0.0) -> StateVariable:
+    """The state of an element: the one that is given as `initial`, or a new one that belongs to the element."""
+    if isinstance(initial, StateVariable):
+        return initial
+    state = StateVariable(label, initial)
+    state._role = register(state, "state", label, owner)
+    return state
 
 
 class Coordinate(Symbol):

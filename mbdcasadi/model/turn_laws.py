@@ -12,7 +12,7 @@ from ..errors import ExpressionError, ModelError
 from .closed_splines import closed_spline
 from .curves import values_over
 from .motion_programs import MotionProgram
-from .quantities import quantity
+from .quantities import function_of, quantity
 from .symbols import describe, role_of, symbols_of
 
 TURN = 2 * np.pi
@@ -68,7 +68,7 @@ def lift_law(program: Any) -> Callable[[ca.SX], ca.SX]:
 def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
     """A function of an angle from 0 to 2π, repeated every turn; as it is, where it repeats itself."""
     symbol = ca.SX.sym("angle")
-    value = ca.SX(quantity(law(symbol), "CamOutline", name))
+    value = ca.SX(quantity(function_of(law, "CamOutline", name, "the angle")(symbol), "CamOutline", name))
     for other in symbols_of(value):
         role = role_of(other)
         if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):

@@ -8,6 +8,7 @@ the constraints fix.
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,11 +19,11 @@ import numpy as np
 from ..analysis.assemble import assemble_at
 from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
-from ..errors import AssemblyError, ConditionError
+from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
-from ..numerics.rank import analyse_rank, dependent_rows
+from ..numerics.rank import analyse_rank
 from ..results.state import State
 from .placeholders import placeholders_in
 
@@ -52,11 +53,13 @@ class ConditionRank:
         self.numeric = numeric
         eom = numeric.eom
         self._x = ca.vertcat(eom.q, eom.v, eom.z, free)
+        self._unknowns = 2 * eom.q.numel() + eom.z.numel()
         own = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
         self._own = ca.vertcat(ca.SX(0, 1), *own)
         self._constraints = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
+        self._spans: dict[bytes, np.ndarray] = {}
         self._functions: dict[tuple[int, ...], ca.Function] = {}
         self.states = self._kept_states()
 
@@ -99,11 +102,18 @@ class ConditionRank:
 
     def constraints_span(self, state: tuple) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints at a state, by row."""
-        return _span(self.gradients(self._constraints, state))
+        key = state[1].tobytes()
+        if key not in self._spans:
+            self._spans[key] = _span(self.gradients(self._constraints, state))
+        return self._spans[key]
 
     def span(self, state: tuple, given: Sequence[Condition]) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
-        return _span(np.vstack([self.constraints_span(state), self.gradients(stacked(given), state)]))
+        constraints = self.constraints_span(state)
+        if not given:
+            return constraints
+        rows = self.gradients(stacked(given), state)
+        return np.vstack([constraints, _span(rows - rows @ constraints.T @ constraints, DEPENDENT)])
 
     def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
         """Which conditions depend on the constraints, and on other conditions given, at every state."""
@@ -128,15 +138,26 @@ class ConditionRank:
     def independent(
         self, conditions: Sequence[Condition], state: tuple, given: Sequence[Condition] = ()
     ) -> list[Condition]:
-        """Conditions independent of others given, at a state that meets all, those of steepest gradient first."""
-        if self.count(conditions, given) == len(conditions):
-            return list(conditions)
-        span = self.span(state, given)
-        rows = self.gradients(stacked(conditions), state)
-        rest = rows - rows @ span.T @ span
-        order = np.argsort(-np.linalg.norm(rest, axis=1), kind="stable")
-        dependent = {int(order[k]) for k in dependent_rows(rest[order], DEPENDENT)}
-        return [c for k, c in enumerate(conditions) if k not in dependent]
+        """Conditions independent of others given: those on positions first, of these the steepest at a state."""
+        kept: list[Condition] = []
+        for level in (False, True):
+            group = [c for c in conditions if c.depends_on("velocity") is level]
+            count, before = self.count(group, [*given, *kept]), [*given, *kept]
+            if count < len(group):
+                span = self.span(state, before)
+                rows = self.gradients(stacked(group), state)
+                order = np.argsort(-np.linalg.norm(rows - rows @ span.T @ span, axis=1), kind="stable")
+                chosen: list[Condition] = []
+                for k in order.tolist():
+                    if self.count([*chosen, group[k]], before) > len(chosen):
+                        chosen.append(group[k])
+                group = [c for c in group if c in chosen]
+            kept += group
+        return [c for c in conditions if c in kept]
+
+    def complete(self, conditions: Sequence[Condition]) -> bool:
+        """Whether conditions and constraints together decide the whole state, but for the branch."""
+        return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
 
 
 def stacked(conditions: Sequence[Condition]) -> ca.SX:
@@ -144,10 +165,10 @@ def stacked(conditions: Sequence[Condition]) -> ca.SX:
     return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 
-def _span(rows: np.ndarray) -> np.ndarray:
+def _span(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
     """Orthonormal basis of the rows, by row."""
     _, values, right = np.linalg.svd(rows, full_matrices=False)
-    return right[: int(np.sum(values > 1e-9 * np.max(values, initial=0.0)))]
+    return right[: int(np.sum(values > max(1e-9 * np.max(values, initial=0.0), least)))]
 
 
 def on_states(conditions: Sequence[Condition]) -> list[Condition]:
@@ -220,7 +241,9 @@ def check_end(
         return
     try:
         when = 0.0 if name == "initial" else problem.duration[1] if time is None else time
-        state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
+        with warnings.catch_warnings():  # what is found is not used as a pose: the branch does not matter
+            warnings.simplefilter("ignore", MechanismWarning)
+            state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
         if contradiction:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None

@@ -20,6 +20,7 @@ _WORDS = {
     "(starts= tries others)",
     "Restoration_Failed": "the problem seems infeasible: the solver could not reduce the violation of the demands",
     "Maximum_Iterations_Exceeded": "the solver ran out of iterations (options={'ipopt.max_iter': …})",
+    "Invalid_Option": "the solver refuses an option, or lacks what it names (another linear solver?)",
     "Maximum_CpuTime_Exceeded": "the solver ran out of time",
     "Maximum_WallTime_Exceeded": "the solver ran out of time",
     "Not_Enough_Degrees_Of_Freedom": "there are more independent demands than unknowns",

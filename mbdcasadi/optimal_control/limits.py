@@ -154,7 +154,25 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
         found.append(ActiveLimit(label, _spans(active, mesh), float(np.max(solution.costates[label]))))
     for label, time in places.items():
         found.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
+    found += _global_limits(solution)
     return sorted(found, key=lambda limit: -limit.costate)
+
+
+def _global_limits(solution: Solution) -> list[ActiveLimit]:
+    """Bounds of free parameters, of the duration and of the times of waypoints that are touched."""
+    program, problem, found = solution.program, solution.problem, []
+    spans = [(f"the time of waypoint {k}", w.time) for k, w in enumerate(problem.waypoints, start=1)]
+    spans.append(("the duration", problem.duration))
+    bounded = list(zip(program.mark_index[1:], spans, strict=True)) if program.mark_count else []
+    parameters = [(p.label, (p.lower, p.upper)) for p in problem.free_parameters]
+    for place, (name, (low, high)) in [*bounded, *zip(program.parameter_index, parameters, strict=True)]:
+        pull, size = solution.answer.lam_x[place], program.scale[place]
+        for sign, bound, word in ((-1, low, ">="), (1, high, "<=")):
+            slack = sign * (bound - solution.variables[place]) / size
+            if low < high and sign * pull > slack:
+                costate = float(sign * pull * program.cost_scale / size)
+                found.append(ActiveLimit(f"{name} {word} {bound:g}", ((0.0, solution.duration),), costate))
+    return found
 
 
 def _touched_bounds(solution: Solution) -> list[tuple[str, int]]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.monitors import tell_monitors
 from ..errors import ModelError
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
@@ -79,19 +80,27 @@ def optimize(
         ``.largest_violations`` with labels, the last iterate in ``.partial``.
     Interrupted
         After Ctrl-C, with the last iterate in ``.partial``.
+
+    Warns
+    -----
+    MechanismWarning
+        Where a contact of the solution would have to pull, or an element leaves what it is made for.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
     if initial is not None:
         problem = problem.started_from(initial)
+    accuracy = None if tolerance is None else _tolerance(tolerance)
     settings = _settings(transcription, degree, control, options, progress)
     solver = Solver(problem, settings, parameters)
     mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.prepared.marks)
     candidates = guesses(solver, starts, guess)
     solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution | Shifted) and starts is None)
-    if tolerance is None:
-        return solution
-    return refine(solver, solution, _tolerance(tolerance))
+    if accuracy is not None:
+        solution = refine(solver, solution, accuracy)
+    if any(getattr(element, "monitors", ()) for element in problem.mechanism.elements):
+        tell_monitors(solution.trajectory)
+    return solution
 
 
 def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:

@@ -8,6 +8,7 @@ before. A straight line in the coordinates would tear closed loops apart.
 from __future__ import annotations
 
 import itertools
+import warnings
 from collections.abc import Sequence
 
 import casadi as ca
@@ -15,7 +16,7 @@ import numpy as np
 
 from ..analysis.pose import LARGEST_TURN, PoseProblem
 from ..equations.numeric import LARGE, NumericEquations
-from ..errors import ModelError
+from ..errors import AssemblyError, MechanismWarning, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
@@ -70,7 +71,7 @@ def kinematic_poses(
     places = [_on_positions(problem, w.conditions) for w in problem.waypoints]
     last = problem.final
     if isinstance(last, State):
-        places.append(_steering(numeric, last))
+        places.append(_steering(numeric, last.t, last.q))
     else:
         places.append(_on_positions(problem, [*last, *_periodic(problem, start)]))
     times, poses, begin = [np.zeros(1)], [start.q], 0.0
@@ -110,7 +111,8 @@ def _leg(
     if not rows and not numeric.eom.nu.numel():
         return [q] * (span.size - 1)
     place = PoseProblem(numeric, rows, float(span[0]), z)
-    first, path = place.values(conditions, q), []
+    first = place.values(conditions, q)
+    path: list[np.ndarray] = []
     for k in range(1, span.size):
         place.t = float(span[k])
         offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(held))]
@@ -118,10 +120,42 @@ def _leg(
             place.rows_with(rows, offset), q, numeric.weights, iterations=30, step_limit=numeric.typical_step
         )
         if not outcome.converged:
-            break  # whether there is a way is for the solver to find out, and it says so
+            return _towards_found(numeric, place, q, z, span) or path + [q] * (span.size - 1 - len(path))
         q = outcome.x
         path.append(q)
-    return path + [q] * (span.size - 1 - len(path))
+    return path
+
+
+def _towards_found(
+    numeric: NumericEquations, place: PoseProblem, q: np.ndarray, z: np.ndarray, span: np.ndarray
+) -> list[np.ndarray]:
+    """Poses to one that meets all conditions, steered by its coordinates; none where no such pose is found.
+
+    Conditions may be met together without a way on which each moves evenly:
+    both coordinates of a point on a circle.
+    """
+    if place.t != span[1]:  # the way broke off further on: whether it goes on is for the solver to find out
+        return []
+    place.t = float(span[-1])
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MechanismWarning)
+            target = place.solve(q)
+    except AssemblyError:
+        return []
+    path: list[np.ndarray] = []
+    steering = _steering(numeric, float(span[-1]), target)
+    way = PoseProblem(numeric, steering, float(span[0]), z)
+    first = way.values(steering, q)
+    for k in range(1, span.size):
+        way.t = float(span[k])
+        rows = way.rows_with(steering, (1 - k / (span.size - 1)) * first)
+        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
+        if not outcome.converged:
+            return []
+        q = outcome.x
+        path.append(q)
+    return path
 
 
 def _coasting(
@@ -189,16 +223,16 @@ def _unknown_at_start(expression: ca.SX, problem: OptimalControlProblem) -> bool
     return bool(ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u, problem.u_rate)))
 
 
-def _steering(numeric: NumericEquations, target: State) -> list[Condition]:
+def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:
     """Independent coordinates of a pose and their values; angles first, since they know the number of turns."""
     eom = numeric.eom
     symbols = ca.vertsplit(eom.q)
     angles = [k for k in range(3 * len(eom.mechanism.bodies)) if k % 3 == 2]
     order = [*angles, *[k for k in range(eom.q.numel()) if k not in set(angles)]]
-    conditions = [Condition(symbols[k] - float(target.q[k]), True, symbols[k].name()) for k in order]
+    conditions = [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in order]
     if eom.q.numel() * eom.lam.numel() > LARGE:
         return conditions
-    jacobian = numeric.velocity(target.t, target.q)[0] * numeric.column_scale
+    jacobian = numeric.velocity(t, target)[0] * numeric.column_scale
     size = np.linalg.norm(jacobian, axis=1, keepdims=True)
     joints = jacobian / np.where(size > 1e-12, size, 1.0)
     coordinates = np.eye(eom.q.numel())[order]

@@ -16,7 +16,7 @@ from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.rank import dependent_rows
 from ..results.state import State
-from .consistency import ConditionRank, on_states, stacked
+from .consistency import ConditionRank, on_states
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -28,6 +28,8 @@ from .transcription import Transcription
 
 #: What ``transcription=`` may say.
 TRANSCRIPTIONS = (GaussLegendre.name, HermiteSimpson.name)
+#: Share of its typical change within which an implied condition must stay while the solver runs.
+WINDOW = 0.05
 #: By how much a start may miss a path condition that prescribes the motion.
 OFF = 1e-6
 
@@ -84,6 +86,9 @@ class Preparation:
     def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
         self.problem, self.numeric, self.start = problem, numeric, start
         self.held = held_conditions(problem)
+        self.scattered: list = []
+        #: conditions that others imply on one branch, with their windows; they are checked in the solution
+        self.implied: dict[Condition, float] = {}
         low, high = problem.duration
         self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)
@@ -106,8 +111,33 @@ class Preparation:
         if not rows or (eom.q.numel() * eom.lam.numel() > LARGE and not isinstance(end, State)):
             return final
         free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
-        kept = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free)).independent(rows, state, with_rates(self.held))
-        return [c for c in final if c in kept or c not in rows]
+        ranks = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
+        self.scattered = ranks.states
+        kept = ranks.independent(rows, state, with_rates(self.held))
+        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept)]
+
+    def _windows(self, rows: list[Condition], kept: list[Condition]) -> list[Condition]:
+        """Limits about conditions that others imply: implied they are on one branch alone."""
+        found = []
+        for condition in rows:
+            if condition not in kept:
+                width = self.implied[condition] = self._window(condition)
+                label = f"{condition.label} (on the same branch)"
+                found += [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
+        return found
+
+    def _window(self, condition: Condition) -> float:
+        """Half width of such a limit: a share of what the quantity changes by."""
+        eom = self.problem.equations
+        slopes = eom.function(ca.jacobian(condition.expression, ca.vertcat(eom.q, eom.v, eom.z)))
+        zero = np.zeros(eom.q.numel())
+        m = np.zeros(eom.lam.numel())
+        found = [
+            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, self.numeric.p).full())
+            for t, q, v, z in self.scattered
+        ]
+        typical = np.r_[self.numeric.typical_step, self.numeric.typical_step / self.marks[-1], np.ones(eom.z.numel())]
+        return WINDOW * max((float(np.max(x * typical, initial=0.0)) for x in found), default=1.0)
 
     def _initial(self, start: State) -> list[Condition] | None:
         """Independent conditions at the start; None where they give it as a whole."""
@@ -125,11 +155,10 @@ class Preparation:
         moving = {s.element_hash() for s in ca.vertsplit(free)}
         fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in (*held, *kept)])
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
-            unknowns = 2 * eom.q.numel() + eom.z.numel()
-            jacobian = np.vstack([ranks.span(begin, held), ranks.gradients(stacked(kept), begin)])
-            if np.linalg.matrix_rank(jacobian[:, :unknowns], tol=1e-9) == unknowns:
+            if ConditionRank(self.numeric, ca.SX(0, 1)).complete([*held, *kept]):
                 return None
-        return [*kept, *others]
+        self.scattered = ranks.states
+        return [*kept, *others, *self._windows(rows, kept)]
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem

@@ -231,6 +231,19 @@ class MotionProgram(Layout):
             for label, unit, size in zip(group.labels, group.units, group.scale, strict=True)
         ]
 
+    def with_integrals(self, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Variables with the integrals that belong to the motion, from the rows where they are zero."""
+        x, first = x.copy(), self.scheme.node_size
+        names = {f"accumulation of {p.label}": k for k, p in enumerate(self.integrals)}
+        gains = np.zeros((self.count, len(self.integrals)))
+        for k, (label, _, _, _, _, interval, _) in enumerate(self.rows[: self.interval_rows]):
+            if label in names:
+                gains[interval, names[label]] = -rows[k]
+        total = np.cumsum(np.nan_to_num(gains), axis=0)
+        for i in range(self.count):
+            x[self.node_index(i + 1)[first:]] = total[i]
+        return x
+
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
         return float(np.max(np.where(self.equalities, np.abs(rows), np.maximum(rows, 0.0)), initial=0.0))

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import SimulationError
+from ..errors import Interrupted, SimulationError
+from ..numerics.console import interruptible
 from .local_error import scaled_errors
 from .mesh import Mesh
 from .records import Pass
@@ -30,7 +31,7 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     passes: list[Pass] = []
     reason = f"{PASSES} passes are made"
     for _ in range(PASSES):
-        errors = scaled_errors(solution)
+        errors = _errors(solution)
         s = solution.statistics
         passes.append(Pass(solution.shares.count, float(np.max(errors)), solution.cost, s.iterations, s.seconds))
         solution.statistics = replace(s, passes=passes)
@@ -49,6 +50,16 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
         f"{passes[-1].error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
         partial=solution,
     )
+
+
+def _errors(solution: Solution) -> np.ndarray:
+    with interruptible() as interruption:
+        try:
+            return scaled_errors(solution)
+        except (KeyboardInterrupt, RuntimeError):
+            if not interruption.requested:
+                raise
+    raise Interrupted("stopped by the user; the last solution is in .partial", partial=solution)
 
 
 def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int) -> Mesh:

@@ -13,7 +13,7 @@ from ..analysis.mappings import pairs_of
 from ..analysis.pieces import PiecewisePolynomial
 from ..analysis.simulate import simulate
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError
+from ..errors import MechanismError, ModelError
 from ..model.symbols import Parameter, number
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
@@ -200,6 +200,9 @@ class Solution:
 
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
         """Simulate the mechanism with the inputs that were found, from other starts or with other parameters."""
+        taken = {"times", "duration", "inputs"} & set(settings)
+        if taken:
+            raise ModelError(f"Solution.simulate: {', '.join(sorted(taken))} are those of the solution")
         own = dict(zip(self.problem.mechanism.parameters, self.numeric.p, strict=True))
         return simulate(
             self.problem.mechanism,

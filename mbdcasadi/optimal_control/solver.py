@@ -19,7 +19,7 @@ from ..numerics.console import interruptible, quiet
 from ..results.state import State
 from ..results.trajectory import Trajectory
 from .balance import Balance
-from .failure import explain_failure
+from .failure import OptimizationError, explain_failure
 from .guess import Guess, guess_from_motion, guess_from_other, kinematic_guess
 from .mesh import Mesh
 from .monitor import Monitor
@@ -36,6 +36,9 @@ DEFAULTS = {
     "ipopt.sb": "yes",
     "ipopt.tol": 1e-8,
     "ipopt.constr_viol_tol": 1e-11,
+    "ipopt.acceptable_tol": 1e-7,
+    "ipopt.acceptable_constr_viol_tol": 1e-9,
+    "ipopt.acceptable_dual_inf_tol": 1e-5,
     "ipopt.max_iter": 1000,
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 0,
@@ -55,6 +58,8 @@ WARMTH: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
+#: Miss of an implied condition that counts, as a share of the window that is left to it.
+MISSED = 1e-3
 #: Largest scaled violation of a guess from which a solver is started as warm.
 NEAR = 1e-2
 
@@ -143,6 +148,9 @@ class Solver:
         lower, upper = self.bounds(program)
         x0 = np.clip(known.x if known else guess.variables(program, mesh), lower, upper)
         p = program.data(self.numeric, mesh, guess.marks)
+        known_g = program.program.evaluate() if program.integrals and not known else None
+        if known_g is not None:
+            x0 = program.with_integrals(x0, known_g(x0, p)[1].full().ravel())
         solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
         if warm and not known and program.violation(solver.get_function("nlp_g")(x0, p).full().ravel()) > NEAR:
             solver, monitor = self.compiled(program, mesh, "cold")
@@ -168,7 +176,29 @@ class Solver:
             raise Interrupted("stopped by the user; the last iterate is in .partial", partial=solution)
         if not stats["success"]:
             raise explain_failure(solution, str(stats["return_status"]))
+        self._check_implied(solution)
         return solution
+
+    def _check_implied(self, solution: Solution) -> None:
+        """Refuse an optimum on another branch than the conditions ask for.
+
+        Raises
+        ------
+        OptimizationError
+            Naming the condition that is missed.
+        """
+        for condition, window in self.prepared.implied.items():
+            ends = [solution.trajectory.initial, solution.trajectory.final]
+            place = ends[int(condition in self.problem.final) if not isinstance(self.problem.final, State) else 1]
+            amount = float(place[condition.expression])
+            if abs(amount) > MISSED * window:
+                raise OptimizationError(
+                    f"the solution misses the condition {condition.label} by {amount:.3g}: it lies on another branch "
+                    "of the linkage; another guess, or starts=, may find the right one",
+                    largest_violations=[],
+                    partial=solution,
+                    time=place.t,
+                )
 
     def _solution(
         self, program: MotionProgram, mesh: Mesh, marks: np.ndarray, found: dict, statistics: SolveStatistics

@@ -124,6 +124,9 @@ def save(motion: Trajectory, path: str | Path) -> None:
     for name in _ARRAYS:
         values = [getattr(event.state, name) for event in motion.events]
         content[f"event {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
+        values = [getattr(event.after or event.state, name) for event in motion.events]
+        content[f"event after {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
+    content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
     with whole_file(path) as temporary, open(temporary, "wb") as file:
         np.savez(file, allow_pickle=False, **content)
 
@@ -180,11 +183,14 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
 
 
 def _event(mechanism: Mechanism, content: dict[str, np.ndarray], k: int) -> EventOccurrence:
-    q, v, a, z, lam, u = (content[f"event {name}"][k] for name in _ARRAYS)
     time = float(content["event t"][k])
-    return EventOccurrence(
-        str(content["event names"][k]), time, State(mechanism, time, q, v, a, z, lam, u, content["parameters"])
-    )
+
+    def state(which: str) -> State:
+        q, v, a, z, lam, u = (content[f"{which} {name}"][k] for name in _ARRAYS)
+        return State(mechanism, time, q, v, a, z, lam, u, content["parameters"])
+
+    after = state("event after") if "event resets" in content and content["event resets"][k] else None
+    return EventOccurrence(str(content["event names"][k]), time, state("event"), after)
 
 
 def _read_arrays(path: Path) -> dict[str, np.ndarray]:

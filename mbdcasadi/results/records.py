@@ -57,12 +57,15 @@ class EventOccurrence:
     t : float
         Time, s.
     state : State
-        State at that time.
+        State at that time; where the event resets velocities, just before.
+    after : State or None
+        State just after a reset.
     """
 
     name: str
     t: float
     state: State
+    after: State | None = None
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -181,7 +182,8 @@ class Trajectory:
                 "this trajectory was read from arrays and knows no way to interpolate between its times"
             )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
-        q, v, z, u = self._between(wanted)
+        jumps = any(event.after is not None for event in self.events)
+        q, v, z, u = (self._with_jumps if jumps else self)._between(wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return self._at(wanted, q, v, a, z, lam, u)
 
@@ -190,6 +192,21 @@ class Trajectory:
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)
         z = cubic(self.t, self.z, self._state_rates, wanted)
         return q, v, z, linear(self.t, self.inputs, wanted)
+
+    @cached_property
+    def _with_jumps(self) -> Trajectory:
+        """The same with the states just before and just after each reset among its times."""
+        parts: list[tuple[np.ndarray, ...]] = [(self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs)]
+        for event in self.events:
+            if event.after is None:
+                continue
+            for time, s in ((event.t, event.state), (np.nextafter(event.t, np.inf), event.after)):
+                parts.append((np.array([time]), *(x[None] for x in (s.q, s.v, s.a, s.z, s.lam, s.inputs))))
+        t, *arrays = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        # of states at one time the first stands before a jump, and the last behind it
+        order = np.argsort(t, kind="stable")
+        once = np.r_[np.diff(t[order]) > 0, True]
+        return self._at(t[order][once], *(x[order][once] for x in arrays))
 
     def _at(self, t: np.ndarray, *arrays: np.ndarray) -> Trajectory:
         """Trajectory at other times, from ``q, v, a, z, lam, u``."""
@@ -228,7 +245,9 @@ class Trajectory:
         if not eom.lam.numel() or not self.t.size:
             return Drift(0.0, 0.0)
         position = self[eom.Phi] if eom.Phi.numel() else np.zeros(1)
-        velocity = self[eom.Phi_q @ eom.v - eom.nu]
+        # rows that hold in some modes only (stick and slip) do not count
+        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
+        velocity = self[(eom.Phi_q @ eom.v - eom.nu)[always]] if always else np.zeros(1)
         return Drift(float(np.max(np.abs(position))), float(np.max(np.abs(velocity))))
 
     # --- where people work ------------------------------------------------------------------

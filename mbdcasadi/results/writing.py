@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..errors import FileError
+
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
@@ -25,7 +27,11 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     Path
         Where to write meanwhile.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise FileError(f"the path of a file is a text or a pathlib.Path, got {path!r}")
     final = Path(path).resolve()
+    if not final.parent.is_dir():
+        raise FileError(f"{path}: the folder {final.parent} does not exist")
     if final.exists() and not final.is_file():  # a pipe or a device cannot be replaced
         yield final
         return

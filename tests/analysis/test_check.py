@@ -191,6 +191,27 @@ def test_contradictory_rows():
     assert "contradictory" in str(report)
 
 
+def test_velocities_that_contradict():
+    """Positions that agree at the start with velocities that do not, of drivers and of velocity-level rows."""
+    block = box()
+    turn = mbd.Driver("one", block.phi, mbd.t), mbd.Driver("two", 3 * block.phi, 2 * mbd.t)
+    assert mbd.check(mbd.Mechanism([block], drivers=turn)).contradictory == ("one", "two")
+    slow = mbd.NonholonomicConstraint("slow", [block.vx, block.vy, block.vx - 1])
+    report = mbd.check(mbd.Mechanism([block], [slow]))
+    assert report.contradictory == ("slow.0", "slow.2") and not report.ok
+    guided = mbd.AbsoluteX("rail", block.at(0, 0), 0.0)
+    assert mbd.check(mbd.Mechanism([block], [guided, slow])).contradictory == ("rail", "slow.0", "slow.2")
+
+
+def test_velocities_that_agree_are_redundant():
+    """The same rows with sides of other sizes."""
+    block = box()
+    turn = mbd.Driver("one", block.phi, mbd.t), mbd.Driver("two", 300 * block.phi, 300 * mbd.t)
+    slow = mbd.NonholonomicConstraint("slow", [block.vx - 1, 1e-3 * block.vx - 1e-3])
+    report = mbd.check(mbd.Mechanism([block], [slow], turn))
+    assert report.ok and report.contradictory == () and report.redundant_rows == 2
+
+
 def test_a_linkage_that_does_not_close():
     """Bars too short: the open joints with their gaps, no exception."""
     f = four_bar(0.5)

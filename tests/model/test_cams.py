@@ -93,6 +93,7 @@ def test_rows_are_those_of_the_catalogue(kind, rng):
 
 PROGRAM = mbd.MotionProgram(mbd.rise(2.0, 0.02), mbd.dwell(1.0), mbd.fall(2 * np.pi - 3.0, "3-4-5"))
 NOSE = [(0.2 * np.cos(x) + 0.05 * np.cos(x) ** 3, 0.2 * np.sin(x)) for x in np.linspace(0, 6, 25)]
+CROSSED = [(0.03, 0), (-0.03, 0), (0, 0.03), (0, -0.03), (0.021, 0.021)]
 MORE = {
     "roller": lambda a, b: mbd.CamPointFollower("c", a, b, EGG, 0.05),
     "points and flat": lambda a, b: mbd.CamFlatFollower("c", a, b, mbd.CamOutline.through(NOSE)),
@@ -475,6 +476,14 @@ def test_parameter_that_makes_a_hollow_is_refused_in_the_analysis():
         (lambda: mbd.CamOutline.for_roller_follower(lambda a: 0 * a, 0.1, 0.0, 0.2), "offset 0.2 m is not less"),
         (lambda: mbd.CamFlatFollower("c", *markers(), 0.1), "'c': the outline must be a CamOutline"),
         (lambda: mbd.PointOnCurve("c", *markers(), 0.1), "'c': curve must be a Curve"),
+        (lambda: mbd.CamOutline(lambda: 0.1), "CamOutline: radius must be a function of the angle: too many"),
+        (
+            lambda: mbd.CamOutline.for_flat_follower(lambda a, b: a, 0.1),
+            "program must be a function of the angle: miss",
+        ),
+        (lambda: mbd.Curve(lambda: (0, 0), 0, 1), "Curve: point must be a function of the parameter: too many"),
+        (lambda: mbd.Curve(lambda s: (s, s), 0, 1, closed="no"), "Curve: closed must be True or False, got 'no'"),
+        (lambda: mbd.CamOutline.through(CROSSED), "the outline crosses itself near"),
         (lambda: mbd.CamPointFollower("c", *markers(), EGG, -1), "'c': roller_radius must be at least 0"),
     ],
 )
@@ -482,6 +491,20 @@ def test_outlines_and_curves_that_make_no_sense(make, said):
     """Each message says what and where."""
     with pytest.raises(mbd.ModelError, match=said):
         make()
+
+
+@pytest.mark.parametrize("knife", [True, False])
+def test_parameter_that_makes_the_radius_negative_is_refused_in_the_analysis(knife):
+    """As a number is, when the outline is made."""
+    wave = mbd.Parameter("wave", 0.001)
+    outline = mbd.CamOutline(lambda x: 0.03 + wave * mbd.cos(3 * x))
+    a, b = markers()
+    disc = mbd.CamOutline(0.01)
+    contact = mbd.CamPointFollower("c", a, b, outline) if knife else mbd.CamCam("c", a, b, outline, disc)
+    mechanism = mbd.Mechanism([a.body, b.body], [contact], parameters=[wave])
+    mbd.assemble(mechanism, parameters={wave: 0.002})
+    with pytest.raises(mbd.ModelError, match="'c': radius of the outline at the parameter .*'wave' = 0.05"):
+        mbd.assemble(mechanism, parameters={wave: 0.05})
 
 
 def test_curve_of_a_coordinate_is_refused():

@@ -265,13 +265,92 @@ def test_couplers_and_belts_that_make_no_sense():
             make()
 
 
+@pytest.mark.parametrize(
+    "couple,factor",
+    [
+        # the couple on b is 1, that on a follows from the ratio: -n, R_a/R_b, -R_a/R_b
+        (lambda a, b, carrier: mbd.Coupler("c", a, b, -2.5, **carrier), 2.5),
+        (lambda a, b, carrier: mbd.Belt("c", a, b, 0.1, 0.04, **carrier), -2.5),
+        (lambda a, b, carrier: mbd.Belt("c", a, b, 0.1, 0.04, crossed=True, **carrier), 2.5),
+    ],
+    ids=["coupler", "belt", "crossed"],
+)
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_carrier_takes_the_rest_of_the_couples(couple, factor, moving):
+    """Newton and Euler on both shafts under load; the carrier, ground or not, gets what is left over."""
+    a, b = mbd.Body("a", mass=1, inertia=0.2), mbd.Body("b", mass=1, inertia=0.3, pose=(0.5, 0, 0))
+    frame = mbd.Body("frame", mass=3, inertia=0.4) if moving else mbd.ground
+    joint = couple(a.at(0, 0), b.at(0, 0), {"carrier": frame} if moving else {})
+    bearings = [
+        mbd.Revolute("A", frame.at(0, 0), a.at(0, 0)),
+        mbd.Revolute("B", frame.at(0.5, 0), b.at(0, 0)),
+    ]
+    loads = [mbd.Torque("drive", a, 1.3), mbd.Torque("brake", b, 0.7)]
+    bodies = [a, b, *([frame] if moving else [])]
+    state = mbd.assemble(mbd.Mechanism(bodies, [*bearings, joint], forces=loads))
+    on_a, on_b = 0.2 * state[a.alpha] - 1.3, 0.3 * state[b.alpha] - 0.7
+    assert abs(on_b) > 0.1 and on_a == pytest.approx(factor * on_b)
+    assert state[joint.reaction_on(a).torque] == pytest.approx(on_a)
+    assert state[joint.reaction_on(b).torque] == pytest.approx(on_b)
+    assert state[joint.reaction_on(frame).torque] == pytest.approx(-on_a - on_b)
+    np.testing.assert_allclose(state[joint.reaction_on(frame).force], 0, atol=1e-12)
+
+
+A, B = (mbd.Body(n, mass=1, inertia=1, pose=(k, 0, 0)) for k, n in enumerate("AB"))
+GROW, STRAY = 0.1 + 0.01 * mbd.t, mbd.Input("u")
+
+
+@pytest.mark.parametrize(
+    "make,said",
+    [
+        (lambda a, b: mbd.Coupler("c", a, b, mbd.t), "joint 'c': ratio depends on time 't'"),
+        (lambda a, b: mbd.Gear("c", a, b, GROW, 0.1), "joint 'c': radius_a depends on time 't'"),
+        (lambda a, b: mbd.Gear("c", a, b, 0.1, 0.3 + A.x), "joint 'c': radius_b depends on position 'A.x'"),
+        (lambda a, b: mbd.Belt("c", a, b, 0.1, STRAY), "joint 'c': radius_b depends on input 'u'"),
+        (lambda a, b: mbd.RackAndPinion("c", a, b, GROW), "joint 'c': radius depends on time 't'"),
+        (lambda a, b: mbd.Rolling("c", a, b, GROW), "joint 'c': radius depends on time 't'"),
+        (
+            lambda a, b: mbd.CamPointFollower("c", a, b, mbd.CamOutline(0.2), GROW),
+            "joint 'c': roller_radius depends on time 't'",
+        ),
+    ],
+)
+def test_radii_and_ratios_do_not_vary(make, said):
+    """A ratio of rates is one of angles only where it is constant."""
+    with pytest.raises(mbd.ExpressionError, match=said + "; it is a number or an expression in parameters only"):
+        make(A.at(0, 0), B.at(0, 0))
+
+
+def test_ratios_of_parameters_are_taken():
+    """And follow the parameter's value."""
+    n = mbd.Parameter("n", 2.0)
+    hubs = [mbd.Revolute(f"hub {x.name}", mbd.ground.at(k, 0), x.at(0, 0)) for k, x in enumerate((A, B))]
+    joints = [*hubs, mbd.Coupler("c", A.at(0, 0), B.at(0, 0), n + 1)]
+    mechanism = mbd.Mechanism([A, B], joints, [mbd.Driver("d", A.phi, 0.3 * mbd.t)], parameters=[n])
+    run = mbd.kinematics(mechanism, [0.0, 1.0], parameters={n: -3.0})
+    assert run[B.phi][-1] == pytest.approx(-0.6, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "make,said",
+    [
+        (lambda a, b: mbd.Gear("c", a, b, 0.4, 0.6, internal="no"), "'c': internal must be True or False, got 'no'"),
+        (lambda a, b: mbd.Belt("c", a, b, 0.4, 0.6, crossed=1), "'c': crossed must be True or False, got 1"),
+    ],
+)
+def test_a_choice_of_two_is_no_text(make, said):
+    """A text that says no would count as yes."""
+    with pytest.raises(mbd.ModelError, match=said):
+        make(A.at(0, 0), B.at(0, 0))
+
+
 # --- rolling -----------------------------------------------------------------------------------
 def disc_on_incline(slope=0.4, radius=0.3, mass=5.0):
     """A homogeneous disc above an inclined track."""
     track = mbd.ground.at(0, 0, angle=-slope)
     pose = (radius * np.sin(slope), radius * np.cos(slope), 0.0)
     disc = mbd.Body("disc", mass=mass, inertia=mass * radius**2 / 2, pose=pose)
-    roll = mbd.Rolling("contact", track, disc.at(0, 0), radius)
+    roll = mbd.Rolling("contact", disc.at(0, 0), track, radius)
     return disc, roll, mbd.Mechanism([disc], [roll], forces=[mbd.Gravity()])
 
 
@@ -294,7 +373,7 @@ def test_disc_rolls_down_with_two_thirds_of_the_acceleration():
 def test_rows_of_rolling(rng):
     """Against differences on a moving track, and forces that balance at the contact point."""
     cart, wheel = mbd.Body("cart", mass=1, inertia=1), mbd.Body("wheel", mass=1, inertia=1, pose=(0.2, 0.5, 0))
-    roll = mbd.Rolling("r", cart.at(0.1, 0.2, angle=0.3), wheel.at(0.02, 0.01), 0.25)
+    roll = mbd.Rolling("r", wheel.at(0.02, 0.01), cart.at(0.1, 0.2, angle=0.3), 0.25)
     mechanism = mbd.Mechanism([cart, wheel], [roll])
     q, v = rng.normal(size=6), rng.normal(size=6)
     check_rows(mechanism, q, v)
@@ -313,7 +392,7 @@ def test_radius_of_a_wheel_must_be_positive():
     """Named with its value."""
     disc = mbd.Body("disc", mass=1, inertia=1)
     with pytest.raises(mbd.ModelError, match="'r'.*radius must be above 0, got -1"):
-        mbd.Rolling("r", mbd.ground.at(0, 0), disc.at(0, 0), -1)
+        mbd.Rolling("r", disc.at(0, 0), mbd.ground.at(0, 0), -1)
 
 
 def test_disc_rolls_in_a_bowl_on_a_massless_arm():

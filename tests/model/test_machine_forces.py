@@ -356,12 +356,58 @@ def test_states_of_these_elements_in_inverse_dynamics():
         (lambda w: mbd.DCMotor.from_line("m", w, 0, 1), "motor 'm': stall_torque must be above 0"),
         (lambda w: mbd.FirstOrderLag("l", 1.0, 0), "lag 'l': time_constant must be above 0"),
         (lambda w: mbd.PIController("c", w.alpha, 1, 1), "controller 'c' depends on the acceleration"),
+        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, ratio=mbd.t), "motor 'm': ratio depends on time 't'"),
+        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, inductance=w.x), r"motor 'm': inductance depends on position 'w"),
+        (
+            lambda w: mbd.Cylinder("c", mbd.ground.at(1, 0), w.at(0, 0), 0.1 + mbd.t),
+            "cylinder 'c': bore depends on time 't'",
+        ),
+        (
+            lambda w: mbd.TSDA("s", mbd.ground.at(1, 0), w.at(0, 0), law=lambda length: length),
+            r"spring 's': law must be a function of length and rate: too many positional arguments in law\(length\)",
+        ),
+        (
+            lambda w: mbd.RSDA("s", mbd.ground.at(1, 0), w.at(0, 0), law=lambda a, b, c: a),
+            r"spring 's': law must be a function of angle and rate: missing a required argument: 'c'",
+        ),
+        (lambda w: mbd.EndStop("e", w.x, lambda d: d), "stop 'e': law must be a function of penetration and rate"),
+        (
+            lambda w: mbd.FieldForce("f", mbd.Body.from_shape("p", PLATE, mass=3.0), lambda: (0, 0)),
+            "force 'f': field must be a function of a point: too many positional arguments",
+        ),
+        (
+            lambda w: mbd.FieldForce("f", mbd.Body.from_shape("p", PLATE, mass=3.0), lambda p: (0, 0), order="x"),
+            "force 'f': order must be a whole number from 1 to 20, got 'x'",
+        ),
+        (
+            lambda w: mbd.FieldForce("f", mbd.Body.from_shape("p", PLATE, mass=3.0), lambda p: (0, 0), order=21),
+            "from 1 to 20, got 21",
+        ),
     ],
 )
 def test_machines_that_make_no_sense(make, said):
     """Named with the quantity and its value."""
     with pytest.raises(mbd.MechanismError, match=said):
         make(mbd.Body("wheel", 1, 1))
+
+
+@pytest.mark.parametrize(
+    "make,owner",
+    [
+        (lambda w: (p := mbd.PIController("own", -w.omega, 1, 1), p.output), "controller"),
+        (lambda w: (p := mbd.FirstOrderLag("own", 1.0, 0.1), p.output), "lag"),
+        (lambda w: (p := mbd.EnergyMeter("own", w.omega), p.energy), "energy meter"),
+        (lambda w: (p := mbd.DCMotor("own", w, 1, 1, 1, inductance=0.1), p.current), "motor"),
+    ],
+)
+def test_an_element_whose_state_is_used_must_be_listed(make, owner):
+    """The message names the element that was left out; with it the mechanism is made."""
+    wheel = mbd.Body("wheel", 1, 1)
+    element, value = make(wheel)
+    torque = mbd.Torque("torque", wheel, value)
+    with pytest.raises(mbd.ExpressionError, match=f"belongs to {owner} 'own'; list that in forces= too"):
+        mbd.Mechanism([wheel], forces=[torque])
+    assert len(mbd.Mechanism([wheel], forces=[torque, element]).states) == 1
 
 
 # --- laws from data --------------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 
 import casadi as ca
 import numpy as np
@@ -357,3 +358,10 @@ def test_natural_coordinates_of_joints():
     h = 1e-6
     speed = (way(q + h * v) - way(q - h * v)) / (2 * h)
     np.testing.assert_allclose([float(x) for x in values], [1.4, -1.6, way(q), speed, way(q), speed], atol=1e-8)
+
+
+def test_classes_tell_their_arguments():
+    """To help and to editors."""
+    assert list(inspect.signature(mbd.Coupler).parameters) == ["name", "a", "b", "ratio", "carrier"]
+    assert inspect.signature(mbd.Belt).parameters["crossed"].default is False
+    assert list(inspect.signature(mbd.Mechanism).parameters)[:2] == ["bodies", "joints"]

@@ -99,6 +99,8 @@ def test_driver_from_data():
     "make,said",
     [
         (lambda: mbd.MotionProgram(), "takes segments"),
+        (lambda: mbd.MotionProgram(mbd.rise(1, 1), mbd.fall(1))("x"), "takes an expression or numbers, got 'x'"),
+        (lambda: mbd.rise(mbd.Parameter("T", 1.0), 1.0), r"duration must be a number, got Parameter\('T'\)"),
         (lambda: mbd.MotionProgram(0.5), "takes segments"),
         (lambda: mbd.MotionProgram(mbd.rise(1, 2.0)), "begins at 0 and ends at 2"),
         (lambda: mbd.rise(-1, 2.0), "duration must be positive, got -1"),

@@ -56,13 +56,14 @@ def test_planetary_train_turns_its_arm():
     assert solution.verify().final_error < 1e-6
 
 
-def cam_motion(intervals=40, **kind):
-    """A turn of a cam with a flywheel in half a second with least torque, from rest to rest."""
+def cam_motion(intervals=40, duration=0.5, **kind):
+    """A turn of a cam with a flywheel with least torque, from rest to rest."""
     program = mbd.MotionProgram(mbd.rise(np.pi, 0.01, "3-4-5"), mbd.fall(np.pi, "3-4-5"))
-    model = mbd.library.cam_follower(program, 0.04, masses=(40.0, 0.5), stiffness=2000, preload=100, **kind)
+    kind = {"stiffness": 2000, "preload": 100} | kind
+    model = mbd.library.cam_follower(program, 0.04, masses=(40.0, 0.5), **kind)
     problem = mbd.OptimalControlProblem(
         model.mechanism,
-        duration=0.5,
+        duration=duration,
         initial=[model.cam.phi == 0, model.cam.omega == 0],
         final=[model.cam.phi == 2 * np.pi, model.cam.omega == 0],
         running_cost=model.tau**2,
@@ -83,6 +84,12 @@ def test_cam_is_turned_with_least_torque():
         assert np.min(motion[model.contact.normal_force]) > 100  # the spring holds it down
         costs.append(solution.cost)
     assert costs[0] == pytest.approx(costs[1], rel=1e-7)
+
+
+def test_a_follower_that_would_be_pulled_is_told():
+    """With a soft spring the cam would have to hold the follower back: the optimum says so."""
+    with pytest.warns(mbd.MechanismWarning, match="contact"):
+        cam_motion(duration=0.1, stiffness=1.0, preload=1.0, intervals=20)
 
 
 def test_motor_with_current_lifts_with_least_energy():

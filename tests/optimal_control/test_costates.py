@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, rest_to_rest
+from motions import crank_rocker, guided_block, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
 
@@ -153,3 +153,29 @@ def test_limit_excess_is_found_between_the_points():
     assert max(excess.values()) > 1e-3, "eleven intervals do not switch at half time"
     constant = mbd.optimize(fast, intervals=11, control="constant")
     assert constant.limit_excess["u <= 5"] < 1e-6
+
+
+def test_the_bound_of_the_duration_is_an_active_limit():
+    """Least effort over a time that is free up to 2 s: one second more would save 36 d² / T⁴ a second."""
+    problem, _, _ = rest_to_rest(3.0, (0.5, 2.0))
+    (limit,) = mbd.optimize(problem, intervals=10).active_limits
+    assert limit.label == "the duration <= 2"
+    assert limit.costate == pytest.approx(36 * 9 / 16, rel=1e-6)
+
+
+def test_the_bound_of_a_parameter_is_an_active_limit():
+    """The lighter the block the less the effort, in proportion to the square of its mass."""
+    mass = mbd.Parameter("m", 2.0, lower=1.5, upper=4.0)
+    u = mbd.Input("u")
+    block, mechanism = guided_block(mass, u, parameters=[mass])
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=2.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 3, block.vx == 0],
+        running_cost=u**2,
+        free_parameters=[mass],
+    )
+    (limit,) = mbd.optimize(problem, intervals=10).active_limits
+    assert limit.label == "m >= 1.5"
+    assert limit.costate == pytest.approx(2 * 1.5 * 13.5, rel=1e-6)

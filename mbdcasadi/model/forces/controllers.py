@@ -12,15 +12,10 @@ import casadi as ca
 
 from ..elements import Element, refuse_kinds
 from ..quantities import Limit, quantity
-from ..symbols import StateVariable
+from ..symbols import state_of
 
 #: What the rate of a state cannot follow from.
 _UNKNOWN = ("acceleration",)
-
-
-def _state(value: Any, label: str) -> StateVariable:
-    """The state given, or a new one with the initial value given."""
-    return value if isinstance(value, StateVariable) else StateVariable(label, initial=value)
 
 
 class PIController(Element):
@@ -61,7 +56,7 @@ class PIController(Element):
         refuse_kinds(self.error, _UNKNOWN, self.what, "an error is one of positions and velocities")
         self.proportional = quantity(proportional, self.what, "proportional")
         self.integral = quantity(integral, self.what, "integral")
-        self.integrated = _state(initial, f"{name}.integral")
+        self.integrated = state_of(self, f"{name}.integral", initial)
         self.rates = {self.integrated: self.error}
         self.output = self.proportional * self.error + self.integral * self.integrated
 
@@ -95,7 +90,7 @@ class FirstOrderLag(Element):
         refuse_kinds(self.command, _UNKNOWN, self.what, "a command is one of positions and velocities")
         self.time_constant = quantity(time_constant, self.what, "time_constant", above=0.0, limits=limits)
         self.limits = tuple(limits)
-        self.output = _state(initial, f"{name}.output")
+        self.output = state_of(self, f"{name}.output", initial)
         self.rates = {self.output: (self.command - self.output) / self.time_constant}
 
 
@@ -124,5 +119,5 @@ class EnergyMeter(Element):
         super().__init__(name)
         self.power = ca.SX(quantity(power, self.what, "power"))
         refuse_kinds(self.power, _UNKNOWN, self.what, "a power is one of positions, velocities and forces")
-        self.energy = _state(initial, f"{name}.energy")
+        self.energy = state_of(self, f"{name}.energy", initial)
         self.rates = {self.energy: self.power}

@@ -8,12 +8,15 @@ from typing import Any
 
 import casadi as ca
 
+from ..monitors import Monitor
 from ..quantities import Limit, quantity
-from ..symbols import StateVariable
+from ..symbols import StateVariable, state_of
 from .springs import TSDA
 
 #: Standard atmosphere, Pa.
 ATMOSPHERE = 101_325.0
+#: Share of the volume in the middle position below which a chamber counts as empty.
+_EMPTY = 1e-2
 
 
 class Cylinder(TSDA):
@@ -59,8 +62,8 @@ class Cylinder(TSDA):
     ):
         what = f"{self.word} '{name}'"
         limits: list[Limit] = []
-        self.bore = quantity(bore, what, "bore", above=0.0, limits=limits)
-        self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits)
+        self.bore = quantity(bore, what, "bore", above=0.0, limits=limits, fixed=True)
+        self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits, fixed=True)
         quantity(self.bore - self.rod, what, "bore less rod", above=0.0, limits=limits)
         self.area = math.pi / 4 * self.bore**2
         self.rod_area = math.pi / 4 * (self.bore**2 - self.rod**2)
@@ -120,19 +123,23 @@ class HydraulicCylinder(Cylinder):
         damping: Any = 0.0,
         pressures: tuple[StateVariable, StateVariable] | None = None,
     ):
-        p, p_rod = pressures or (StateVariable(f"{name}.pressure"), StateVariable(f"{name}.rod_pressure"))
+        p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
         super().__init__(name, a, b, bore, rod, p, p_rod, damping)
         limits = list(self.limits)
-        self.volume = quantity(volume, self.what, "volume", above=0.0, limits=limits)
+        self.volume = quantity(volume, self.what, "volume", above=0.0, limits=limits, fixed=True)
         self.bulk_modulus = quantity(bulk_modulus, self.what, "bulk_modulus", above=0.0, limits=limits)
-        self.middle_length = quantity(middle_length, self.what, "middle_length", above=0.0, limits=limits)
+        self.middle_length = quantity(middle_length, self.what, "middle_length", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
         self.flow = ca.SX(quantity(flow, self.what, "flow"))
         self.rod_flow = ca.SX(quantity(rod_flow, self.what, "rod_flow"))
         out = self.length - self.middle_length
-        rise = self.bulk_modulus * (self.flow - self.area * self.rate) / (self.volume + self.area * out)
-        rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate)
-        rod_rise /= self.volume - self.rod_area * out
+        chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
+        rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
+        rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
+        self.monitors = (
+            Monitor(chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the piston's side is empty"),
+            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the rod's side is empty"),
+        )
         self.rates = {p: rise, p_rod: rod_rise}
 
 
@@ -181,16 +188,18 @@ class GasSpring(TSDA):
     ):
         what = f"{self.word} '{name}'"
         limits: list[Limit] = []
-        self.area = quantity(area, what, "area", above=0.0, limits=limits)
-        self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits)
+        self.area = quantity(area, what, "area", above=0.0, limits=limits, fixed=True)
+        self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits, fixed=True)
         self.exponent = quantity(exponent, what, "exponent", at_least=1.0, limits=limits)
         self.ambient = quantity(ambient, what, "ambient", at_least=0.0, limits=limits)
-        self.dead_length = quantity(dead_length, what, "dead_length", at_least=0.0, limits=limits)
+        self.dead_length = quantity(dead_length, what, "dead_length", at_least=0.0, limits=limits, fixed=True)
         self.column = quantity(charged_length - dead_length, what, "charged_length less dead_length", above=0.0,
-                               limits=limits)  # fmt: skip
+                               limits=limits, fixed=True)  # fmt: skip
         self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
         super().__init__(name, a, b, law=self._tension)
         self.limits = tuple(limits)
+        within = "the length is below dead_length, where the gas has no volume"
+        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.what}: {within}"),)
 
     @cached_property
     def pressure(self) -> ca.SX:

@@ -13,7 +13,7 @@ from ..bodies import Body
 from ..elements import Element, cross
 from ..markers import Marker
 from ..quadrature import quadrature
-from ..quantities import known_value, vector2
+from ..quantities import function_of, known_value, vector2, whole
 from .applied import as_body
 
 #: By how much mass properties may differ from those of the shape (relative).
@@ -67,17 +67,15 @@ class FieldForce(Element):
     def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
         super().__init__(name)
         self.body = as_body(body, self.what, "body")
-        if not callable(field):
-            raise ModelError(f"{self.what}: field must be a function of a point, got {field!r}")
-        if isinstance(order, bool) or int(order) != order or not 1 <= order <= 20:
-            raise ModelError(f"{self.what}: order must be a whole number from 1 to 20, got {order!r}")
+        field = function_of(field, self.what, "field", "a point")
+        order = whole(order, self.what, "order", 1, 20)
         if self.body.is_ground or self.body.shape is None:
             raise ModelError(
                 f"{self.what}: body '{self.body.name}' has no shape over which its mass is spread; "
                 "make it by Body.from_shape"
             )
         self._check_spread(self.body)
-        local, weights = quadrature(self.body.shape, int(order))
+        local, weights = quadrature(self.body.shape, order)
         shares = weights / np.sum(weights)
         pairs = []
         for place, share in zip(local + self.body.shape_frame, shares, strict=True):

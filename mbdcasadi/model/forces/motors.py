@@ -10,7 +10,7 @@ from ...errors import ModelError
 from ..bodies import ground
 from ..elements import Element
 from ..quantities import Limit, known_value, quantity
-from ..symbols import StateVariable
+from ..symbols import StateVariable, state_of
 from .applied import as_body
 
 
@@ -79,11 +79,11 @@ class DCMotor(Element):
             raise ModelError(f"{self.what} turns '{self.body.name}' and leans on it too: it would do nothing")
         limits: list[Limit] = []
         self.voltage = ca.SX(quantity(voltage, self.what, "voltage"))
-        self.constant = quantity(constant, self.what, "constant", above=0.0, limits=limits)
-        self.resistance = quantity(resistance, self.what, "resistance", above=0.0, limits=limits)
-        without = known_value(quantity(inductance, self.what, "inductance", at_least=0.0)) == 0
+        self.constant = quantity(constant, self.what, "constant", above=0.0, limits=limits, fixed=True)
+        self.resistance = quantity(resistance, self.what, "resistance", above=0.0, limits=limits, fixed=True)
+        without = known_value(quantity(inductance, self.what, "inductance", at_least=0.0, fixed=True)) == 0
         self.inductance = 0.0 if without else quantity(inductance, self.what, "inductance", above=0.0, limits=limits)
-        self.ratio = quantity(ratio, self.what, "ratio")
+        self.ratio = quantity(ratio, self.what, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
             raise ModelError(f"{self.what}: the ratio is zero, and the motor would turn nothing")
         self.limits = tuple(limits)
@@ -93,9 +93,7 @@ class DCMotor(Element):
                 raise ModelError(f"{self.what}: without inductance the current has no start; leave current= out")
             self.current = left / self.resistance
         else:
-            self.current = (
-                current if isinstance(current, StateVariable) else StateVariable(f"{name}.current", initial=current)
-            )
+            self.current = state_of(self, f"{name}.current", current)
             self.rates = {self.current: (left - self.resistance * self.current) / self.inductance}
         self.torque = self.ratio * self.constant * self.current
         self.electric_power = self.voltage * self.current

@@ -12,7 +12,7 @@ from ...errors import ModelError
 from ..bodies import as_marker
 from ..elements import Element
 from ..expressions import norm
-from ..quantities import quantity
+from ..quantities import function_of, quantity
 from ..symbols import time_derivative
 
 
@@ -35,13 +35,11 @@ class _SpringDamper(Element):
         self.free = quantity(free, self.what, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
             raise ModelError(f"{self.what}: stiffness and damping belong to the linear law; with law= give neither")
-        if law is not None and not callable(law):
-            raise ModelError(f"{self.what}: law must be a function of {self._law_arguments}, got {law!r}")
-        self.law = law
+        self.law = None if law is None else function_of(law, self.what, "law", *self._law_arguments)
         self.virtual_work = ((self._coordinate, -self._effort),)
 
     _free_name = "free_length"
-    _law_arguments = "length and rate"
+    _law_arguments: tuple[str, ...] = ("length", "rate")
 
     @property
     def _coordinate(self) -> ca.SX:
@@ -155,7 +153,7 @@ class RSDA(_SpringDamper):
     """
 
     _free_name = "free_angle"
-    _law_arguments = "angle and rate"
+    _law_arguments = ("angle", "rate")
 
     def __init__(
         self,

@@ -12,7 +12,7 @@ from ...errors import ModelError
 from ..bodies import ground
 from ..elements import Element, owners, refuse_kinds
 from ..expressions import if_else
-from ..quantities import quantity
+from ..quantities import function_of, quantity
 from ..symbols import time_derivative
 
 
@@ -51,9 +51,7 @@ class EndStop(Element):
         refuse_kinds(self.gap, others, self.what, "a gap is one of coordinates")
         if not owners(self.gap):
             raise ModelError(f"{self.what}: the gap {gap} depends on no coordinate of a body")
-        if not callable(law):
-            raise ModelError(f"{self.what}: law must be a function of penetration and rate, got {law!r}")
-        self.law = law
+        self.law = function_of(law, self.what, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
         # what a stop leans on is the ground, where its gap does not say otherwise
         found = owners(self.gap)

@@ -10,7 +10,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import Body, ground
 from ..elements import at_poses
-from ..quantities import Limit, known_value, quantity
+from ..quantities import Limit, known_value, quantity, yes_or_no
 from .base import Joint, as_carrier, pair
 
 
@@ -41,10 +41,11 @@ class Coupler(Joint):
     def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
-        self.ratio = quantity(ratio, what, "ratio")
+        self.ratio = quantity(ratio, what, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
             raise ModelError(f"{what}: the ratio is zero, and b would not turn; hold it with a RelativeAngle")
         self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
         turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
         super().__init__(name, a, b, turned - at_poses(turned, [a.body, b.body, carrier]))
 
@@ -73,7 +74,7 @@ class Belt(Joint):
     crossed : bool, default False
         Whether the belt crosses, so that the pulleys turn against each other.
     carrier : Body, default ground
-        Body on which both pulleys are mounted.
+        Body on which both pulleys are mounted, and which takes the rest of the couples.
 
     Attributes
     ----------
@@ -87,11 +88,12 @@ class Belt(Joint):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
         limits: list[Limit] = []
-        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits)
-        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits)
+        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
+        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
-        self.crossed = bool(crossed)
+        self.crossed = yes_or_no(crossed, what, "crossed")
         self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
         sign = 1 if self.crossed else -1
         wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
         super().__init__(name, a, b, wound - at_poses(wound, [a.body, b.body, carrier]))

@@ -21,7 +21,7 @@ from ..quantities import Limit, quantity
 from ..symbols import Coordinate, values_of
 from .base import Joint, pair
 from .contact_places import nearest_place, touching_place, touching_places
-from .outline_checks import as_outline, convex, fitting, wide_enough
+from .outline_checks import as_outline, convex, fitting, positive_radius, wide_enough
 
 
 class _Contact(Joint):
@@ -88,7 +88,7 @@ class CamFlatFollower(_Contact):
         a, b = pair(name, cam, face)
         what = f"joint '{name}'"
         self.outline = as_outline(outline, what)
-        self.limits = convex(what, self.outline)
+        self.limits = (*positive_radius(what, self.outline), *convex(what, self.outline))
         self.parameter = Coordinate(f"{name}.parameter", touching_place(self.outline, a, b))
         self.coordinates = (self.parameter,)
         self.contact_point = a.position + a.axes @ self.outline.point(self.parameter)
@@ -141,8 +141,9 @@ class CamPointFollower(_Contact):
         what = f"joint '{name}'"
         self.outline = as_outline(outline, what)
         limits: list[Limit] = []
-        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits)
-        self.limits = (*limits, *wide_enough(what, self.outline, self.roller_radius))
+        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits, fixed=True)
+        limits += (*positive_radius(what, self.outline), *wide_enough(what, self.outline, self.roller_radius))
+        self.limits = tuple(limits)
         radius = float(values_of(self.roller_radius)[0, 0])
         start = nearest_place(self.outline, a, b, radius)
         self.parameter = Coordinate(f"{name}.parameter", start)
@@ -197,6 +198,7 @@ class CamCam(_Contact):
         what = f"joint '{name}'"
         self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
         fitting(what, self.outline, self.outline_b)
+        self.limits = positive_radius(what, self.outline, self.outline_b)
         places = touching_places(self.outline, self.outline_b, a, b)
         self.parameter = Coordinate(f"{name}.parameter", places[0])
         self.parameter_b = Coordinate(f"{name}.parameter_b", places[1])

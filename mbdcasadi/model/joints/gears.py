@@ -12,7 +12,7 @@ from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
 from ..elements import at_poses
 from ..monitors import Monitor
-from ..quantities import Limit, known_value, quantity
+from ..quantities import Limit, known_value, quantity, yes_or_no
 from ..symbols import values_of
 from .base import Joint, as_carrier, pair
 
@@ -82,10 +82,10 @@ class Gear(Joint):
         a, b = pair(name, a, b)
         what = f"joint '{name}'"
         limits: list[Limit] = []
-        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits)
-        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits)
+        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
+        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
-        self.internal = bool(internal)
+        self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
         distance = _pitch_distance(what, ca.SX(self.radius_a) + sign * self.radius_b)
@@ -101,11 +101,14 @@ class Gear(Joint):
                 _CENTRES - ca.fabs(off),
                 f"{self.what}: the centres are not at the distance that the pitch radii make "
                 "(the sum of both, for an internal pair the difference)",
+                shown=ca.norm_2(along) - distance,
+                unit="m",
             ),
             Monitor(
                 along[0] / distance,
                 f"{self.what}: the line of centres turns against carrier '{carrier.name}'; "
                 "name the body that carries both centres as carrier=",
+                still=beyond,
             ),
         )
 
@@ -161,7 +164,7 @@ class RackAndPinion(Joint):
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
         a, b = pair(name, rack, pinion)
         limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits)
+        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
         rolled = ca.dot(a.x_axis, b.position - a.position) + self.radius * (b.angle - a.angle)
         super().__init__(name, a, b, rolled - at_poses(rolled, [a.body, b.body]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
@@ -34,7 +33,7 @@ def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
             f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bends[k]:.4g} "
             "1/m, and it must be positive (convex) everywhere"
         )
-    return _limits(what, "curvature of the outline", outline, lambda bend: bend)
+    return _limits(what, "curvature of the outline", outline, outline.curvature)
 
 
 def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
@@ -46,16 +45,23 @@ def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...
             f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
             f"radius of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
         )
-    return _limits(what, "1 + roller radius × curvature of the outline", outline, lambda bend: 1 + radius * bend)
+    name = "1 + roller radius × curvature of the outline"
+    return _limits(what, name, outline, lambda place: 1 + radius * outline.curvature(place))
 
 
-def _limits(what: str, name: str, outline: CamOutline, value: Callable[[ca.SX], Any]) -> tuple[Limit, ...]:
+def positive_radius(what: str, *outlines: CamOutline) -> tuple[Limit, ...]:
+    """Limits on the polar radius of outlines at other values of the parameters; their own were checked before."""
+    return tuple(
+        limit for outline in outlines for limit in _limits(what, "radius of the outline", outline, outline.radius)
+    )
+
+
+def _limits(what: str, name: str, outline: CamOutline, value: Callable[[float], Any]) -> tuple[Limit, ...]:
     """What must stay positive at places of the outline for other values of the parameters, where it depends on any."""
     limits: list[Limit] = []
-    if symbols_of(value(outline.curvature(0.0))):
+    if symbols_of(value(0.1)):
         for place in outline.samples[:: len(outline.samples) // 90]:
-            bend = value(outline.curvature(float(place)))
-            quantity(bend, what, f"{name} at the parameter {place:.4g}", above=0.0, limits=limits)
+            quantity(value(float(place)), what, f"{name} at the parameter {place:.4g}", above=0.0, limits=limits)
     return tuple(limits)
 
 

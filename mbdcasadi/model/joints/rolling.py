@@ -18,7 +18,7 @@ class Rolling(AlongLine, Joint):
     """Wheel that rolls on a straight track without slip and without leaving it.
 
     ``Phi = [y_a · d - R, x_a · d + R (phi_b - phi_a) - C0]`` (2 rows, m) with
-    ``d = r^b - r^a``: the wheel stays above the track's x axis at the distance
+    ``d = r^b - r^a``, a on the surface and b the wheel: the wheel stays above the track's x axis at the distance
     of its radius, and what it advances is what it unrolls. C0 is what the
     expression has at the estimated poses.
 
@@ -31,10 +31,10 @@ class Rolling(AlongLine, Joint):
     ----------
     name : str
         Its name.
-    track : Marker
-        Point and x axis of the track.
     wheel : Marker
         Centre of the wheel.
+    surface : Marker
+        Point and x axis of the track.
     radius : float or expression in parameters
         Radius R, m.
 
@@ -43,10 +43,10 @@ class Rolling(AlongLine, Joint):
     Haug 1989, section 3.4 (rack and pinion, with the distance held).
     """
 
-    def __init__(self, name: str, track: Any, wheel: Any, radius: Any):
-        a, b = pair(name, track, wheel)
+    def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
+        a, b = pair(name, surface, wheel)
         limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits)
+        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
         self.limits = tuple(limits)
         d = b.position - a.position
         rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)

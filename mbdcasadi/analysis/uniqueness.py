@@ -1,0 +1,75 @@
+"""Friction that depends on reactions: whether these are unique."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+
+
+class Uniqueness:
+    """Watches whether one set of accelerations and multipliers alone meets the equations.
+
+    With loads as ``|lam|`` the equations are piecewise linear in ``(a, lam)``. The
+    solution is unique where the determinants of the pieces have the sign that they have
+    without friction; looked at are the piece in which the state is, and the one with all
+    reactions reversed.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+
+    References
+    ----------
+    Painlevé, *Leçons sur le frottement*, 1895; Haug, Wu, Yang 1986 (see JointFriction).
+    """
+
+    def __init__(self, numeric: NumericEquations):
+        self.numeric = numeric
+        eom = numeric.eom
+        self.needed = eom.Q_depends_on_lam
+        if not self.needed:
+            return
+        slope = ca.horzcat(ca.SX(eom.q.numel(), eom.q.numel()), ca.jacobian(eom.Q, eom.lam))
+        system = ca.blockcat([[eom.M, eom.Phi_q.T], [eom.Phi_q, ca.SX(eom.lam.numel(), eom.lam.numel())]])
+        with_friction = system - ca.vertcat(slope, ca.SX(eom.lam.numel(), system.size2()))
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+        self._systems = eom._compiled(
+            "reactions", arguments, [ca.densify(ca.vec(system)), ca.densify(ca.vec(with_friction))]
+        )
+
+    def first_lost(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, lam: np.ndarray, u: np.ndarray
+    ) -> int | None:
+        """Index of the first of some states, by row, at which reactions are not unique."""
+        if not self.needed:
+            return None
+        size = self.numeric.eom.q.numel() + self.numeric.eom.lam.numel()
+        lost = ~np.all(np.isfinite(lam), axis=1)
+        for side in (lam, -lam):
+            found = self._systems(t[None, :], q.T, v.T, z.T, side.T, u.T, self.numeric.p)
+            plain, rough = (np.linalg.slogdet(x.full().T.reshape(-1, size, size))[0] for x in found)
+            plain, rough = np.broadcast_to(plain, t.shape), np.nan_to_num(rough)
+            lost |= plain * rough <= 0
+        return int(np.argmax(lost)) if np.any(lost) else None
+
+    @property
+    def frictions(self) -> str:
+        """The elements whose forces depend on reactions, in words."""
+        eom = self.numeric.eom
+        found = [
+            e.what
+            for e in eom.mechanism.elements
+            if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in e.virtual_work)
+        ]
+        return ", ".join(found)
+
+    def sentence(self, time: float) -> str:
+        """What is told."""
+        return (
+            f"at t = {time:.6g} s the reactions are not unique any more: {self.frictions} is so large that the joint "
+            "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
+            "guide or thin the pin, or move the load nearer to the joint"
+        )

@@ -1,0 +1,1 @@
+"""Unilateral contact: outlines, where they touch, and the force there."""

@@ -1,0 +1,129 @@
+"""Outlines that touch each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ....errors import ModelError
+from ...bodies import Marker, as_marker
+from ...immutable import Immutable
+from ...quantities import Limit, number_pairs, quantity
+
+
+class Outline(Immutable):
+    """Base class of outlines: a shape at a marker of a body."""
+
+    marker: Marker
+    limits: tuple[Limit, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__} on '{self.marker.body.name}'"
+
+
+class Circle(Outline):
+    """A disc, touched from outside.
+
+    Parameters
+    ----------
+    marker : Marker
+        Its centre.
+    radius : float or expression
+        m, above 0.
+    """
+
+    def __init__(self, marker: Any, radius: Any):
+        self.marker = as_marker(marker, "Circle", "marker")
+        limits: list[Limit] = []
+        self.radius = quantity(radius, f"Circle on '{self.marker.body.name}'", "radius", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+
+
+class Point(Outline):
+    """A point: a corner, a foot.
+
+    Parameters
+    ----------
+    marker : Marker
+        Where it is.
+    """
+
+    radius = 0.0
+
+    def __init__(self, marker: Any):
+        self.marker = as_marker(marker, "Point", "marker")
+
+
+class Segment(Outline):
+    """A straight bar with round ends, along the marker's x axis, its middle at the marker; touched from all sides.
+
+    Parameters
+    ----------
+    marker : Marker
+        Its middle and direction.
+    length : float or expression
+        Between the centres of its ends, m, above 0.
+    radius : float or expression, default 0
+        Half its thickness, m.
+    """
+
+    def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
+        self.marker = as_marker(marker, "Segment", "marker")
+        what, limits = f"Segment on '{self.marker.body.name}'", []  # type: tuple[str, list[Limit]]
+        self.length = quantity(length, what, "length", above=0.0, limits=limits)
+        self.radius = quantity(radius, what, "radius", at_least=0.0, limits=limits)
+        self.limits = tuple(limits)
+
+    @property
+    def ends(self) -> tuple[ca.SX, ca.SX]:
+        """Positions of the centres of its ends, each (2,), m."""
+        half = self.length / 2 * self.marker.x_axis
+        return self.marker.position - half, self.marker.position + half
+
+
+class HalfPlane(Outline):
+    """The solid below the marker's x axis: a floor, a wall, a slope.
+
+    Parameters
+    ----------
+    marker : Marker
+        A point of its surface; the y axis points out of it.
+    """
+
+    def __init__(self, marker: Any):
+        self.marker = as_marker(marker, "HalfPlane", "marker")
+
+
+class PolygonEdges(Outline):
+    """A convex polygon: a block, a wedge.
+
+    Parameters
+    ----------
+    marker : Marker
+        Its frame.
+    points : sequence of (x, y)
+        Corners in the marker's axes, in counter-clockwise order, m.
+    """
+
+    def __init__(self, marker: Any, points: Any):
+        self.marker = as_marker(marker, "PolygonEdges", "marker")
+        what = f"PolygonEdges on '{self.marker.body.name}'"
+        self.points = number_pairs(points, what, "points")
+        if len(self.points) < 3:
+            raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")
+        sides = np.roll(self.points, -1, axis=0) - self.points
+        turns = sides[:, 0] * np.roll(sides[:, 1], -1) - sides[:, 1] * np.roll(sides[:, 0], -1)
+        if np.any(turns <= 0):
+            corner = self.points[(int(np.argmin(turns)) + 1) % len(self.points)]
+            raise ModelError(
+                f"{what}: the corners must go round a convex polygon counter-clockwise, and do not at "
+                f"({corner[0]:g}, {corner[1]:g}); split it into convex ones"
+            )
+        self.points.setflags(write=False)
+
+    @property
+    def corners(self) -> list[ca.SX]:
+        """Positions of the corners, each (2,), m."""
+        return [self.marker.position + self.marker.axes @ ca.DM(point) for point in self.points]

@@ -1,0 +1,266 @@
+"""Friction in joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ....errors import ModelError
+from ...elements import ConstraintElement, Element
+from ...expressions import norm
+from ...joints.lower_pairs import Revolute, Translational
+from ...quantities import Limit, quantity
+from ...symbols import register
+from .base import FrictionLaw, Resistance, as_law
+
+#: Modes of exact friction: at rest, sliding along the speed's positive and negative sense, and none.
+MODES = ("sticks", "forth", "back", "free")
+
+
+class FrictionInJoint(Element):
+    """Base class of friction in a revolute or translational joint; a subclass says what the load is.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    joint : Revolute or Translational
+        Where it acts, on the second body against the first.
+    law : FrictionLaw
+        Over the sliding speed of the surfaces, m/s, and their load, N.
+    radius : float or expression, optional
+        Of the pin, m; for a revolute joint.
+    length : float or expression, optional
+        Of the guide, m; for a translational joint.
+    """
+
+    word = "friction"
+    #: what exact friction switches between
+    modes: tuple[str, ...] = ()
+
+    def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
+        super().__init__(name)
+        if not isinstance(joint, Revolute | Translational):
+            raise ModelError(f"{self.what}: takes a Revolute or a Translational joint, got {joint!r}")
+        self.joint, self.law = joint, as_law(law, self.what)
+        self.markers = (joint.a, joint.b)
+        limits: list[Limit] = [*law.limits]
+        self._check_sizes(radius, length)
+        self.radius = None if radius is None else quantity(radius, self.what, "radius", above=0.0, limits=limits)
+        self.length = None if length is None else quantity(length, self.what, "length", above=0.0, limits=limits)
+        self._prepare(limits)
+        self.limits = tuple(limits)
+        if law.exact:
+            self._switch()
+            return
+        self.rates: Mapping[Any, ca.SX] = self.resistance.rates
+        self.virtual_work = self.work_of(self.resistance.force)
+
+    def _switch(self) -> None:
+        """Offer the row that holds while it sticks; its multiplier is the friction in every mode."""
+        self.modes = MODES
+        self.velocity_rows = self.sliding_speed
+        self.multipliers = ca.SX.sym(f"{self.name}.lam")
+        self._role = register(self.multipliers, "multiplier", f"{self.name}.lam", self)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of the row that holds while it sticks."""
+        return (self.name,) if self.modes else ()
+
+    def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """Virtual work of a force between the surfaces."""
+        if isinstance(self.joint, Revolute):
+            return ((self.joint.angle, self.radius * force),)
+        return ((self.joint.displacement, force),)
+
+    def in_mode(self, mode: str) -> Element:
+        """The element of a mechanism in one mode: a row where it sticks, a force where it slides."""
+        if mode == "sticks":
+            row = self.sliding_speed
+            return ConstraintElement(self.name, ca.SX(0, 1), (), self.markers, velocity_rows=row)
+        return SlidingFriction(self, {"forth": 1, "back": -1, "free": 0}[mode])
+
+    def _check_sizes(self, radius: Any, length: Any) -> None:
+        if isinstance(self.joint, Revolute):
+            if radius is None:
+                raise ModelError(
+                    f"{self.what}: friction in {self.joint.what} needs the radius of the pin, radius=, in m"
+                )
+            if length is not None:
+                raise ModelError(f"{self.what}: length= belongs to a translational joint, and {self.joint.what} turns")
+        elif radius is not None:
+            raise ModelError(f"{self.what}: radius= belongs to a revolute joint, and {self.joint.what} slides")
+
+    def _prepare(self, limits: list[Limit]) -> None:
+        """Read what a subclass needs before the load is asked for."""
+
+    @property
+    def load(self) -> ca.SX:
+        """Load of the surfaces, N, not negative."""
+        raise NotImplementedError
+
+    @property
+    def velocity_tolerance(self) -> Any:
+        """Speed over which the jump at rest is spread, m/s; None where the law has none."""
+        return self.law.velocity_tolerance
+
+    @cached_property
+    def sliding_speed(self) -> ca.SX:
+        """Speed of the second body's surface on the first one's, m/s."""
+        if isinstance(self.joint, Revolute):
+            return self.radius * self.joint.angular_velocity
+        return self.joint.speed
+
+    @cached_property
+    def resistance(self) -> Resistance:
+        """What the law exerts."""
+        if self.modes:
+            return Resistance(-self.multipliers)
+        return self.law.resistance(self.name, self.sliding_speed, self.load)
+
+    @property
+    def friction_force(self) -> ca.SX:
+        """Force between the surfaces, on the second body along :attr:`sliding_speed`, N."""
+        return self.resistance.force
+
+    @property
+    def force(self) -> ca.SX:
+        """Force on the second body along the first one's x axis, N; of a translational joint."""
+        if isinstance(self.joint, Revolute):
+            raise ModelError(f"{self.what} acts by a couple: ask for .torque (or .friction_force at the pin's surface)")
+        return self.resistance.force
+
+    @property
+    def torque(self) -> ca.SX:
+        """Couple on the second body, N m; of a revolute joint."""
+        if isinstance(self.joint, Translational):
+            raise ModelError(f"{self.what} acts by a force along the guide: ask for .force")
+        return self.radius * self.resistance.force
+
+    @property
+    def power(self) -> ca.SX:
+        """Power of the friction, W; negative where it takes energy."""
+        return self.resistance.force * self.sliding_speed
+
+
+class SlidingFriction(Element):
+    """Exact friction while it slides in a given direction: ``F = -σ μ N``; without force in none."""
+
+    word = "friction"
+
+    def __init__(self, friction: FrictionInJoint, direction: int):
+        super().__init__(friction.name)
+        self.markers, self.limits = friction.markers, friction.limits
+        coefficient: Any = friction.law.coefficient  # type: ignore[attr-defined]
+        self.force = -direction * coefficient * friction.load if direction else ca.SX(0)
+        self.virtual_work = friction.work_of(self.force)
+
+
+class JointFriction(FrictionInJoint):
+    """Friction that depends on the joint's own reaction.
+
+    The load of a pin is the resultant of its reaction. A guide of length L that carries a
+    normal force F and a couple T at the second body's marker, in the middle of the
+    block, is loaded at its two ends: ``|F/2 + T/L| + |F/2 - T/L|``; without `length` the
+    block is long, and the couple adds no load.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    joint : Revolute or Translational
+        Where it acts.
+    law : FrictionLaw
+        ``Coulomb, Stribeck, LuGre, Viscous``, a sum of them, or ``DryFriction``.
+    radius : float or expression
+        Of the pin, m; for a revolute joint.
+    length : float or expression, optional
+        Of the guide, m; for a translational joint.
+    preload : float or expression, default 0
+        Load that is there without any reaction (a fit, a spring), N.
+
+    Attributes
+    ----------
+    force, torque : casadi.SX
+        On the second body: along the guide, N, or about the pin, N m.
+    load : casadi.SX
+        N.
+
+    Raises
+    ------
+    ModelError
+        For a joint of another kind, a radius that is missing, numbers out of their limits.
+
+    Notes
+    -----
+    The reactions then depend on friction and the other way round. Where friction is
+    large more than one set of reactions, or none, meets the equations (jamming):
+    ``simulate`` stops there and says so.
+
+    References
+    ----------
+    Haug, Wu, Yang, "Dynamics of mechanical systems with Coulomb friction, stiction,
+    impact and constraint addition-deletion", Mechanism and Machine Theory 21 (1986) 401.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> rod = mbd.Body("rod", mass=1.5, inertia=0.08, pose=(0.4, 0, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.4, 0))
+    >>> bush = mbd.JointFriction("bush", hinge, mbd.Coulomb(0.3, velocity_tolerance=1e-4), radius=0.02)
+    """
+
+    def __init__(
+        self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None, preload: Any = 0.0
+    ):
+        self._preload = preload
+        super().__init__(name, joint, law, radius, length)
+
+    def _prepare(self, limits: list[Limit]) -> None:
+        self.preload = quantity(self._preload, self.what, "preload", at_least=0.0, limits=limits)
+
+    @cached_property
+    def load(self) -> ca.SX:
+        """Load of the surfaces, N."""
+        reaction = self.joint.reaction_on(self.joint.b.body)
+        if isinstance(self.joint, Revolute):
+            return self.preload + norm(reaction.force)
+        across = reaction.force_in_joint[1]
+        if self.length is None:
+            return self.preload + ca.fabs(across)
+        lever = reaction.torque / self.length
+        return self.preload + ca.fabs(across / 2 + lever) + ca.fabs(across / 2 - lever)
+
+
+class LoadIndependentFriction(FrictionInJoint):
+    """Friction in a joint under a load that is given, whatever the joint carries: a seal, a spring-loaded brake.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    joint : Revolute or Translational
+        Where it acts.
+    law : FrictionLaw
+        The law.
+    load : float or expression
+        N, at least 0.
+    radius : float or expression
+        Of the pin, m; for a revolute joint.
+    """
+
+    def __init__(self, name: str, joint: Any, law: FrictionLaw, load: Any, radius: Any = None):
+        self._load = load
+        super().__init__(name, joint, law, radius)
+
+    def _prepare(self, limits: list[Limit]) -> None:
+        self._load = quantity(self._load, self.what, "load", at_least=0.0, limits=limits)
+
+    @property
+    def load(self) -> ca.SX:
+        """Load of the surfaces, N."""
+        return ca.SX(self._load)

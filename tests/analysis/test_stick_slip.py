@@ -1,0 +1,237 @@
+"""Exact dry friction: stick and slip by switching, against closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G = 9.81
+
+
+def sledge(law, slope=0.0, mass=3.0, forces=(), **more):
+    """A block on an inclined guide."""
+    block = mbd.Body("block", mass=mass, inertia=0.02, pose=(0, 0, -slope))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, angle=-slope), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, law)
+    own = forces(block) if callable(forces) else forces
+    return block, guide, rub, mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub, *own], **more)
+
+
+def test_stops_and_stays():
+    """On an incline below friction's angle: way and time to rounding, then no creep at all."""
+    slope, mu, speed = np.radians(20), 0.5, 2.0
+    block, guide, rub, mechanism = sledge(mbd.DryFriction(mu), slope)
+    times = np.linspace(0, 3, 301)
+    motion = mbd.simulate(mechanism, times, initial=[guide.displacement == 0, guide.speed == speed])
+    deceleration = G * (mu * np.cos(slope) - np.sin(slope))
+    (event,) = motion.events
+    assert event.name == "rub stops"
+    assert event.t == pytest.approx(speed / deceleration, abs=1e-10)
+    np.testing.assert_array_equal(motion.t, times)
+    late = motion.t > event.t
+    np.testing.assert_allclose(motion[guide.displacement][late], speed**2 / 2 / deceleration, atol=1e-10)
+    assert np.abs(motion[guide.speed][late]).max() < 1e-12
+    np.testing.assert_allclose(motion[rub.force][late], -3 * G * np.sin(slope), rtol=1e-9)
+    np.testing.assert_allclose(motion[rub.force][~late], -3 * G * mu * np.cos(slope), rtol=1e-9)
+    np.testing.assert_allclose(motion[guide.reaction_on(block).force_in_joint][:, 1], 3 * G * np.cos(slope), rtol=1e-9)
+    assert motion.drift.velocity < 1e-12
+    # the accelerations jump at the stop, and interpolation knows
+    between = motion.at([event.t - 1e-4, event.t + 1e-4])
+    along = between[block.ax] * np.cos(slope) - between[block.ay] * np.sin(slope)
+    np.testing.assert_allclose(along, [-deceleration, 0], atol=1e-8)
+
+
+def test_does_not_hold_above_the_angle_of_friction():
+    """From rest it slides where tan(slope) is above the static coefficient, and rests where it is not."""
+    for slope, moves in ((0.44, False), (0.48, True)):
+        _, guide, _, mechanism = sledge(mbd.DryFriction(0.4, static_coefficient=0.5), slope)
+        motion = mbd.simulate(mechanism, [0, 1], initial=[guide.displacement == 0, guide.speed == 0])
+        wanted = G * (np.sin(slope) - 0.4 * np.cos(slope)) / 2 if moves else 0.0
+        assert motion[guide.displacement][-1] == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize("static", [None, 0.45])
+@pytest.mark.parametrize("sense", [1, -1])
+def test_breaks_away(static, sense):
+    """Under a growing push, when the static limit is reached."""
+    _, guide, rub, mechanism = sledge(
+        mbd.DryFriction(0.3, static), forces=lambda b: [mbd.Force("push", b.at(0, 0), (sense * 5 * mbd.t, 0))]
+    )
+    motion = mbd.simulate(mechanism, np.linspace(0, 4, 41), initial=[guide.displacement == 0, guide.speed == 0])
+    (event,) = motion.events
+    weight = 3 * G
+    begin = (static or 0.3) * weight / 5
+    assert event.name == "rub breaks away" and event.t == pytest.approx(begin, abs=1e-8)
+    gone = motion.t[-1] - begin
+    wanted = (((static or 0.3) - 0.3) * weight * gone + 5 * gone**2 / 2) / 3
+    assert motion[guide.speed][-1] == pytest.approx(sense * wanted, abs=1e-7)
+    resting = motion.t < begin
+    np.testing.assert_allclose(motion[rub.force][resting], -sense * 5 * motion.t[resting], atol=1e-9)
+
+
+def test_oscillator_comes_to_rest_off_centre():
+    """A mass on a spring loses ``2 μ N/k`` of amplitude in each half swing, until the spring cannot move it."""
+    mu, k, mass, start = 0.2, 200.0, 3.0, 0.3
+    spring = lambda b: [mbd.TSDA("spring", mbd.ground.at(-2, 0), b.at(0, 0), stiffness=k, free_length=2.0)]  # noqa: E731
+    _, guide, _rub, mechanism = sledge(mbd.DryFriction(mu), forces=spring)
+    motion = mbd.simulate(mechanism, np.linspace(0, 4, 201), initial=[guide.displacement == start, guide.speed == 0])
+    offset, turns = mu * mass * G / k, [start]
+    while abs(turns[-1]) > offset:
+        turns.append(-turns[-1] + 2 * offset * np.sign(turns[-1]))
+    assert len(turns) > 4
+    assert [e.name for e in motion.events] == ["rub stops"] * (len(turns) - 1)
+    half = np.pi * np.sqrt(mass / k)
+    np.testing.assert_allclose([e.t for e in motion.events], half * np.arange(1, len(turns)), atol=1e-7)
+    np.testing.assert_allclose([e.state[guide.displacement] for e in motion.events], turns[1:], atol=1e-7)
+    assert motion[guide.displacement][-1] == pytest.approx(turns[-1], abs=1e-7)
+    energy = motion.energy.total
+    assert np.diff(energy).max() < 1e-8 * energy[0]
+
+
+def test_stick_slip_on_a_belt():
+    """Period, break-away and stop of a spring-held block on a moving belt, in closed form."""
+    mass, k, speed, mu, static = 1.2, 150.0, 0.08, 0.25, 0.4
+    belt = mbd.Body("belt", mass=5, inertia=1)
+    block = mbd.Body("block", mass=mass, inertia=0.01)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), belt.at(0, 0))
+    seat = mbd.Translational("seat", belt.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", seat, mbd.DryFriction(mu, static))
+    spring = mbd.TSDA("spring", mbd.ground.at(-3, 0), block.at(0, 0), stiffness=k, free_length=3.0)
+    mechanism = mbd.Mechanism(
+        bodies=[belt, block],
+        joints=[rail, seat],
+        drivers=[mbd.Driver("run", rail.displacement, speed * mbd.t)],
+        forces=[mbd.Gravity(), spring, rub],
+    )
+    motion = mbd.simulate(mechanism, np.linspace(0, 5, 501), initial=[block.x == 0, block.vx == speed])
+    frequency, excess = np.sqrt(k / mass), (static - mu) * mass * G / k
+    slip = (2 * np.pi - 2 * np.arctan(excess * frequency / speed)) / frequency
+    period = slip + 2 * excess / speed
+    names = [e.name for e in motion.events]
+    assert names[:4] == ["rub breaks away", "rub stops", "rub breaks away", "rub stops"] and len(names) > 8
+    instants = np.array([e.t for e in motion.events])
+    first = static * mass * G / k / speed
+    np.testing.assert_allclose(instants[0::2], first + period * np.arange(len(instants[0::2])), atol=1e-6)
+    np.testing.assert_allclose(instants[1::2], first + slip + period * np.arange(len(instants[1::2])), atol=1e-6)
+    assert motion[block.x].max() == pytest.approx(mu * mass * G / k + np.hypot(excess, speed / frequency), abs=1e-4)
+
+
+def test_two_frictions():
+    """A block on a sledge on the ground: the sledge is dragged or not, as the coefficients say."""
+    for lower, wanted in ((0.05, 0.2 * 2 * G / 3 - 0.05 * 5 / 3 * G), (0.2, 0.0)):
+        sled = mbd.Body("sled", mass=3, inertia=1)
+        block = mbd.Body("block", mass=2, inertia=1, pose=(0, 0.2, 0))
+        rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+        deck = mbd.Translational("deck", sled.at(0, 0.2), block.at(0, 0))
+        below = mbd.JointFriction("below", rail, mbd.DryFriction(lower))
+        above = mbd.JointFriction("above", deck, mbd.DryFriction(0.2))
+        mechanism = mbd.Mechanism(bodies=[sled, block], joints=[rail, deck], forces=[mbd.Gravity(), below, above])
+        start = [rail.displacement == 0, rail.speed == 0, deck.displacement == 0, deck.speed == 2.0]
+        motion = mbd.simulate(mechanism, np.linspace(0, 6, 121), initial=start)
+        assert motion[sled.ax][1] == pytest.approx(wanted, abs=1e-8)
+        # they join, and where the ground brakes less than friction between them can, they stop as one
+        joins = 2.0 / (0.2 * G + wanted)
+        assert motion.events[0].name == "above stops" and motion.events[0].t == pytest.approx(joins, abs=1e-8)
+        common = wanted * joins
+        after = (motion.t > joins + 1e-9) & (motion.t < joins + common / (lower * G))
+        np.testing.assert_allclose(motion[sled.vx][after], common - lower * G * (motion.t[after] - joins), atol=1e-7)
+        np.testing.assert_allclose(motion[deck.speed][motion.t > joins], 0, atol=1e-9)
+        assert abs(motion[sled.vx][-1]) < 1e-12
+
+
+def test_dry_pin_is_the_limit_of_smoothed_ones():
+    """A pendulum in a rough pin: exact switching, and tanh over an ever narrower speed."""
+
+    def run(law):
+        rod = mbd.Body("rod", mass=1.5, inertia=0.08, pose=(0.4, 0, 0))
+        hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.4, 0))
+        bush = mbd.JointFriction("bush", hinge, law, radius=0.03)
+        mechanism = mbd.Mechanism(bodies=[rod], joints=[hinge], forces=[mbd.Gravity(), bush])
+        return rod, bush, mbd.simulate(mechanism, np.linspace(0, 4, 81), initial=[rod.phi == 0, rod.omega == 0])
+
+    rod, bush, dry = run(mbd.DryFriction(0.3))
+    course, torque = dry[rod.phi], dry[bush.torque]
+    assert len(dry.events) >= 4
+    errors = []
+    for tolerance in (1e-3, 1e-5):
+        rod, bush, smooth = run(mbd.Coulomb(0.3, tolerance))
+        errors.append(np.abs(smooth[rod.phi] - course).max())
+    assert errors[1] < 1e-4 and errors[1] < errors[0] / 20
+    assert torque.min() < -0.1 < 0.1 < torque.max()
+
+
+@pytest.mark.parametrize("method", ["idas", "rosenbrock"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
+def test_smoothed_laws_meet_the_exact_one(method, tolerance):
+    """A mass that swings to rest: smoothing errs by its creep alone, also where coarse tolerances are asked for."""
+    motions = []
+    for law in (mbd.DryFriction(0.2), mbd.Coulomb(0.2, tolerance)):
+        _, guide, _, mechanism = sledge(
+            law, forces=lambda b: [mbd.TSDA("s", mbd.ground.at(-2, 0), b.at(0, 0), stiffness=200, free_length=2.0)]
+        )
+        start = [guide.displacement == 0.3, guide.speed == 0]
+        motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=start, method=method, reltol=1e-6, abstol=1e-4)
+        motions.append(motion[guide.displacement])
+    assert np.abs(motions[1] - motions[0]).max() < 0.06 * tolerance + 2e-5
+
+
+def test_with_user_events_inputs_and_states():
+    """A terminal event ends it, an input pushes, a state starts it again."""
+    tau = mbd.Input("tau")
+    _, guide, _, mechanism = sledge(
+        mbd.DryFriction(0.3), forces=lambda b: [mbd.Force("push", b.at(0, 0), (tau, 0))], inputs=[tau]
+    )
+    there = mbd.Event("there", guide.displacement - 1, terminal=True)
+    half = mbd.Event("half", guide.displacement - 0.5)
+    start = [guide.displacement == 0, guide.speed == 0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 5, 51), initial=start, inputs={tau: 15.0}, events=[there, half])
+    pull = 15 / 3 - 0.3 * G
+    assert [e.name for e in motion.events] == ["half", "there"]
+    assert motion.t[-1] == pytest.approx(np.sqrt(2 / pull), abs=1e-8)
+    assert motion[guide.displacement][-1] == pytest.approx(1, abs=1e-9)
+    rest = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=motion.final, inputs={tau: 0.0})
+    assert rest[guide.displacement][-1] == pytest.approx(1 + 2 * pull / (2 * 0.3 * G), abs=1e-8)
+    assert rest[guide.speed][-1] == pytest.approx(0, abs=1e-12)
+
+
+def test_refuses():
+    """Other analyses, sums, contacts, resets, samples; each says what to do."""
+    block, _, _, mechanism = sledge(mbd.DryFriction(0.3))
+    with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
+        mbd.assemble(mechanism)
+    with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
+        mbd.equilibrium(mechanism)
+    with pytest.raises(mbd.ModelError, match="added"):
+        _ = mbd.DryFriction(0.3) + mbd.Viscous(1)
+    with pytest.raises(mbd.ModelError, match="static_coefficient"):
+        mbd.DryFriction(0.3, 0.2)
+    with pytest.raises(mbd.ModelError, match="compliant"):
+        mbd.Contact(
+            "c",
+            mbd.Circle(block.at(0, 0), 1),
+            mbd.HalfPlane(mbd.ground.at(0, 0)),
+            mbd.HuntCrossley(1e5),
+            mbd.DryFriction(0.3),
+        )
+    with pytest.raises(mbd.SimulationError, match=r"'kick' resets"):
+        mbd.simulate(mechanism, [0, 1], events=[mbd.Event("kick", block.x - 1, reset={block.vx: 0})])
+    tau = mbd.Input("tau")
+    _, _guide, _, mechanism = sledge(
+        mbd.DryFriction(0.3), forces=lambda b: [mbd.Force("push", b.at(0, 0), (tau, 0))], inputs=[tau]
+    )
+    with pytest.raises(mbd.SimulationError, match="spline"):
+        mbd.simulate(mechanism, [0, 1], inputs={tau: [1, 2]})
+
+
+@pytest.mark.parametrize("push", [10.0, -10.0])
+def test_jamming_is_told(push):
+    """A drawer whose friction grows faster than what pushes it."""
+    block = mbd.Body("drawer", mass=2.0, inertia=0.1, pose=(0, -0.3, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0.3))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.4), length=0.2)
+    push_it = mbd.Force("push", block.at(0, 0.3), (push, 0))
+    mechanism = mbd.Mechanism(bodies=[block], joints=[guide], forces=[push_it, rub])
+    with pytest.raises(mbd.MechanismError, match="jams"):
+        mbd.simulate(mechanism, np.linspace(0, 1, 11), initial=[guide.displacement == 0, guide.speed == 1.0])

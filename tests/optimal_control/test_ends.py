@@ -1,0 +1,44 @@
+"""Starts, ends and guesses that follow from what a problem says: places, speeds, branches."""
+
+import pytest
+from motions import crank_rocker, half_turn, pendulum
+
+import mbdcasadi as mbd
+
+
+@pytest.mark.parametrize("at_top", ["place", "place and speed", "height"])
+def test_a_pendulum_goes_to_the_top_however_that_is_said(at_top):
+    """Both coordinates of a point on a circle say one thing, but on one branch alone."""
+    bob, tau, mechanism = pendulum(length=0.5, inertia=1 / 12)
+    final = {
+        "place": [bob.position == (0, 0.5), bob.omega == 0],
+        "place and speed": [bob.position == (0, 0.5), bob.velocity == (0, 0)],
+        "height": [bob.y == 0.5, bob.omega == 0],
+    }[at_top]
+    problem = mbd.OptimalControlProblem(
+        mechanism, duration=1.0, initial=[bob.x == 0, bob.omega == 0], final=final, running_cost=tau**2
+    )
+    solution = mbd.optimize(problem)
+    assert solution.trajectory.final[bob.y] == pytest.approx(0.5, abs=1e-9)
+    assert solution.trajectory.initial[bob.y] == pytest.approx(-0.5, abs=1e-9)
+    assert solution.verify().final_error < 1e-5
+
+
+@pytest.mark.parametrize("speed", [5.0, 20.0])
+def test_a_crank_is_kept_at_a_speed_from_a_pose_alone(speed):
+    """The speed at the start and the guess follow the path condition."""
+    f = crank_rocker(limit=200.0)
+    problem = half_turn(f, initial=[f.crank.phi == 0.5], final=[], path=[f.crank.omega == speed])
+    solution = mbd.optimize(problem)
+    speeds = solution.trajectory[f.crank.omega]
+    assert speeds[:: solution.points_per_interval] == pytest.approx(speed, rel=1e-10)
+    assert speeds == pytest.approx(speed, rel=1e-4)
+    assert solution.statistics.iterations < 15
+
+
+def test_a_moving_start_without_a_goal_coasts():
+    """The least effort is none."""
+    f = crank_rocker()
+    problem = half_turn(f, initial=[f.crank.phi == 0.5, f.crank.omega == 20], final=[])
+    solution = mbd.optimize(problem)
+    assert solution.cost < 1e-12 and solution.statistics.iterations < 10
