@@ -16,6 +16,7 @@ def settle(
     weights: np.ndarray,
     iterations: int = 100,
     smallest: float = SMALLEST,
+    step_limit: float | np.ndarray = np.inf,
 ) -> np.ndarray | None:
     """Solve ``r(x) = 0`` to rounding by Newton steps of least norm; None where they do not settle.
 
@@ -34,6 +35,8 @@ def settle(
         Largest number of steps.
     smallest : float
         Singular values below this share of the largest one do not count.
+    step_limit : float or numpy.ndarray
+        Largest change of an entry in one step; one for all, or by entry (n,).
     """
     root = np.sqrt(weights)
     x = np.array(start, float)
@@ -42,6 +45,7 @@ def settle(
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
             return None
         step = -np.linalg.lstsq(jacobian / root, residual, rcond=smallest)[0] / root
+        step *= 1.0 / max(largest(step / step_limit), 1.0)
         share, size = 1.0, float(residual @ residual)
         while True:
             new_residual, new_jacobian = equations(x + share * step)

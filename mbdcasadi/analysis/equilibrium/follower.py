@@ -206,10 +206,12 @@ class Follower:
         length = float(low.tangent @ ((high.x - low.x)[self._seen] / self._size[self._seen]))
         few, many = sorted(end.falling for end in ends)
         if all(end.is_real for end in ends):
-            return [self._critical(low, high, length, index) for index in range(few, many)]
-        if (many - few) % 2:
-            return [self._critical(low, high, length, None)]
-        return [self._flutter(low, high, length)] if ends[0].stable != ends[1].stable else []
+            found = [self._critical(low, high, length, index) for index in range(few, many)]
+        else:
+            found = [self._critical(low, high, length, None)] if (many - few) % 2 else []
+        if ends[0].flutters != ends[1].flutters:
+            found.append(self._flutter(low, high, length))
+        return found
 
     def _flutter(self, low: _Point, high: _Point, length: float) -> CriticalState:
         """Where two frequencies meet, by halving: the point on the side where it flutters."""
@@ -221,11 +223,11 @@ class Follower:
             if between is None or not inner < middle < outer:
                 break
             points[middle] = between
-            if between.state.stable == low.state.stable:
+            if between.state.stiffness.flutters == low.state.stiffness.flutters:
                 inner = middle
             else:
                 outer = middle
-        point = points[inner if high.state.stable else outer]
+        point = points[inner if low.state.stiffness.flutters else outer]
         direction = self.statics.flutter(point.x)
         direction = direction / direction[np.argmax(np.abs(direction))]
         return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
