@@ -327,3 +327,16 @@ def test_mechanisms_of_any_size_are_weighed_alike(size, per_square):
     model = mbd.Mechanism(bodies=[rod], joints=[mbd.Revolute("hinge", *ends)], forces=[spring])
     rest = mbd.equilibrium(model, [rod.phi == 0.5])
     assert rest.stable and abs(rest[rod.phi]) < 1e-9
+
+
+def test_a_motor_without_voltage_rests_where_it_is():
+    current = mbd.StateVariable("current", 0.1)
+    rotor = mbd.Body("rotor", mass=1, inertia=0.02)
+    model = mbd.Mechanism(
+        bodies=[rotor],
+        joints=[mbd.Revolute("hinge", mbd.ground.at(0, 0), rotor.at(0, 0))],
+        forces=[mbd.Torque("motor", rotor, 0.3 * current - 0.01 * rotor.omega)],
+        states={current: (-1.5 * current - 0.3 * rotor.omega) / 0.02},
+    )
+    rest = mbd.equilibrium(model)
+    assert rest[current] == pytest.approx(0, abs=1e-12) and not rest.stable

@@ -47,7 +47,7 @@ class Stiffness:
     force : numpy.ndarray
         Unbalanced force along the basis (k,), N.
     scale : float
-        Largest stiffness of a coordinate, and of the acting forces over a lever: what rounding is measured by.
+        Stiffness that is typical of the mechanism: what rounding is measured by.
     stable : bool
         Whether every free direction is held: all eigenvalues above zero. Where
         forces have no potential (a load that follows a rod) the matrix is not
@@ -191,11 +191,15 @@ class Statics:
         return equations, np.concatenate(given)
 
     def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
-        """Stiffness that slopes are compared with, N/m: of the springs, or of acting forces over the lever."""
-        c = self.numeric.column_scale
-        reactions = jacobian[: self.n, self.n + self.k : self.n + self.k + self.m] * self.split(x)[2]
-        acting = max(largest(c * values[: self.n]), largest(c[:, None] * reactions))
-        return largest(c[:, None] * jacobian[: self.n, : self.n] * c) + acting / self.lever
+        """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
+
+        Forces are those that act, reactions, and those that states and unknowns of the size they have would bring.
+        """
+        c, n = self.numeric.column_scale, self.n
+        _, z, lam, y = self.split(x)
+        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), np.maximum(1.0, np.abs(y))])
+        force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
+        return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
 
     # --- moving ------------------------------------------------------------------------------
     @property

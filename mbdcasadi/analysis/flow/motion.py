@@ -85,8 +85,9 @@ class Flow:
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
         if method == "idas" and self.integrals and self.signals.is_sampled:
-            # the adjoint of IDAS interpolates the motion across the kinks at the samples: its gradients were off by
-            # up to a third, and it wrote beyond its memory. Each interval is an integration of its own.
+            # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples
+            # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
+            # more steps than the motion it ended the process. Each interval is an integration of its own.
             self.pieces = grid.size - 1
 
     @property
