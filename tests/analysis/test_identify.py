@@ -214,6 +214,7 @@ def test_what_is_no_number_and_what_is_named_twice():
         "'g' twice": {"unknowns": [g, g], "times": times, "data": data},
         "weights must be numbers": {"unknowns": [g], "times": times, "data": data, "weights": {p.rod.phi: "a"}},
         "list of Experiment": {"unknowns": [g], "experiments": 3},
+        "iterations must be": {"unknowns": [g], "times": times, "data": data, "iterations": "a"},
     }.items():
         with pytest.raises(mbd.ModelError, match=text):
             mbd.identify(model, **given)

@@ -292,5 +292,9 @@ def test_symbols_named_twice_or_foreign_are_refused():
         mbd.linearize(p.mechanism, rest, wrt=[tau, tau])
     with pytest.raises(mbd.ExpressionError, match="'other', which the mechanism does not have"):
         mbd.linearize(p.mechanism, rest, outputs=[mbd.Input("other")])
-    with pytest.raises(mbd.MechanismError, match="s must be a number"):
-        mbd.linearize(p.mechanism, rest, wrt=[tau], outputs=[p.rod.phi]).transfer_function("a")
+    model = mbd.linearize(p.mechanism, rest, wrt=[tau], outputs=[p.rod.phi])
+    for bad in ("a", np.nan, [[1.0]], None):
+        with pytest.raises(mbd.MechanismError, match="s must be a finite number"):
+            model.transfer_function(bad)
+        with pytest.raises(mbd.MechanismError, match="frequencies must be a finite number"):
+            model.frequency_response(bad)

@@ -324,3 +324,22 @@ def test_a_sweep_is_pickled_by_names():
     twin = copy.deepcopy(swept)
     twin.cases[g][0] = 0.0
     assert swept.cases[g][0] == 9.0 and np.array_equal(twin[p.rod.phi], swept[p.rod.phi])
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda g: mbd.full_factorial({g: ["a"]}), "must be numbers"),
+        (lambda g: mbd.full_factorial({g: [np.nan]}), "finite numbers"),
+        (lambda g: mbd.full_factorial({g: []}), "one value at least"),
+        (lambda g: mbd.full_factorial({"g": [1]}), "got the key 'g'"),
+        (lambda g: mbd.full_factorial([(g, [1]), (g, [2])]), "'g' twice"),
+        (lambda g: mbd.latin_hypercube({3: (0, 1)}, 3), "got the key 3"),
+        (lambda g: mbd.latin_hypercube({g: (0, 1)}, True), "number of cases"),
+        (lambda g: mbd.latin_hypercube({g: (0, 1)}, 3, seed="a"), "seed must be"),
+        (lambda g: mbd.latin_hypercube([(g, (0, 1)), (g, (0, 2))], 3), "'g' twice"),
+    ],
+)
+def test_helpers_refuse_what_is_no_list_of_cases(make, text):
+    with pytest.raises(mbd.ModelError, match=text):
+        make(mbd.Parameter("g", G))

@@ -123,6 +123,8 @@ def identify(
         )
         for e in motions
     ]
+    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 0:
+        raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
     theta = shootings[0].problem.numeric.p[places]
     _refuse_few(motions, wanted)
     refuse_twice(wanted, "unknowns=")

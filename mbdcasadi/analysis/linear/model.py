@@ -101,10 +101,7 @@ class LinearModel:
         MechanismError
             At a pole.
         """
-        try:
-            points = np.atleast_1d(np.asarray(s, complex))
-        except (TypeError, ValueError):
-            raise MechanismError(f"transfer_function: s must be a number or a sequence of numbers, got {s!r}") from None
+        points = _points(s, "transfer_function: s")
         matrices = points[:, None, None] * np.eye(len(self.A)) - self.A
         try:
             inner = np.linalg.solve(matrices, np.broadcast_to(self.B, (points.size, *self.B.shape)))
@@ -115,7 +112,7 @@ class LinearModel:
 
     def frequency_response(self, frequencies: Any) -> np.ndarray:
         """``G(2 π i f)`` at frequencies in Hz: (n_f, n_y, n_u), complex."""
-        return self.transfer_function(2j * np.pi * np.atleast_1d(np.asarray(frequencies, float)))
+        return self.transfer_function(2j * np.pi * _points(frequencies, "frequency_response: frequencies").real)
 
     def to_control(self) -> Any:
         """Return a ``control.StateSpace`` with the names of states, inputs and outputs."""
@@ -139,6 +136,17 @@ class LinearModel:
         text += f"; inputs {', '.join(self.input_names)}" if self.input_names else ""
         text += f"; outputs {', '.join(self.output_names)}" if self.output_names else ""
         return text + f"\n  eigenvalues {np.array2string(self.eigenvalues, precision=5, separator=', ')}"
+
+
+def _points(values: Any, what: str) -> np.ndarray:
+    """Finite complex numbers (k,)."""
+    try:
+        points = np.atleast_1d(np.asarray(values, complex))
+    except (TypeError, ValueError):
+        points = np.array([np.nan])
+    if points.ndim > 1 or not np.all(np.isfinite(points)):
+        raise MechanismError(f"{what} must be a finite number or a sequence of them, got {values!r}")
+    return points
 
 
 def _plain(names: tuple[str, ...]) -> list[str]:
