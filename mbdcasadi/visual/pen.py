@@ -176,7 +176,8 @@ class Pen:
         if not self._later:
             return
         box = self.box()
-        for self.item, draw in self._later:
+        for item, draw in self._later:
+            self.item = item
             draw(box)
         self._later = []
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 #: What lies above what; bodies keep the order of the mechanism.
-GROUND, GUIDE, TRACE, BODY, SLOT, SPRING, PIN, ARROW = range(8)
+GROUND, GUIDE, BODY, TRACE, SLOT, SPRING, PIN, ARROW = range(8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +103,15 @@ class Scene:
         """Add a frame and return its number."""
         self.frames.append(ca.vertcat(ca.SX(position), ca.SX(angle), ca.SX(length)))
         return len(self.frames) - 1
+
+    def without(self, group: str) -> Scene:
+        """The same scene without the marks of a group."""
+        return replace(self, marks=[mark for mark in self.marks if mark.group != group])
+
+    @property
+    def has_arrows(self) -> bool:
+        """Whether there are arrows that are to scale."""
+        return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
 
     def poses(self, sample: Any) -> np.ndarray:
         """Poses (n_t, frames, 4) over the times of a sample; angles without jumps."""
