@@ -186,7 +186,7 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     axes.tick_params(color="#8a929a", labelsize="small")
     sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
     for axis, length in sides:
-        axes.locator_params(axis=axis, nbins=max(3, round(7 * length / max(width, height))))
+        axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
 
 
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:
