@@ -88,6 +88,12 @@ class Stage:
         axes.set_xlim(self.film.t[0], self.film.t[-1])
         return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        width, height = self.canvas.get_width_height()
+        return height, width
+
     def image(self, k: int) -> np.ndarray:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
@@ -114,16 +120,17 @@ def write_gif(film: Film, forces: bool, path: Path) -> None:
     step = max(1, int(np.ceil(SHORTEST_FRAME * film.fps - 1e-9)))
     shown = range(0, len(film.t), step)
     stage = Stage(film, forces)
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(_colours([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)]))
+    palette = _palette([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)])
     pictures, before = [], np.zeros(0)
     for k in shown:
-        indices = np.asarray(Image.fromarray(stage.image(k)).quantize(palette=palette, dither=Image.Dither.NONE))
-        # what stays as it was is left transparent: it takes no room
-        same = indices == before if before.size else np.zeros(indices.shape, bool)
-        before = indices
-        picture = Image.fromarray(np.where(same, COLOURS_OF_GIF, indices).astype(np.uint8), "P")
-        picture.putpalette(palette.getpalette() or [])
+        colours = _packed(stage.image(k))
+        changed = colours != before if before.size else np.ones(colours.shape, bool)
+        before = colours
+        # what is as it was is transparent: it takes no room
+        indices = np.full(colours.shape, COLOURS_OF_GIF, np.uint8)
+        indices[changed] = _nearest(colours[changed], palette)
+        picture = Image.fromarray(indices.reshape(stage.shape))
+        picture.putpalette(palette.ravel().tolist())
         pictures.append(picture)
     # the format counts in hundredths of a second
     duration = 10 * max(2, round(100 * step / film.fps))
@@ -131,14 +138,23 @@ def write_gif(film: Film, forces: bool, path: Path) -> None:
                      transparency=COLOURS_OF_GIF, disposal=1, optimize=False)  # fmt: skip
 
 
-def _colours(images: list[np.ndarray]) -> list[int]:
-    """The colours that occur most, as a palette: those of areas stay exactly what they are."""
-    packed = np.concatenate([image.reshape(-1, 3) @ np.array([65536, 256, 1]) for image in images])
-    values, counts = np.unique(packed, return_counts=True)
+def _packed(image: np.ndarray) -> np.ndarray:
+    """Colours of an image as single numbers."""
+    return image.reshape(-1, 3) @ np.array([65536, 256, 1])
+
+
+def _palette(images: list[np.ndarray]) -> np.ndarray:
+    """The colours that occur most (k, 3): those of areas stay exactly what they are."""
+    values, counts = np.unique(np.concatenate([_packed(image) for image in images]), return_counts=True)
     most = values[np.argsort(-counts, kind="stable")][:COLOURS_OF_GIF]
-    found = [int(c) for value in most for c in (value >> 16, value >> 8 & 255, value & 255)]
-    # what is not used repeats the first, which no pixel is nearer to
-    return found + found[:3] * (256 - len(most))
+    return np.column_stack([most >> 16, most >> 8 & 255, most & 255])
+
+
+def _nearest(packed: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """Index of the nearest colour of a palette for each packed colour."""
+    values, inverse = np.unique(packed, return_inverse=True)
+    colours = np.column_stack([values >> 16, values >> 8 & 255, values & 255])
+    return np.argmin(np.sum((colours[:, None] - palette) ** 2, axis=2), axis=1)[inverse]
 
 
 def need_ffmpeg(path: Any) -> str:
@@ -154,7 +170,7 @@ def need_ffmpeg(path: Any) -> str:
 def write_mp4(film: Film, forces: bool, path: Path) -> None:
     """Write a film in H.264, by ffmpeg."""
     stage = Stage(film, forces)
-    height, width, _ = stage.image(0).shape
+    height, width = stage.shape
     command = [
         need_ffmpeg(path), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
         "-r", f"{film.fps:g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path),

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 TIMES = 600
 #: How far beyond the curve of an input a limit may lie to be shown, in parts of the curve's own range.
 FAR = 1.0
+#: Letters of the name of a limit: a longer one would leave no room for the curves.
+LABEL = 34
 
 
 def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = None) -> Figure:
@@ -150,10 +152,14 @@ def _active(axes: Axes, active: Any) -> None:
                 axes.barh(row, end - start, left=start, height=0.55, color=COLOURS[1])
             else:
                 axes.plot(start, row, "d", color=COLOURS[1], markersize=5)
-        axes.text(1.01, row, limit.label, transform=axes.get_yaxis_transform(), va="center", fontsize="small")
+        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small")
     dress(axes, "", False)
     axes.set_ylim(len(active) - 0.4, -0.6)
     _say(axes, "active limits")
+
+
+def _short(label: str) -> str:
+    return label if len(label) <= LABEL else label[: LABEL - 1] + "…"
 
 
 def _mesh(axes: Axes, solution: Solution) -> None:

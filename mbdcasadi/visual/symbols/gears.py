@@ -149,7 +149,7 @@ def belt(joint: Belt, pen: Pen) -> None:
         disc(pen, marker, radius)
     way = joint.b.position - joint.a.position
     length = float(np.hypot(*pen.over(way)[0]))
-    frame = pen.at(joint.a.position, ca.atan2(way[1], way[0]))
+    frame = pen.along(joint.a.position, way)
     if not joint.crossed:
         around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))
         frame.area("belt", around, layer=scene.SLOT)
