@@ -24,7 +24,8 @@ drive = walk.joint("crank drive")
 loads = {j.name: np.hypot(*step[j.reaction_on(j.b.body).force].T).max() for j in walk.joints}
 worst = max(loads, key=lambda name: loads[name])
 print(
-    f"torque {step[drive.effort].min():.2f} to {step[drive.effort].max():.2f} N m; '{worst}' carries {loads[worst]:.0f} N"
+torque = step[drive.effort]
+print(f"torque {torque.min():.2f} to {torque.max():.2f} N m; '{worst}' carries {loads[worst]:.0f} N")
 )
 
 axes = mbd.draw(step, trace=[leg.foot], poses=7)

@@ -35,8 +35,9 @@ class Sample:
         self.mechanism: Mechanism = source.mechanism
         self._source: Any = source
         self._between: np.ndarray | None = None
+        self._start: State
         if isinstance(source, State):
-            self.t = np.array([source.t])
+            self.t, self._start = np.array([source.t]), source
             return
         if not len(source):
             raise MechanismError("the trajectory holds no times, and so there is nothing to draw")
@@ -46,6 +47,8 @@ class Sample:
         elif times is not None:
             # read from arrays, and without a way back to the constraints: values are taken on straight lines
             self._between = self.t
+        # the times given begin where the motion does
+        self._start = self._source.initial
 
     @property
     def parameters(self) -> np.ndarray:
@@ -57,6 +60,8 @@ class Sample:
         column = ca.densify(ca.vec(ca.SX(expression)))
         if not column.numel():
             return np.zeros((self.t.size, 0))
+        if column.is_constant():
+            return np.tile(np.asarray(ca.DM(column)).ravel(), (self.t.size, 1))
         if isinstance(self._source, State):
             return np.asarray(self._source[column], float).reshape(1, -1)
         values = np.asarray(self._source[column], float).reshape(len(self._source), -1)
@@ -70,7 +75,14 @@ class Sample:
             return float(expression)
         if expression.is_constant():
             return float(expression)
-        return float(self[expression][0, 0])
+        return float(self.first(expression)[0])
+
+    def first(self, expression: Any) -> np.ndarray:
+        """Values (k,) of a column at the first time."""
+        column = ca.densify(ca.vec(ca.SX(expression)))
+        if column.is_constant():
+            return np.asarray(ca.DM(column)).ravel()
+        return np.atleast_1d(np.asarray(self._start[column], float))
 
     @property
     def has_multipliers(self) -> bool:
