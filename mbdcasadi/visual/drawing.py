@@ -96,6 +96,8 @@ def draw(
     else:
         fresh = False
     sample, shown = _sample(pictured, count, bool(options.trace))
+    if options.forces:
+        sample.need_reactions("draw")
     _draw(sample, options, axes, shown, fresh)
     return axes
 

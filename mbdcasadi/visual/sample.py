@@ -84,10 +84,19 @@ class Sample:
             return np.asarray(ca.DM(column)).ravel()
         return np.atleast_1d(np.asarray(self._start[column], float))
 
+    def need_reactions(self, what: str) -> None:
+        """Raise where forces are asked for and those of joints are not known."""
+        if self._source.equations.lam.numel() and not self.has_multipliers:
+            reason = getattr(self._source, "obstacle", None)
+            raise MechanismError(
+                f"{what}: forces=True, but the reactions are not known"
+                + (f" ({reason})" if reason else "; take the motion from simulate or inverse_dynamics")
+            )
+
     @property
     def has_multipliers(self) -> bool:
         """Whether reactions are known."""
         eom = self._source.equations
-        if isinstance(self._source, State) and self._source._obstacle is not None:
+        if isinstance(self._source, State) and self._source.obstacle is not None:
             return False
         return bool(eom.lam.numel()) and bool(np.all(np.isfinite(self._source.lam)))
