@@ -168,6 +168,23 @@ def test_arrows_are_to_scale_and_along_the_force():
     assert poses[0, couples[1].frame, 3] * scale["N m"] == pytest.approx(-0.5 * 40)
 
 
+@pytest.mark.parametrize("rate", [2.0, -2.0])
+def test_arrows_of_drivers_point_the_way_they_go(rate):
+    """Curved about the bearing of the crank; straight along the guide of a slider."""
+    model = mbd.library.slider_crank()
+    crank = mbd.kinematics(model.driven(crank=0.3 + rate * mbd.t), [0, 0.1])
+    scene, poses, _ = scene_of(crank)
+    (shaft,) = (m for m in of_item(scene, "crank drive") if m.style == "motion")
+    x, y = where(shaft, poses).T
+    turned = np.unwrap(np.arctan2(y, x))
+    assert np.sign(turned[-1] - turned[0]) == np.sign(rate)
+    slider = mbd.kinematics(model.driven(slider=0.15 + 0.1 * rate * mbd.t), [0, 0.1])
+    scene, poses, _ = scene_of(slider)
+    (shaft,) = (m for m in of_item(scene, "slider drive") if m.style == "motion")
+    start, end = where(shaft, poses)
+    assert np.sign(end[0] - start[0]) == np.sign(rate) and end[1] == pytest.approx(start[1])
+
+
 def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length():
     """A mechanism a thousand times as large gives the same picture."""
     small, large = (mbd.library.four_bar(*(s * x for x in (0.2, 0.5, 0.4, 0.55))) for s in (1.0, 1000.0))
@@ -228,7 +245,7 @@ def test_elements_of_ones_own():
         def glyph(self, pen):
             pen.pin(pen.ground(), 2.0)
 
-    @mbd.symbol.register
+    @mbd.glyph.register
     def _(element: Slot, pen):
         pen.dot(pen.on(element.b))
 
