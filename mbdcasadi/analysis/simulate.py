@@ -76,8 +76,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator. Where friction has a velocity tolerance, the absolute one is
-        a thousandth of it at the most.
+        Tolerances of the integrator. Where friction has a velocity tolerance (or bristles), the
+        absolute one is a thousandth of it (of their largest deflection) at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -96,6 +96,12 @@ def simulate(
         Where the integrator stops: the time, the cause, and ``.partial``.
     Interrupted
         On Ctrl-C, with ``.partial``.
+
+    Warns
+    -----
+    MechanismWarning
+        Where the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
+        where inputs pass their limits, and where an element leaves what it is made for.
 
     Examples
     --------
@@ -138,7 +144,11 @@ def simulate(
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
     motion = run.over(grid, start, redundant=redundant)
     if absolute < tolerances[1]:
-        motion.statistics.notes.append(f"abstol = {absolute:.1e}, for the velocity tolerance of the friction")
+        motion.statistics.notes.append(f"abstol = {absolute:.1e}, as the friction asks for")
+    used = {"reltol": tolerances[0], "abstol": absolute} | (options or {})
+    for sentence in run.resolution.sentences(used["reltol"], used["abstol"]):
+        motion.statistics.notes.append(sentence)
+        warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
     tell_monitors(motion)
     return motion

@@ -22,8 +22,8 @@ from ...numerics.integration import MAX_STEPS, Integrator
 from ...numerics.least_squares import largest
 from ..formulations import METHODS, choose
 from ..inputs import Signals
-from ..run import DECAY
 from ..schedule import CHUNKS
+from ..stepping import DECAY
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.

@@ -13,6 +13,7 @@ from ...elements import Element, cross
 from ...expressions import if_else
 from ...markers import Marker
 from ...quantities import quantity
+from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
 from .outlines import Outline
 from .touching import Touch, touches
@@ -95,6 +96,7 @@ class Contact(Element):
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
         self.velocity_tolerance = None if self.friction is None else self.friction.velocity_tolerance
+        self.deflection_tolerance = None if self.friction is None else self.friction.deflection_tolerance
         self._places = [
             Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.what)
             for k, touch in enumerate(touches(a, b, self.what))
@@ -121,6 +123,16 @@ class Contact(Element):
     def sliding_speeds(self) -> ca.SX:
         """Speeds of a's surface on b's along the tangent by place (k,), m/s."""
         return ca.vertcat(*[place.sliding_speed for place in self._places])
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What a run must follow in several steps: normal forces, and what smooths the friction, times these."""
+        softer = "or soften the law"
+        found = [(p.normal_force, 1.0, "normal force", softer) for p in self._places]
+        if self.friction is not None:
+            turn, remedy = "friction's change of direction", self.friction.remedy
+            found += [(p.normal_force * e, 2.0, turn, remedy) for p in self._places for e in p.smoothed]
+        return tuple(Smoothing(e, span, f"{self.what}: its {what}", r, relative=True) for e, span, what, r in found)
 
     @property
     def gap(self) -> ca.SX:
@@ -170,9 +182,11 @@ class Place:
         self.normal_force = if_else(closed, ca.SX(quantity(law(depth, rate), what, "law")), 0)
         self.sliding_speed = ca.dot(tangent, relative)
         self.friction_force, self.rates = ca.SX(0), {}
+        self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
             found = friction.resistance(name, self.sliding_speed, self.normal_force)
             self.friction_force, self.rates = if_else(closed, found.force, 0), dict(found.rates)
+            self.smoothed = found.smoothed
         force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(
             pair

@@ -38,6 +38,8 @@ class LuGre(FrictionLaw):
     friction", thesis, Lund 1996, section 5.4 (damping that falls with the speed).
     """
 
+    remedy = "or take softer bristles"
+
     def __init__(
         self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, stiffness: Any, damping: Any = 0.0
     ):
@@ -49,6 +51,7 @@ class LuGre(FrictionLaw):
         self.stiffness = quantity(stiffness, what, "stiffness", above=0.0, limits=limits)
         self.damping = quantity(damping, what, "damping", at_least=0.0, limits=limits)
         check_static(self.coefficient, self.static_coefficient, what, limits)
+        self.deflection_tolerance = self.static_coefficient / self.stiffness
         self.limits = tuple(limits)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
@@ -57,7 +60,8 @@ class LuGre(FrictionLaw):
         near = ca.exp(-((speed / self.stribeck_velocity) ** 2))
         g = self.coefficient + (self.static_coefficient - self.coefficient) * near
         rate = speed - self.stiffness * ca.fabs(speed) * deflection / g
-        return Resistance(-load * (self.stiffness * deflection + self.damping * near * rate), {deflection: rate})
+        force = -load * (self.stiffness * deflection + self.damping * near * rate)
+        return Resistance(force, {deflection: rate}, (self.stiffness / self.static_coefficient * deflection,))
 
     def __repr__(self) -> str:
         return (

@@ -1,0 +1,97 @@
+"""Steps that jump over smoothed friction or over a contact are told, and contacts are not jumped over."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+import mbdcasadi.analysis.run
+
+G = 9.81
+
+
+def belt(law, speed=2.0):
+    """A block held by a spring on a running belt."""
+    band = mbd.Body("belt", mass=1, inertia=1)
+    block = mbd.Body("block", mass=1, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), band.at(0, 0))
+    seat = mbd.Translational("seat", band.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", seat, law)
+    spring = mbd.TSDA("spring", mbd.ground.at(-5, 0), block.at(0, 0), stiffness=100, free_length=5)
+    drive = mbd.Driver("run", rail.displacement, speed * mbd.t)
+    return block, mbd.Mechanism([band, block], [rail, seat], drivers=[drive], forces=[mbd.Gravity(), rub, spring])
+
+
+def run(law, **settings):
+    """Path of the block, and the warnings."""
+    block, mechanism = belt(law)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        motion = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=[block.x == 0, block.vx == 3], **settings)
+    told = [str(w.message) for w in told if issubclass(w.category, mbd.MechanismWarning)]
+    assert all(text in motion.statistics.notes for text in told)
+    return motion[block.x], told
+
+
+@pytest.mark.parametrize(
+    "method, settings",
+    [
+        ("idas", {"reltol": 1e-2}),
+        ("idas", {"options": {"abstol": 1e-3}}),
+        ("rosenbrock", {"reltol": 1e-3}),
+        ("rosenbrock", {"options": {"abstol": 1e-3}}),
+    ],
+)
+def test_steps_over_the_change_of_sign_are_told(method, settings):
+    """With careless tolerances the motion is wrong and that is told; with the chosen ones it is right, and quiet."""
+    exact, _ = run(mbd.DryFriction(0.3))
+    right, quiet = run(mbd.Coulomb(0.3, 1e-4), method=method)
+    wrong, told = run(mbd.Coulomb(0.3, 1e-4), method=method, **settings)
+    assert np.abs(right - exact).max() < 5e-5 and not quiet
+    assert np.abs(wrong - exact).max() > 2e-4
+    assert len(told) == 1 and "friction 'rub'" in told[0]
+    assert "at t = " in told[0] and "reltol" in told[0] and "DryFriction" in told[0]
+
+
+def test_bristles_have_their_tolerance():
+    """The absolute tolerance follows the deflection; bristles that are too stiff are refused."""
+    block, mechanism = belt(mbd.LuGre(0.3, 0.3, 1e-2, 1e6))
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 11), initial=[block.x == 0, block.vx == 3])
+    assert any(note.startswith("abstol = 3.0e-10") for note in motion.statistics.notes)
+    block, mechanism = belt(mbd.LuGre(0.3, 0.3, 1e-2, 1e10))
+    with pytest.raises(mbd.SimulationError, match=r"'rub': the largest deflection of the bristles, 3e-11 m"):
+        mbd.simulate(mechanism, [0, 1], initial=[block.vx == 3])
+
+
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
+@pytest.mark.parametrize("duration", [3.0, 50.0])
+def test_a_short_contact_is_not_jumped_over(method, duration):
+    """Two discs that meet for a millisecond in a long free flight exchange their velocities."""
+    a = mbd.Body("a", mass=1, inertia=0.01, pose=(-1, 0, 0), velocity=(1, 0, 0))
+    b = mbd.Body("b", mass=1, inertia=0.01)
+    hit = mbd.Contact("hit", mbd.Circle(a.at(0, 0), 0.02), mbd.Circle(b.at(0, 0), 0.02), mbd.HuntCrossley(1e8))
+    motion = mbd.simulate(mbd.Mechanism([a, b], forces=[hit]), np.linspace(0, duration, 11), method=method)
+    assert motion[a.vx][-1] == pytest.approx(0, abs=1e-4)
+    assert motion[b.vx][-1] == pytest.approx(1, abs=1e-4)
+    # the contact lasts 2.94 (5 m/4 k)^0.4 v^-0.2 (Hertz, with the reduced mass), in which both go on by half of the way
+    free = duration - 0.96
+    assert motion[b.x][-1] == pytest.approx(free, abs=2e-3)
+
+
+@pytest.mark.filterwarnings("ignore::mbdcasadi.MechanismWarning")
+def test_what_passes_through_is_told(monkeypatch):
+    """Where a new start does not help, it is told, with a step that meets the contact."""
+    monkeypatch.setattr(mbdcasadi.analysis.run, "NEW_START", 2.0)
+
+    def discs(**settings):
+        a = mbd.Body("a", mass=1, inertia=0.01, pose=(-1, 0, 0), velocity=(1, 0, 0))
+        b = mbd.Body("b", mass=1, inertia=0.01)
+        hit = mbd.Contact("hit", mbd.Circle(a.at(0, 0), 0.02), mbd.Circle(b.at(0, 0), 0.02), mbd.HuntCrossley(1e8))
+        return mbd.simulate(mbd.Mechanism([a, b], forces=[hit]), np.linspace(0, 50, 11), **settings)[a.vx][-1]
+
+    with pytest.warns(mbd.MechanismWarning, match=r"'hit': the surfaces pass.*0\.04 m deep.*at t = 0\.9") as told:
+        assert discs() == 1.0
+    step = float(re.search(r"'max_step_size': ([0-9.e-]+)", " ".join(str(w.message) for w in told))[1])
+    assert discs(options={"max_step_size": step}) == pytest.approx(0, abs=1e-4)
