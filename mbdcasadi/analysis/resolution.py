@@ -96,16 +96,16 @@ class Resolution:
         offered = [s for element in elements for s in getattr(element, "smoothings", ())]
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         self._smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
-        self._gapped = [e for e in elements if hasattr(e, "gaps") and not ca.depends_on(e.gaps, unknown)]
-        self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gaps for e in self._gapped])
-        self._owner = [e for e in self._gapped for _ in range(e.gaps.numel())]
+        gapped = [e for e in elements if hasattr(e, "gap") and hasattr(e, "smoothings")]
+        self._owner = [e for e in gapped if not ca.depends_on(e.gap, unknown)]
+        self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self._owner])
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
-        slopes = time_derivative(courses, eom.mechanism)
+        scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
         self._spans = np.array([s.span for s in self._smoothings])
-        self._relative = np.array([s.relative for s in self._smoothings], dtype=bool)
-        self.rates = ca.vertcat(slopes, ca.fabs(slopes), ca.if_else(self._gaps < 0, 1.0, 0.0))
+        slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
+        self.rates = ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0))
         if self.rates.numel():
-            self._courses = ca.Function("courses", known, [ca.densify(courses)])
+            self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
             self._gaps_at = ca.Function("gaps", known, [ca.densify(self._gaps)])
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
@@ -122,8 +122,9 @@ class Resolution:
         n = len(self._smoothings)
         if n:
             courses = self._at(self._courses, knots, states)
-            missed = np.abs(np.diff(courses, axis=0) - steps[:, :n])
-            seen = np.maximum(np.maximum(np.abs(courses[:-1]), np.abs(courses[1:])), steps[:, n : 2 * n] / 2)
+            missed = np.abs(np.diff(courses[:, :n], axis=0) - steps[:, :n])
+            size = np.abs(courses[:, n:])
+            seen = np.maximum(np.maximum(size[:-1], size[1:]), steps[:, n : 2 * n] / 2)
             self._blocks.append((knots[1:], missed, seen))
         for k, start, depth, spell in self._passes(chunk) if self._owner else ():
             self._passed.setdefault(k, _Finding()).add(start, depth, spell)
@@ -166,7 +167,7 @@ class Resolution:
             return {}
         times, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         largest = np.max(seen, axis=0)
-        spans = self._spans * np.where(self._relative, seen, 1.0)
+        spans = self._spans * seen
         counts = (seen > SMALL * largest) & (spans > 0)
         share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
         found: dict[str, str] = {}

@@ -21,12 +21,12 @@ class Smoothing:
         What it is, with the element, in words.
     remedy : str
         What to do besides tightening the tolerances.
-    relative : bool
-        Whether the span is a multiple of its largest size at the time, as of a load.
+    scale : casadi.SX or None
+        A load at the time, of which the span is a multiple; None where the span is all.
     """
 
     expression: ca.SX
     span: float
     subject: str
     remedy: str
-    relative: bool = False
+    scale: ca.SX | None = None

@@ -72,15 +72,10 @@ class EndStop(Element):
         depth, speed = if_else(closed, -self.gap, 0), if_else(closed, -self.rate, 0)
         return if_else(closed, ca.SX(quantity(self.law(depth, speed), self.what, "law")), 0)
 
-    @property
-    def gaps(self) -> ca.SX:
-        """The gap (1,), as contacts have it by place."""
-        return self.gap
-
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
         """What a run must follow in several steps."""
-        return (Smoothing(self.force, 1.0, f"{self.what}: its force", "or soften the law", relative=True),)
+        return (Smoothing(self.force, 1.0, f"{self.what}: its force", "or soften the law", self.force),)
 
     @cached_property
     def potential(self) -> ca.SX:

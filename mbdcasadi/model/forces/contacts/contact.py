@@ -16,7 +16,8 @@ from ...quantities import quantity
 from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
 from .outlines import Outline
-from .touching import Touch, touches
+from .places import Touch
+from .touching import touches
 
 
 class Contact(Element):
@@ -30,7 +31,7 @@ class Contact(Element):
     ----------
     name : str
         Its name.
-    a, b : Circle, Point, Segment, HalfPlane or PolygonEdges
+    a, b : Circle, Point, Segment, HalfPlane, PolygonEdges or HollowCircle
         The outlines, on two bodies; the ground may be one.
     law : callable
         ``law(penetration, rate)`` returns the normal force, N: :class:`HuntCrossley`.
@@ -126,13 +127,17 @@ class Contact(Element):
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps: normal forces, and what smooths the friction, times these."""
-        softer = "or soften the law"
-        found = [(p.normal_force, 1.0, "normal force", softer) for p in self._places]
+        """What a run must follow in several steps: the normal force, and what smooths the friction, times that.
+
+        Sums over the places, since places hand over to each other.
+        """
+        load = self.normal_force
+        found = [Smoothing(load, 1.0, f"{self.what}: its normal force", "or soften the law", load)]
         if self.friction is not None:
-            turn, remedy = "friction's change of direction", self.friction.remedy
-            found += [(p.normal_force * e, 2.0, turn, remedy) for p in self._places for e in p.smoothed]
-        return tuple(Smoothing(e, span, f"{self.what}: its {what}", r, relative=True) for e, span, what, r in found)
+            turn = f"{self.what}: its friction's change of direction"
+            for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
+                found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
+        return tuple(found)
 
     @property
     def gap(self) -> ca.SX:

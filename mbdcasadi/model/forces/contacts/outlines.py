@@ -41,6 +41,24 @@ class Circle(Outline):
         self.limits = tuple(limits)
 
 
+class HollowCircle(Outline):
+    """A round hole, touched from inside: a bore, a drum.
+
+    Parameters
+    ----------
+    marker : Marker
+        Its centre.
+    radius : float or expression
+        m, above 0.
+    """
+
+    def __init__(self, marker: Any, radius: Any):
+        self.marker = as_marker(marker, "HollowCircle", "marker")
+        limits: list[Limit] = []
+        self.radius = quantity(radius, f"HollowCircle on '{self.marker.body.name}'", "radius", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+
+
 class Point(Outline):
     """A point: a corner, a foot.
 
@@ -127,3 +145,9 @@ class PolygonEdges(Outline):
     def corners(self) -> list[ca.SX]:
         """Positions of the corners, each (2,), m."""
         return [self.marker.position + self.marker.axes @ ca.DM(point) for point in self.points]
+
+    @property
+    def normals(self) -> list[ca.SX]:
+        """Outward unit normals of the edges, each from a corner to the next (2,)."""
+        sides = np.roll(self.points, -1, axis=0) - self.points
+        return [self.marker.axes @ ca.DM([s[1], -s[0]]) / float(np.hypot(*s)) for s in sides]
