@@ -91,7 +91,7 @@ class Run:
         self.resolution = Resolution(numeric)
 
     # --- the loop ------------------------------------------------------------------------
-    def over(self, grid: np.ndarray, start: State, *, redundant: bool) -> Trajectory:
+    def over(self, grid: np.ndarray, start: State, *, redundant: bool, after_reset: bool = False) -> Trajectory:
         """Run over an output grid from a consistent start."""
         began = clock.perf_counter()
         step = self._step = Stepper(
@@ -99,6 +99,8 @@ class Run:
         )
         self.feed.ask(start)
         self._impacts = Impacts(self.numeric, self.watch, float(grid[-1] - grid[0]))
+        if after_reset:
+            self.watch.reset_at(start)
         record = self._record = Record(
             self.numeric.eom.mechanism, self.numeric.p, step.outputs.recovery.refine(self.feed.rule)
         )

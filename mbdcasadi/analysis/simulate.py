@@ -23,7 +23,8 @@ from .mappings import pairs_of, parameter_vector, time_grid
 from .monitors import tell_monitors
 from .run import Run
 from .starting import carried_by, start_state
-from .stick_slip import StickSlip, switching
+from .stick_slip.modes import switching
+from .stick_slip.run import StickSlip
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
@@ -116,7 +117,31 @@ def simulate(
     grid = _grid(times, duration)
     if switching(mechanism):
         settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
-        return StickSlip(mechanism, inputs, parameters, events, settings, simulate).over(grid, initial)
+        return StickSlip(mechanism, inputs, parameters, events, settings, smooth_motion, grid).over(initial)
+    return smooth_motion(
+        mechanism, grid, initial, inputs, parameters, events, method, reltol, abstol, jit, options, progress
+    )
+
+
+def smooth_motion(
+    mechanism: Mechanism,
+    grid: np.ndarray,
+    initial: Any,
+    inputs: Any,
+    parameters: Any,
+    events: Sequence[Event],
+    method: str,
+    reltol: float,
+    abstol: float,
+    jit: bool,
+    options: dict[str, Any] | None,
+    progress: bool = False,
+    after_reset: bool = False,
+) -> Trajectory:
+    """Motion of a mechanism whose friction does not switch; see :func:`simulate`.
+
+    With `after_reset` the start is the state just after an event, which does not take place again there.
+    """
     eom = equations(mechanism)
     tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
@@ -142,13 +167,13 @@ def simulate(
     absolute = absolute_tolerance(numeric, tolerances[1])
     settings = {"reltol": tolerances[0], "abstol": absolute, "jit": jit, "options": options}
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
-    motion = run.over(grid, start, redundant=redundant)
+    motion = run.over(grid, start, redundant=redundant, after_reset=after_reset)
     if absolute < tolerances[1]:
         motion.statistics.notes.append(f"abstol = {absolute:.1e}, as the friction asks for")
     used = {"reltol": tolerances[0], "abstol": absolute} | (options or {})
     for sentence in run.resolution.sentences(used["reltol"], used["abstol"]):
         motion.statistics.notes.append(sentence)
-        warnings.warn(sentence, MechanismWarning, stacklevel=2)
+        warnings.warn(sentence, MechanismWarning, stacklevel=3)
     _tell_exceeded_limits(mechanism, motion)
     tell_monitors(motion)
     return motion
@@ -179,5 +204,5 @@ def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
                 f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
                 MechanismWarning,
-                stacklevel=3,
+                stacklevel=4,
             )
