@@ -23,6 +23,20 @@ SHARE = 1e-3
 SMALLEST = 1e-13
 
 
+def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
+    """What friction is spread over the least: how far, the element, and words for it; None without any."""
+    found: list[tuple[float, Any, str]] = []
+    eom = numeric.eom
+    for element in eom.mechanism.elements:
+        for name, words in NARROW.items():
+            width = getattr(element, name, None)
+            if width is None or ca.depends_on(ca.SX(width), ca.vertcat(*eom.symbols[:-1])):
+                continue
+            value = float(ca.Function("width", [eom.p], [ca.SX(width)])(numeric.p))
+            found.append((value, element, words.format(value)))
+    return min(found, key=lambda entry: entry[0], default=None)
+
+
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     """The absolute tolerance of a run: what was asked for, or less where friction needs it.
 
@@ -31,20 +45,13 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     SimulationError
         For a velocity tolerance that no integrator resolves.
     """
-    found: list[tuple[float, Any, str]] = []
-    eom = numeric.eom
-    for element in eom.mechanism.elements:
-        for name, words in NARROW.items():
-            width = getattr(element, name, None)
-            if width is None or ca.depends_on(ca.SX(width), ca.vertcat(*eom.symbols[:-1])):
-                continue
-            found.append((float(ca.Function("width", [eom.p], [ca.SX(width)])(numeric.p)), element, words))
-    if not found:
+    found = narrowest_friction(numeric)
+    if found is None:
         return asked
-    narrowest, element, words = min(found, key=lambda entry: entry[0])
+    narrowest, element, words = found
     if not np.isfinite(narrowest) or narrowest * SHARE < SMALLEST:
         raise SimulationError(
-            f"{element.what}: {words.format(narrowest)} is too narrow for an integrator, which keeps to "
+            f"{element.what}: {words} is too narrow for an integrator, which keeps to "
             f"{SMALLEST:.0e} at best; take at least {SMALLEST / SHARE:.0e}, or DryFriction, which needs none"
         )
     return min(asked, SHARE * narrowest)

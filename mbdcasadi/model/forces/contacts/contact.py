@@ -12,7 +12,7 @@ from ....errors import ModelError
 from ...elements import Element, cross
 from ...expressions import if_else
 from ...markers import Marker
-from ...quantities import quantity
+from ...quantities import function_of, quantity
 from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
 from .outlines import Outline
@@ -84,9 +84,11 @@ class Contact(Element):
             raise ModelError(
                 f"{self.what}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
             )
-        if not callable(law) or isinstance(law, FrictionLaw):
-            raise ModelError(f"{self.what}: law must be a function of penetration and rate, got {law!r}")
-        self.a, self.b, self.law = a, b, law
+        if isinstance(law, FrictionLaw):
+            raise ModelError(
+                f"{self.what}: law must be a function of penetration and rate, got {law!r}; friction= is it"
+            )
+        self.a, self.b, self.law = a, b, function_of(law, self.what, "law", "penetration", "rate")
         self.markers = (a.marker, b.marker)
         self.friction = None if friction is None else as_law(friction, self.what)
         if self.friction is not None and self.friction.exact:

@@ -133,6 +133,9 @@ class PolygonEdges(Outline):
             raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")
         sides = np.roll(self.points, -1, axis=0) - self.points
         turns = sides[:, 0] * np.roll(sides[:, 1], -1) - sides[:, 1] * np.roll(sides[:, 0], -1)
+        angles = np.arctan2(turns, np.sum(sides * np.roll(sides, -1, axis=0), axis=1))
+        if np.all(turns > 0) and not np.isclose(np.sum(angles), 2 * np.pi):
+            raise ModelError(f"{what}: the outline goes round {np.sum(angles) / (2 * np.pi):.0f} times and cuts itself")
         if np.any(turns <= 0):
             corner = self.points[(int(np.argmin(turns)) + 1) % len(self.points)]
             raise ModelError(
