@@ -12,11 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from ..model.mechanism import Mechanism
 from ..model.smoothing import Smoothing
 from ..model.symbols import time_derivative
 
@@ -96,8 +98,7 @@ class Resolution:
         offered = [s for element in elements for s in getattr(element, "smoothings", ())]
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         self._smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
-        gapped = [e for e in elements if hasattr(e, "gap") and hasattr(e, "smoothings")]
-        self._owner = [e for e in gapped if not ca.depends_on(e.gap, unknown)]
+        self._owner = [e for e in elements if _has_gap(e) and not ca.depends_on(e.gap, unknown)]
         self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self._owner])
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
         scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
@@ -183,6 +184,15 @@ class Resolution:
                 f"reltol and abstol (they were {reltol:.0e} and {abstol:.0e}), {smoothing.remedy}",
             )
         return found
+
+
+def has_gaps(mechanism: Mechanism) -> bool:
+    """Whether a mechanism has contacts or stops, which an integrator may jump over."""
+    return any(_has_gap(element) for element in mechanism.elements)
+
+
+def _has_gap(element: Any) -> bool:
+    return hasattr(element, "gap") and hasattr(element, "smoothings")
 
 
 def _interpolated(times: np.ndarray, x: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:

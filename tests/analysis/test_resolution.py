@@ -95,3 +95,17 @@ def test_what_passes_through_is_told(monkeypatch):
         assert discs() == 1.0
     step = float(re.search(r"'max_step_size': ([0-9.e-]+)", " ".join(str(w.message) for w in told))[1])
     assert discs(options={"max_step_size": step}) == pytest.approx(0, abs=1e-4)
+
+
+def test_sensitivities_and_sweeps_meet_short_contacts():
+    """The velocity after an elastic blow by the masses: ``v = 2 m_a/(m_a + m_b)``, and its derivative."""
+    mass = mbd.Parameter("m", 1.0)
+    a = mbd.Body("a", mass=mass, inertia=0.01, pose=(-1, 0, 0), velocity=(1, 0, 0))
+    b = mbd.Body("b", mass=1, inertia=0.01)
+    hit = mbd.Contact("hit", mbd.Circle(a.at(0, 0), 0.02), mbd.Circle(b.at(0, 0), 0.02), mbd.HuntCrossley(1e7))
+    mechanism = mbd.Mechanism([a, b], forces=[hit], parameters=[mass])
+    times = np.linspace(0, 3, 7)
+    swept = mbd.sweep(mechanism, times, cases={mass: [0.5, 1.0, 3.0]}, outputs={"v": b.vx})
+    np.testing.assert_allclose(np.asarray(swept["v"])[:, -1], [2 / 3, 1.0, 1.5], atol=1e-5)
+    slope = mbd.sensitivities(mechanism, times, outputs=[b.vx], wrt=[mass])[b.vx, mass][-1]
+    assert slope == pytest.approx(0.5, abs=1e-4)

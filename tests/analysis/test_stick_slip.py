@@ -310,6 +310,36 @@ def test_a_controller():
     assert [e.name for e in motion.events] == ["rub stops"] * 2
 
 
+def test_redundant_guides_are_told():
+    """Friction by a load that is not unique has no answer; by a given load it has."""
+    for friction, fails in ((mbd.JointFriction, True), (mbd.LoadIndependentFriction, False)):
+        block = mbd.Body("block", mass=1, inertia=1)
+        guides = [mbd.Translational(f"g{k}", mbd.ground.at(0, 0), block.at(0.1 * k, 0)) for k in range(2)]
+        load = {} if fails else {"load": 5.0}
+        rub = friction("rub", guides[0], mbd.DryFriction(0.3), **load)
+        mechanism = mbd.Mechanism([block], guides, forces=[mbd.Gravity(), rub])
+        start = [block.x == 0, block.vx == 1.0]
+        if fails:
+            with pytest.raises(mbd.SimulationError, match=r"'rub' depends on reactions.*LoadIndependentFriction"):
+                mbd.simulate(mechanism, [0, 1], initial=start)
+        else:
+            motion = mbd.simulate(mechanism, [0, 1], initial=start)
+            assert motion[block.x][-1] == pytest.approx(1 / (2 * 0.3 * 5), abs=1e-7)
+
+
+def test_survives_a_file(tmp_path):
+    """Values at outputs and events come back; between outputs the file knows no modes, and says so."""
+    _, guide, rub, mechanism = sledge(mbd.DryFriction(0.3))
+    start = [guide.displacement == 0, guide.speed == 1.0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 101), initial=start)
+    motion.save(tmp_path / "run.npz")
+    again = mbd.read_trajectory(tmp_path / "run.npz", mechanism)
+    np.testing.assert_array_equal(again[rub.force], motion[rub.force])
+    assert [e.name for e in again.events] == ["rub stops"]
+    with pytest.raises(mbd.MechanismError, match="interpolate"):
+        again.at([0.123])
+
+
 def test_with_a_compliant_contact():
     """A block on a dry guide thrown against a spring-like wall: work of friction and nothing else is lost."""
     mu, speed = 0.2, 2.0

@@ -303,5 +303,12 @@ def test_refuses():
         mbd.Contact("c", mbd.HalfPlane(a.at(0, 0)), mbd.HalfPlane(b.at(0, 0)), FIRM)
     with pytest.raises(mbd.ModelError, match=r"HalfPlane and HollowCircle|HollowCircle and HalfPlane"):
         mbd.Contact("c", mbd.HollowCircle(a.at(0, 0), 1.0), mbd.HalfPlane(b.at(0, 0)), FIRM)
+    star = np.arange(5) * 4 * np.pi / 5
+    with pytest.raises(mbd.ModelError, match="goes round 2 times"):
+        mbd.PolygonEdges(a.at(0, 0), np.column_stack([np.cos(star), np.sin(star)]))
+    with pytest.raises(mbd.ModelError, match=r"'c': law must be a function of penetration and rate: too many"):
+        mbd.Contact("c", block, mbd.Circle(b.at(0, 0), 0.1), lambda depth: 1e5 * depth)
+    with pytest.raises(mbd.ModelError, match=r"'c'.*friction="):
+        mbd.Contact("c", block, mbd.Circle(b.at(0, 0), 0.1), mbd.Coulomb(0.3, 1e-3))
     with pytest.raises(mbd.ModelError, match="convex"):
         mbd.PolygonEdges(a.at(0, 0), [(0, 0), (2, 0), (2, 2), (1, 0.5)])

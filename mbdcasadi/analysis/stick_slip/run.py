@@ -85,6 +85,7 @@ class StickSlip:
             given = {"inputs": self.inputs.at(begin), "parameters": self.modes.parameters}
             state = assemble(self.modes.variant(free), initial, t=begin, **given)
         state = self.modes.at(free, begin, state.q, state.v, state.z)
+        self._refuse_redundant(state)
         self._impacts = Impacts(self.modes.numeric(free), self._watch, float(grid[-1] - grid[0]))
         self._switches = 0
         for end in self.inputs.instants(grid):
@@ -92,6 +93,17 @@ class StickSlip:
             if ended:
                 break
         return joined(self.modes, self._pieces, self._found, grid)
+
+    def _refuse_redundant(self, state: State) -> None:
+        """Friction under reactions that are not unique has no solution to find."""
+        if not self.modes.numeric(self.modes.free).has_redundant_rows(state.t, state.q):
+            return
+        names = [f.what for f in self.frictions if ca.depends_on(ca.SX(f.load), equations(self.mechanism).lam)]
+        if names:
+            raise SimulationError(
+                f"{', '.join(names)} depends on reactions, and with redundant constraints these are not unique: remove "
+                "the redundant rows (see check), or take LoadIndependentFriction"
+            )
 
     def _until(self, end: float, state: State) -> tuple[bool, State]:
         """Run to a time at which inputs jump, or to the end: whether an event ended it, and the state reached."""
