@@ -29,6 +29,8 @@ MISSED = 0.5
 SMALL = 1e-3
 #: Points within an output interval at which gaps are looked at.
 POINTS = 9
+#: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
+SHALLOW = 1e-9
 #: Depth, as a share of the change of a gap over an interval, from which an interpolated path counts as a touch.
 DEPTH = 1e-2
 
@@ -103,6 +105,8 @@ class Resolution:
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
         scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
         self._spans = np.array([s.span for s in self._smoothings])
+        self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
+        self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
         self.rates = ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0))
         if self.rates.numel():
@@ -126,7 +130,7 @@ class Resolution:
             missed = np.abs(np.diff(courses[:, :n], axis=0) - steps[:, :n])
             size = np.abs(courses[:, n:])
             seen = np.maximum(np.maximum(size[:-1], size[1:]), steps[:, n : 2 * n] / 2)
-            self._blocks.append((knots[1:], missed, seen))
+            self._blocks.append((knots[1:], np.diff(knots), missed, seen))
         for k, start, depth, spell in self._passes(chunk) if self._owner else ():
             self._passed.setdefault(k, _Finding()).add(start, depth, spell)
 
@@ -146,7 +150,7 @@ class Resolution:
         spell = np.mean(inside, axis=1) * lengths[:, None]
         way = np.max(gaps, axis=1) - np.min(gaps, axis=1)
         closed = np.abs(chunk.integrals[:, 2 * len(self._smoothings) :])
-        for row, k in np.argwhere((depth > DEPTH * way) & (depth > 0) & (closed < DEPTH * spell)):
+        for row, k in np.argwhere((depth > DEPTH * way) & (depth > SHALLOW) & (closed < DEPTH * spell)):
             entry = max(int(np.argmax(inside[row, :, k])) - 1, 0)
             yield int(k), float(between[row, entry]), float(depth[row, k]), float(spell[row, k])
 
@@ -166,10 +170,12 @@ class Resolution:
     def _missed(self, reltol: float, abstol: float) -> dict[str, str]:
         if not self._blocks:
             return {}
-        times, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
+        times, lengths, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         largest = np.max(seen, axis=0)
         spans = self._spans * seen
-        counts = (seen > SMALL * largest) & (spans > 0)
+        # a load that could not change a velocity by more than the tolerance does not matter
+        matters = missed * lengths[:, None] > abstol * self._lightest
+        counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
         share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
         found: dict[str, str] = {}
         for smoothing, course in zip(self._smoothings, share.T, strict=True):

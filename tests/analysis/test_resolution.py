@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import mbdcasadi as mbd
 import mbdcasadi.analysis.run
@@ -109,3 +110,51 @@ def test_sensitivities_and_sweeps_meet_short_contacts():
     np.testing.assert_allclose(np.asarray(swept["v"])[:, -1], [2 / 3, 1.0, 1.5], atol=1e-5)
     slope = mbd.sensitivities(mechanism, times, outputs=[b.vx], wrt=[mass])[b.vx, mass][-1]
     assert slope == pytest.approx(0.5, abs=1e-4)
+
+
+def test_what_carries_nothing_is_quiet():
+    """Discs that touch at rest without a load, and a block that slides along a floor at zero gap: nothing is told."""
+    a = mbd.Body("a", mass=1, inertia=0.01, pose=(0.1, 0.3, 0))
+    b = mbd.Body("b", mass=1, inertia=0.01, pose=(0.3, 0.3, 0))
+    c = mbd.Body("c", mass=1, inertia=0.01, pose=(0, 0.1, 0), velocity=(1, 0, 0))
+    block = mbd.PolygonEdges(c.at(0, 0), [(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)])
+    discs = [mbd.Circle(body.at(0, 0), 0.1) for body in (a, b)]
+    contacts = [
+        mbd.Contact("discs", *discs, mbd.HuntCrossley(1e8)),
+        mbd.Contact("floor", block, mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.HuntCrossley(1e6), mbd.Coulomb(0.3, 1e-3)),
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = mbd.simulate(mbd.Mechanism([a, b, c], forces=contacts), np.linspace(0, 5, 51))
+    assert motion[c.x][-1] == pytest.approx(5, abs=1e-6)
+    assert np.ptp(motion[a.x]) < 1e-9
+    assert motion.statistics.restarts < 5
+
+
+def test_a_cradle_of_elastic_balls():
+    """Five pendulums in a row by Hertz's contact: nearly all goes through to the last one, the energy is kept."""
+    length, radius, count = 1.0, 0.05, 5
+    balls = [mbd.Body(f"ball {k}", mass=0.2, inertia=1e-4, pose=(2 * k * radius, -length, 0)) for k in range(count)]
+    strings = [
+        mbd.Revolute(f"string {k}", mbd.ground.at(2 * k * radius, 0), ball.at(0, length))
+        for k, ball in enumerate(balls)
+    ]
+    law, outlines = mbd.HuntCrossley(1e9), [mbd.Circle(ball.at(0, 0), radius) for ball in balls]
+    hits = [mbd.Contact(f"hit {k}", outlines[k], outlines[k + 1], law) for k in range(count - 1)]
+    mechanism = mbd.Mechanism(balls, strings, forces=[mbd.Gravity(), *hits])
+    start = [balls[0].phi == -0.3, *[ball.phi == 0 for ball in balls[1:]], *[ball.omega == 0 for ball in balls]]
+    motion = mbd.simulate(mechanism, np.linspace(0, 1.3, 131), initial=start)
+    speed = np.sqrt(2 * G * length * (1 - np.cos(0.3)))
+
+    def chain(_, state):
+        """The balls on a line, from the first touch on."""
+        force = 1e9 * np.maximum(-np.diff(state[:count]), 0) ** 1.5
+        return np.r_[state[count:], -np.diff(np.r_[0, force, 0]) / 0.2]
+
+    after = solve_ivp(chain, (0, 5e-3), np.r_[np.zeros(count), speed, np.zeros(count - 1)], rtol=1e-10, atol=1e-13)
+    share = after.y[-1, -1] / speed
+    assert 0.98 < share < 0.995
+    # the strings turn the balls a little as they swing, with 1e-4/(0.2 length²) of the inertia
+    highest = np.arccos(1 - (share * speed) ** 2 / (2 * G * length))
+    assert motion[balls[-1].phi].max() == pytest.approx(highest, rel=2e-3)
+    np.testing.assert_allclose(motion.energy.total, motion.energy.total[0], atol=1e-6)
