@@ -117,10 +117,19 @@ def simulate(
     grid = _grid(times, duration)
     if switching(mechanism):
         settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
-        return StickSlip(mechanism, inputs, parameters, events, settings, smooth_motion, grid).over(initial)
-    return smooth_motion(
-        mechanism, grid, initial, inputs, parameters, events, method, reltol, abstol, jit, options, progress
-    )
+        motion, unresolved = StickSlip(mechanism, inputs, parameters, events, settings, smooth_motion, grid).over(
+            initial
+        )
+    else:
+        motion, unresolved = smooth_motion(
+            mechanism, grid, initial, inputs, parameters, events, method, reltol, abstol, jit, options, progress
+        )
+    for sentence in unresolved:
+        motion.statistics.notes.append(sentence)
+        warnings.warn(sentence, MechanismWarning, stacklevel=2)
+    _tell_exceeded_limits(mechanism, motion)
+    tell_monitors(motion)
+    return motion
 
 
 def smooth_motion(
@@ -137,8 +146,8 @@ def smooth_motion(
     options: dict[str, Any] | None,
     progress: bool = False,
     after_reset: bool = False,
-) -> Trajectory:
-    """Motion of a mechanism whose friction does not switch; see :func:`simulate`.
+) -> tuple[Trajectory, list[str]]:
+    """Motion of a mechanism whose friction does not switch, and what was not resolved; see :func:`simulate`.
 
     With `after_reset` the start is the state just after an event, which does not take place again there.
     """
@@ -171,12 +180,7 @@ def smooth_motion(
     if absolute < tolerances[1]:
         motion.statistics.notes.append(f"abstol = {absolute:.1e}, as the friction asks for")
     used = {"reltol": tolerances[0], "abstol": absolute} | (options or {})
-    for sentence in run.resolution.sentences(used["reltol"], used["abstol"]):
-        motion.statistics.notes.append(sentence)
-        warnings.warn(sentence, MechanismWarning, stacklevel=3)
-    _tell_exceeded_limits(mechanism, motion)
-    tell_monitors(motion)
-    return motion
+    return motion, run.resolution.sentences(used["reltol"], used["abstol"])
 
 
 def _grid(times: Any, duration: float | None) -> np.ndarray:
@@ -204,5 +208,5 @@ def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
                 f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
                 MechanismWarning,
-                stacklevel=4,
+                stacklevel=3,
             )

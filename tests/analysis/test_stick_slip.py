@@ -191,6 +191,8 @@ def test_with_user_events_inputs_and_states():
     assert [e.name for e in motion.events] == ["half", "there"]
     assert motion.t[-1] == pytest.approx(np.sqrt(2 / pull), abs=1e-8)
     assert motion[guide.displacement][-1] == pytest.approx(1, abs=1e-9)
+    onward = mbd.simulate(mechanism, np.linspace(0, 0.5, 6), initial=motion.final)  # a state brings its inputs along
+    assert onward[guide.displacement][-1] == pytest.approx(1 + np.sqrt(2 * pull) * 0.5 + pull / 8, abs=1e-7)
     rest = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=motion.final, inputs={tau: 0.0})
     assert rest[guide.displacement][-1] == pytest.approx(1 + 2 * pull / (2 * 0.3 * G), abs=1e-8)
     assert rest[guide.speed][-1] == pytest.approx(0, abs=1e-12)

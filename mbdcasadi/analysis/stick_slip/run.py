@@ -17,6 +17,8 @@ from ...results.trajectory import EventOccurrence, Trajectory
 from ..assemble import assemble
 from ..event_location import EventWatch
 from ..impact import Impacts
+from ..mappings import pairs_of
+from ..starting import carried_by
 from .inputs import CutInputs
 from .joined import Piece, joined
 from .modes import SENSE, Modes, ModesOfFriction
@@ -50,7 +52,7 @@ class StickSlip:
         parameters: Any,
         events: Sequence[Event],
         settings: dict[str, Any],
-        smooth_motion: Callable[..., Trajectory],
+        smooth_motion: Callable[..., tuple[Trajectory, list[str]]],
         grid: np.ndarray,
     ):
         self.mechanism, self._smooth_motion, self._settings = mechanism, smooth_motion, settings
@@ -63,6 +65,7 @@ class StickSlip:
         self._refuse_names()
         self._pieces: list[Piece] = []
         self._found: list[EventOccurrence] = []
+        self._unresolved: list[str] = []
 
     def _refuse_names(self) -> None:
         own = {name for f in self.frictions for name in (_stops(f), _breaks(f))}
@@ -73,15 +76,15 @@ class StickSlip:
                 )
 
     # --- the run -----------------------------------------------------------------------------------
-    def over(self, initial: Any) -> Trajectory:
-        """Run over the output grid."""
+    def over(self, initial: Any) -> tuple[Trajectory, list[str]]:
+        """Run over the output grid: the motion, and what was not resolved."""
         grid, free = self.grid, self.modes.free
         begin = float(grid[0])
+        own = carried_by(initial, self.mechanism)
+        self.modes.parameters = own["parameters"] | dict(pairs_of(self.modes.parameters, "parameters="))
+        self.inputs.values = own["inputs"] | self.inputs.values
         state = initial
-        if isinstance(initial, State):
-            if self.modes.parameters is None:
-                self.modes.parameters = dict(zip(initial.mechanism.parameters, initial.parameters, strict=True))
-        else:
+        if not isinstance(initial, State):
             given = {"inputs": self.inputs.at(begin), "parameters": self.modes.parameters}
             state = assemble(self.modes.variant(free), initial, t=begin, **given)
         state = self.modes.at(free, begin, state.q, state.v, state.z)
@@ -92,7 +95,7 @@ class StickSlip:
             ended, state = self._until(float(end), state)
             if ended:
                 break
-        return joined(self.modes, self._pieces, self._found, grid)
+        return joined(self.modes, self._pieces, self._found, grid), list(dict.fromkeys(self._unresolved))
 
     def _refuse_redundant(self, state: State) -> None:
         """Friction under reactions that are not unique has no solution to find."""
@@ -162,7 +165,7 @@ class StickSlip:
                 sense = -int(SENSE[mode])
                 own.append(Event(_stops(friction), friction.sliding_speed, direction=sense, terminal=True))
         self._own_names = {event.name for event in own}
-        motion = self._smooth_motion(
+        motion, unresolved = self._smooth_motion(
             self.modes.variant(modes),
             times,
             initial=state,
@@ -172,6 +175,7 @@ class StickSlip:
             after_reset=after_reset,
             **self._settings,
         )
+        self._unresolved += unresolved
         self._check_senses(modes, motion)
         return Piece(modes, motion)
 
