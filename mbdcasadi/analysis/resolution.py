@@ -198,7 +198,7 @@ def has_gaps(mechanism: Mechanism) -> bool:
 
 
 def _has_gap(element: Any) -> bool:
-    return hasattr(element, "gap") and hasattr(element, "smoothings")
+    return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
 
 
 def _interpolated(times: np.ndarray, x: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:

@@ -60,7 +60,12 @@ class Contact(Element):
 
     Notes
     -----
-    The stiffer the contact, the smaller the steps. Where exact stick or impact without
+    Two polygons touch by the edges that face each other, with a place at each of their four
+    ends: a block on an equal one stands on two corners. Where the edges change, as when a
+    corner slips off, the forces jump; so they do where the centre of a circle is deep inside.
+
+    The stiffer the contact, the smaller the steps. ``simulate`` does not pass over a contact that is
+    closed for a short time, and warns where its steps did not resolve the forces. Where exact stick or impact without
     a stiffness is wanted, see ``DryFriction`` and ``Event(reset=)``.
 
     Examples
