@@ -31,6 +31,8 @@ SMALL = 1e-3
 POINTS = 9
 #: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
 SHALLOW = 1e-9
+#: Ways at the speeds of approach at both ends of an interval, beyond which a gap cannot close within it.
+REACH = 2.0
 #: Depth, as a share of the change of a gap over an interval, from which an interpolated path counts as a touch.
 DEPTH = 1e-2
 
@@ -108,10 +110,12 @@ class Resolution:
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
-        self.rates = ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0))
+        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0)))
         if self.rates.numel():
             self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
             self._gaps_at = ca.Function("gaps", known, [ca.densify(self._gaps)])
+            approach = ca.vertcat(self._gaps, time_derivative(self._gaps, eom.mechanism))
+            self._approach = ca.Function("approach", known, [ca.densify(approach)])
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
 
@@ -141,16 +145,23 @@ class Resolution:
 
     def _passes(self, chunk: Path) -> Iterator[tuple[int, float, float, float]]:
         """Outlines that meet on the interpolated path, though never at a step: gap, time, depth, for how long."""
+        lengths, n = np.diff(chunk.times), len(self._owner)
+        closed = np.abs(chunk.integrals[:, 2 * len(self._smoothings) :])
+        knots = self._at(self._approach, chunk.times, chunk.x)
+        gaps, speeds = knots[:, :n], np.abs(knots[:, n:])
+        within = REACH * lengths[:, None] * np.maximum(speeds[:-1], speeds[1:])
+        near = (np.minimum(gaps[:-1], gaps[1:]) <= within) & (closed < DEPTH * lengths[:, None])
+        rows = np.flatnonzero(np.any(near, axis=1))
+        if not rows.size:
+            return
         share = np.linspace(0, 1, POINTS + 2)
-        lengths = np.diff(chunk.times)
-        between = chunk.times[:-1, None] + lengths[:, None] * share
-        path = _interpolated(chunk.times, chunk.x, self._numeric.eom.q.numel(), share)
+        between = chunk.times[rows, None] + lengths[rows, None] * share
+        path = _interpolated(lengths[rows], chunk.x[rows], chunk.x[rows + 1], self._numeric.eom.q.numel(), share)
         gaps = self._at(self._gaps_at, between.ravel(), path).reshape(*between.shape, -1)
         depth, inside = -np.min(gaps, axis=1), gaps < 0
-        spell = np.mean(inside, axis=1) * lengths[:, None]
+        spell = np.mean(inside, axis=1) * lengths[rows, None]
         way = np.max(gaps, axis=1) - np.min(gaps, axis=1)
-        closed = np.abs(chunk.integrals[:, 2 * len(self._smoothings) :])
-        for row, k in np.argwhere((depth > DEPTH * way) & (depth > SHALLOW) & (closed < DEPTH * spell)):
+        for row, k in np.argwhere((depth > DEPTH * way) & (depth > SHALLOW) & (closed[rows] < DEPTH * spell)):
             entry = max(int(np.argmax(inside[row, :, k])) - 1, 0)
             yield int(k), float(between[row, entry]), float(depth[row, k]), float(spell[row, k])
 
@@ -201,10 +212,10 @@ def _has_gap(element: Any) -> bool:
     return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
 
 
-def _interpolated(times: np.ndarray, x: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:
-    """States on the cubic Hermite path through outputs, at shares of each interval, by row."""
-    h, s = np.diff(times)[:, None, None], share[None, :, None]
-    q0, q1, v0, v1 = x[:-1, None, :n], x[1:, None, :n], x[:-1, None, n : 2 * n], x[1:, None, n : 2 * n]
+def _interpolated(lengths: np.ndarray, begin: np.ndarray, end: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:
+    """States on the cubic Hermite path from one output to the next, at shares of each interval, by row."""
+    h, s = lengths[:, None, None], share[None, :, None]
+    q0, q1, v0, v1 = begin[:, None, :n], end[:, None, :n], begin[:, None, n : 2 * n], end[:, None, n : 2 * n]
     q = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * h * v0 + s**2 * (3 - 2 * s) * q1 - s**2 * (1 - s) * h * v1
-    rest = (1 - s) * x[:-1, None, n:] + s * x[1:, None, n:]
-    return np.concatenate([q, rest], axis=2).reshape(-1, x.shape[1])
+    rest = (1 - s) * begin[:, None, n:] + s * end[:, None, n:]
+    return np.concatenate([q, rest], axis=2).reshape(-1, begin.shape[1])
