@@ -24,6 +24,12 @@ function valueAt(index, time) {
   return first + (place - k) * (sampleAt(column, k + 1) - first);
 }
 
+// The same, where what is smaller than a step of the quantisation counts as zero.
+function numberAt(index, time) {
+  const value = valueAt(index, time);
+  return Math.abs(value) < (DATA.columns[index].s || 0) ? 0 : value;
+}
+
 function timeOf(k) { return DATA.t0 + (DATA.t1 - DATA.t0) * k / (DATA.count - 1); }
 
 function frameOf(time) { return (time - DATA.t0) / (DATA.t1 - DATA.t0) * (DATA.count - 1); }

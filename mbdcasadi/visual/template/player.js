@@ -29,7 +29,7 @@ function showReading() {
   for (const reading of item.readings) {
     const row = table.insertRow(), comma = reading.label.lastIndexOf(", ");
     row.insertCell().textContent = reading.label.slice(0, comma);
-    row.insertCell().textContent = written(valueAt(reading.column, state.time)) + " " + reading.label.slice(comma + 2);
+    row.insertCell().textContent = written(numberAt(reading.column, state.time)) + " " + reading.label.slice(comma + 2);
   }
   box.append(name, kind, table);
 }

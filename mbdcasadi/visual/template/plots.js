@@ -50,7 +50,7 @@ function drawPlots(time, dark) {
         if (k === 0) draw.moveTo(x, y); else draw.lineTo(x, y);
       }
       draw.stroke();
-      const value = valueAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value);
+      const value = numberAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value);
       draw.fillText(text, left, 14);
       left += draw.measureText(text).width + 12;
       draw.beginPath(); draw.arc(across(plot, time), up(value), 3.5, 0, 7); draw.fill();
