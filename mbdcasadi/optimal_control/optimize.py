@@ -17,6 +17,7 @@ from .refine import refine
 from .solution import Shifted, Solution
 from .solver import Solver
 from .starts import best_of, guesses
+from .transcription import Transcription
 
 
 def optimize(
@@ -29,7 +30,7 @@ def optimize(
     starts: Any = None,
     initial: Any = None,
     parameters: Any = None,
-    transcription: str = "gauss-legendre",
+    transcription: str | type[Transcription] = "gauss-legendre",
     control: str = "polynomial",
     progress: bool = False,
     options: dict[str, Any] | None = None,
@@ -57,8 +58,8 @@ def optimize(
         Instead of the problem's own; what was compiled is used again.
     parameters : mapping, optional
         Parameter to number.
-    transcription : {"gauss-legendre", "hermite-simpson"}
-        See :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
+    transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
+        A scheme of the package by name, or one of the user's own; see :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
         :class:`~mbdcasadi.optimal_control.hermite_simpson.HermiteSimpson`.
     control : {"polynomial", "linear", "constant"}
         How inputs vary on the intervals. Limits of polynomials hold at the
@@ -104,8 +105,12 @@ def optimize(
 
 
 def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
-    if transcription not in TRANSCRIPTIONS:
-        raise ModelError(f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)}, got {transcription!r}")
+    own = isinstance(transcription, type) and issubclass(transcription, Transcription)
+    if not own and not (isinstance(transcription, str) and transcription in TRANSCRIPTIONS):
+        raise ModelError(
+            f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)} or a subclass of Transcription, "
+            f"got {transcription!r}"
+        )
     if isinstance(degree, bool) or degree not in (1, 2, 3, 4, 5):
         raise ModelError(f"optimize: degree must be 1 to 5, got {degree!r}")
     if not isinstance(progress, bool):
