@@ -101,5 +101,7 @@ from .optimal_control.waypoints import Waypoint
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .visual.animation import Animation, animate
+from .visual.drawing import draw
 from .visual.fits import plot_residuals
 from .visual.plots import plot

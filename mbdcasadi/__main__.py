@@ -40,6 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="the analysis")
     run.add_argument("--csv", metavar="FILE", type=Path, help="write motion, reactions and efforts as a table")
     run.add_argument("--plot", metavar="FILE", type=Path, help="draw them over time (.png, .pdf, .svg, …)")
+    run.add_argument("--animate", metavar="FILE", type=Path, help="show the motion as a page or film (.html, .gif, .mp4)")
     run.add_argument("--save", metavar="FILE", type=Path, help="write the trajectory for mbd.read_trajectory (.npz)")
     run.add_argument("--method", metavar="NAME", help="integrator for dynamics: idas (default), erk, rosenbrock, auto")
     run.add_argument("--tolerance", metavar="X", type=float, help="its relative and absolute tolerance (default 1e-8)")
@@ -66,7 +67,7 @@ def _failed(error: BaseException, options: argparse.Namespace, status: int) -> i
 
 # --- run -----------------------------------------------------------------------------
 def _outputs(options: argparse.Namespace) -> dict[str, Path]:
-    kinds = ("csv", "plot", "save")
+    kinds = ("csv", "plot", "animate", "save")
     return {kind: path for kind in kinds if (path := getattr(options, kind, None)) is not None}
 
 
@@ -117,13 +118,20 @@ def _check_outputs(outputs: dict[str, Path]) -> None:
         formats = sorted(Figure().canvas.get_supported_filetypes())
         if outputs["plot"].suffix.lower().lstrip(".") not in formats:
             raise mbd.MechanismError(f"--plot {outputs['plot']}: the name must end in one of .{', .'.join(formats)}")
+    if "animate" in outputs:
+        from .visual.animation import writer_for
+
+        writer_for(outputs["animate"])
 
 
 def _write(motion: mbd.Trajectory, outputs: dict[str, Path]) -> None:
     """Write all outputs, or none of them."""
+    from .visual.animation import writer_for
+
     writers: dict[str, Callable[[Path, Path], None]] = {
         "csv": lambda temporary, _: motion.to_csv(temporary),
         "plot": lambda temporary, path: _draw(motion, temporary, path.suffix.lower().lstrip(".")),
+        "animate": lambda temporary, path: writer_for(path)(mbd.animate(motion), temporary),
         "save": lambda temporary, _: motion.save(temporary),
     }
     with ExitStack() as stack:

@@ -17,7 +17,7 @@ from ..model.joints.gears import Gear
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
-from ..model.shapes import Disc, Rod
+from ..model.shapes import Disc, Rectangle, Rod, Shape
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
 
@@ -56,7 +56,7 @@ def planetary_gear(
     central = {
         "sun": Body("sun", m[0], m[0] * rs**2 / 2, shape=Disc(rs)),
         "ring": Body("ring", m[2], m[2] * rr**2),
-        "arm": Body("arm", m[3], m[3] * (2 * reach) ** 2 / 12, shape=Rod(2 * reach)),
+        "arm": Body("arm", m[3], m[3] * (2 * reach) ** 2 / 12, shape=_spider(reach, planets)),
     }
     joints: list[Any] = [Revolute(f"{name} bearing", ground.at(0, 0), b.at(0, 0)) for name, b in central.items()]
     arm = central["arm"]
@@ -85,6 +85,15 @@ def planetary_gear(
         mechanism, coordinates, **central, **symbols, planet_bodies=bodies, sun_meshes=sun_meshes,
         ring_meshes=ring_meshes,
     )  # fmt: skip
+
+
+def _spider(reach: float, count: int) -> Shape:
+    """Arms to all planets, for pictures; both ways where there is one planet."""
+    if count == 1:
+        return Rod(2 * reach)
+    angles = 2 * np.pi * np.arange(count) / count
+    first, *others = (Rod(reach, center=tuple(at_angle(reach / 2, x)), angle=float(x)) for x in angles)
+    return sum(others, first)
 
 
 def cam_follower(
@@ -144,7 +153,9 @@ def cam_follower(
     x = 0.0 if roller is None else -aside
     height = _height(outline, roller, x)
     cam = Body("cam", m[0], m[0] * base**2 / 2, shape=Disc(base))
-    follower = Body("follower", m[1], m[1] * base**2, pose=(x, height, 0.0))
+    # for pictures: a stem, on which the spring sits
+    stem = Rectangle(0.35 * base, 1.6 * base, center=(0.0, 0.8 * base))
+    follower = Body("follower", m[1], m[1] * base**2, pose=(x, height, 0.0), shape=stem)
     shaft = Revolute("shaft", ground.at(0, 0), cam.at(0, 0))
     guide = Translational("guide", ground.at(x, 0, angle=np.pi / 2), follower.at(0, 0, angle=np.pi / 2))
     if roller is None:
@@ -179,10 +190,10 @@ def _height(outline: CamOutline, roller: float | None, x: float) -> float:
 
 
 def _spring(follower: Body, x: float, height: float, base: float, stiffness: Any, preload: Any) -> TSDA:
-    """Spring from the follower to a place above it, compressed by the preload in the estimated pose."""
-    length = 5 * base
+    """Spring from the follower's stem to a place above it, compressed by the preload in the estimated pose."""
+    length = 1.8 * base
     k, force = number(stiffness, "cam_follower", "stiffness"), number(preload, "cam_follower", "preload")
-    at, top = follower.at(0, 0), ground.at(x, height + length)
+    at, top = follower.at(0, 1.6 * base), ground.at(x, height + 1.6 * base + length)
     if k == 0:
         return TSDA("spring", at, top, actuator=-force)
     return TSDA("spring", at, top, stiffness=k, free_length=length + force / k)

@@ -187,6 +187,11 @@ class Trajectory:
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return self._at(wanted, q, v, a, z, lam, u)
 
+    @property
+    def interpolates(self) -> bool:
+        """Whether :meth:`at` can be asked; not where the trajectory was made from arrays alone."""
+        return self._refine is not None
+
     def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)

@@ -146,6 +146,13 @@ def _lines(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], labe
     for k, (name, values) in enumerate(lines.items()):
         colour, style = COLOURS[k % len(COLOURS)], _STYLES[(k // len(COLOURS)) % len(_STYLES)]
         axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker, label=name)
+    dress(axes, label, len(lines) > 1)
+    if len(motion) > 1:
+        axes.set_xlim(motion.t[0], motion.t[-1])
+
+
+def dress(axes: Axes, label: str, legend: bool) -> None:
+    """Give axes their label, a grid, room about what does not change, and a legend beside them."""
     axes.set_ylabel(label)
     axes.grid(True, color="#d8dce0", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -158,11 +165,9 @@ def _lines(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], labe
     if high - low < 1e-9 * max(size, 1e-3):
         margin = 0.1 * size if size > 1e-9 else 1.0
         axes.set_ylim(low - margin, high + margin)
-    if len(motion) > 1:
-        axes.set_xlim(motion.t[0], motion.t[-1])
-    if len(lines) > 1:
-        legend = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", handlelength=1.4)
-        legend.set_frame_on(False)
+    if legend:
+        beside = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", handlelength=1.4)
+        beside.set_frame_on(False)
 
 
 def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:

@@ -122,6 +122,11 @@ class Contact(Element):
         """Speeds of a's surface on b's along the tangent by place (k,), m/s."""
         return ca.vertcat(*[place.sliding_speed for place in self._places])
 
+    @cached_property
+    def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """By place the point (2,), m, and the force on a there (2,), N; b gets the opposite."""
+        return tuple((place.touch.point, place.force) for place in self._places)
+
     @property
     def gap(self) -> ca.SX:
         """Least distance of the surfaces, m."""
@@ -173,7 +178,7 @@ class Place:
         if friction is not None:
             found = friction.resistance(name, self.sliding_speed, self.normal_force)
             self.friction_force, self.rates = if_else(closed, found.force, 0), dict(found.rates)
-        force = self.normal_force * touch.normal + self.friction_force * tangent
+        self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(
             pair
             for marker, load in ((a, force), (b, -force))

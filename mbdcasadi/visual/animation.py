@@ -1,0 +1,162 @@
+"""Animations: GIF, MP4, and a page to play with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import MechanismError
+from ..model.quantities import yes_or_no
+from ..results.writing import whole_file
+from .film import Film, film, trace_options
+from .page import page
+
+
+class Animation:
+    """A motion to be looked at; shows itself in a notebook.
+
+    Attributes
+    ----------
+    film : Film
+        Its frames.
+    html : str
+        The page, with everything that it needs in it.
+    """
+
+    def __init__(self, taken: Film, forces: bool):
+        self.film, self._forces = taken, forces
+        self._html: str | None = None
+
+    @property
+    def html(self) -> str:
+        """The page, with everything that it needs in it."""
+        if self._html is None:
+            self._html = page(self.film, self._forces)
+        return self._html
+
+    def save(self, path: str | Path) -> None:
+        """Write it as ``.html``, ``.gif`` or ``.mp4``, by the ending of the path.
+
+        Raises
+        ------
+        MechanismError
+            For another ending, and for ``.mp4`` where there is no ffmpeg.
+        """
+        writer = writer_for(path)
+        with whole_file(path) as temporary:
+            writer(self, temporary)
+
+    def _repr_html_(self) -> str:
+        """The page within a frame of its own, for notebooks."""
+        text = self.html.replace("&", "&amp;").replace('"', "&quot;")
+        height = 520 + 150 * len(self.film.curves)
+        return (
+            f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
+            'sandbox="allow-scripts" title="animation"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        n, t = len(self.film.t), self.film.t
+        return f"Animation of {self.film.title or 'a mechanism'}: {n} frames, t = {t[0]:.6g} … {t[-1]:.6g} s"
+
+
+def animate(
+    motion: Any,
+    path: str | Path | None = None,
+    *,
+    trace: Any = (),
+    plots: Mapping[str, Any] | None = None,
+    fps: float = 30,
+    speed: float | None = None,
+    forces: bool = False,
+    names: bool = False,
+    centroids: bool = False,
+    title: str | None = None,
+) -> Animation:
+    """Show a motion: as a page to play with, as a GIF, or as a film.
+
+    Parameters
+    ----------
+    motion : Trajectory or Solution
+        The motion.
+    path : str or Path, optional
+        Where to write it. ``.html`` is one file that opens without a network, with
+        play and pause, speed, a slider, forces on and off, numbers of whatever one
+        points at, and keys; ``.gif`` and ``.mp4`` are films. Without a path the
+        page shows itself in a notebook.
+    trace : sequence of Marker, Body or expression (2,), optional
+        Points whose way is drawn.
+    plots : dict of str to expression, optional
+        Plots that move along, by their labels.
+    fps : float, default 30
+        Frames to a second; a GIF shows 50 at most. The page fills in between frames.
+    speed : float, optional
+        Seconds of the motion to one on the screen. Where none is given 1, and less or
+        more for motions that are very short or long.
+    forces : bool, default False
+        Whether reactions (green), applied forces (red) and weights (grey) are drawn
+        to scale. The page holds them in any case, to be switched on.
+    names, centroids : bool, default False
+        Whether bodies and joints are named, and centres of mass drawn.
+    title : str, optional
+        The name of the mechanism where none is given.
+
+    Returns
+    -------
+    Animation
+        ``.save(path)`` writes it again in another form.
+
+    Raises
+    ------
+    MechanismError
+        For a state instead of a motion, unknown endings, and films without ffmpeg.
+
+    Examples
+    --------
+    >>> animate(motion, "motion.html", trace=[tip], plots={"angle, rad": arm.phi})  # doctest: +SKIP
+    """
+    if path is not None:
+        writer_for(path)  # a wrong ending is told before the work
+    flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
+    shown = yes_or_no(forces, "animate", "forces")
+    kind = None if path is None else Path(path).suffix.lower()
+    paged = kind in (None, ".html", ".htm")
+    options = trace_options(trace, forces=shown or paged, readings=paged, **flags)
+    animation = Animation(film(motion, options, plots, fps, speed, title), shown)
+    if path is not None:
+        animation.save(path)
+    return animation
+
+
+def _write_page(animation: Animation, path: Path) -> None:
+    path.write_text(animation.html, encoding="utf-8")
+
+
+def _write_gif(animation: Animation, path: Path) -> None:
+    from .movies import write_gif
+
+    write_gif(animation.film, path)
+
+
+def _write_mp4(animation: Animation, path: Path) -> None:
+    from .movies import write_mp4
+
+    write_mp4(animation.film, path)
+
+
+_WRITERS: dict[str, Callable[[Animation, Path], None]] = {
+    ".html": _write_page, ".htm": _write_page, ".gif": _write_gif, ".mp4": _write_mp4,
+}  # fmt: skip
+
+
+def writer_for(path: str | Path) -> Callable[[Animation, Path], None]:
+    """What writes a path, by its ending."""
+    ending = Path(path).suffix.lower()
+    if ending not in _WRITERS:
+        raise MechanismError(f"animate: '{path}' must end in .html, .gif or .mp4")
+    if ending == ".mp4":
+        from .movies import need_ffmpeg
+
+        need_ffmpeg(path)
+    return _WRITERS[ending]

@@ -1,0 +1,104 @@
+"""A scene in Matplotlib: one artist for each mark, moved from pose to pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .scene import GROUND, Mark, Scene, placed
+from .style import BODIES_LIGHT, LIGHT, STYLES, colours_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Matplotlib's codes of a path.
+MOVE, LINE, CLOSE = 1, 2, 79
+
+
+class Canvas:
+    """Artists of a scene in axes.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    scene : Scene
+        What to draw.
+    strength : float, default 1
+        Opacity; below 1 for poses that stand behind another one.
+    still : bool, default True
+        Whether marks of the ground are drawn.
+    """
+
+    def __init__(self, axes: Axes, scene: Scene, strength: float = 1.0, still: bool = True):
+        from matplotlib.patches import PathPatch
+        from matplotlib.path import Path
+
+        self.scene = scene
+        self._marks = [m for m in scene.marks if still or not (m.layer == GROUND or m.frame == 0)]
+        self._patches, self._codes, self._texts = [], [], []
+        for order, mark in enumerate(self._marks):
+            fill, stroke = colours_of(STYLES[mark.style], mark.body, LIGHT, BODIES_LIGHT)
+            style = STYLES[mark.style]
+            codes = _codes(mark)
+            patch = PathPatch(
+                Path(np.zeros((len(codes), 2)), codes),
+                facecolor=fill if mark.closed and fill else "none",
+                edgecolor=stroke or "none",
+                linewidth=style.width,
+                linestyle=(0, tuple(d / max(style.width, 0.5) for d in style.dash)) if style.dash else "-",
+                alpha=strength if strength < 1 else None,
+                zorder=2 + 0.001 * order + mark.layer * 0.2,
+                capstyle="round",
+                joinstyle="round",
+                clip_on=True,
+            )
+            axes.add_patch(patch)
+            self._patches.append(patch)
+            self._codes.append(codes)
+        for label in scene.labels:
+            self._texts.append(_text(axes, label))
+
+    @property
+    def artists(self) -> list[Any]:
+        """All artists, to be drawn apart from what stays."""
+        return [*self._patches, *self._texts]
+
+    def show(self, pose: np.ndarray) -> None:
+        """Move everything to a pose (frames, 4)."""
+        from matplotlib.path import Path
+
+        for mark, patch, codes in zip(self._marks, self._patches, self._codes, strict=True):
+            patch.set_path(Path(vertices(mark, pose[mark.frame]), codes))
+        for label, text in zip(self.scene.labels, self._texts, strict=True):
+            (where,) = placed(np.array([label.point]), pose[label.frame])
+            text.xy = tuple(where)
+
+
+def _codes(mark: Mark) -> np.ndarray:
+    found: list[int] = []
+    for points in mark.loops:
+        found += [MOVE, *[LINE] * (len(points) - 1)]
+        if mark.closed:
+            found.append(CLOSE)
+    return np.array(found, np.uint8)
+
+
+def vertices(mark: Mark, pose: np.ndarray) -> np.ndarray:
+    """Vertices of a mark's path in the global frame (k, 2), with one more for each loop that closes."""
+    parts = []
+    for points in mark.loops:
+        where = placed(points, pose)
+        parts += [where, where[:1]] if mark.closed else [where]
+    return np.vstack(parts)
+
+
+def _text(axes: Axes, label: Any) -> Any:
+    from matplotlib.patheffects import withStroke
+
+    return axes.annotate(
+        label.text, (0, 0), xytext=(6, 6) if label.above else (7, -11), textcoords="offset points",
+        fontsize="small", fontstyle="italic" if label.above else "normal", color=LIGHT["ink" if label.above else "muted"],
+        path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])], zorder=9, annotation_clip=True,
+    )  # fmt: skip

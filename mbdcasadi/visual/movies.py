@@ -1,0 +1,151 @@
+"""Films of a motion: GIF by Pillow, MP4 by ffmpeg; the frames are drawn by Matplotlib."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileError, MechanismError
+from .canvas import Canvas
+from .drawing import FLAT, TALL, draw_scale, frame_axes, room
+from .film import Film
+from .plots import COLOURS, dress
+from .style import LIGHT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Width of a film, inches, and its dots per inch.
+WIDTH, DPI = 6.0, 100
+#: Shortest time that viewers of GIFs keep to, s.
+SHORTEST_FRAME = 0.02
+#: Colours of a GIF; one more stands for what did not change.
+COLOURS_OF_GIF = 63
+
+
+class Stage:
+    """A figure of the scene and its plots, which is moved from frame to frame."""
+
+    def __init__(self, film: Film):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.film = film
+        box = room(film.scene, film.poses, film.ways.reshape(-1, 2))
+        ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
+        curves = len(film.curves)
+        # even numbers of pixels: films want them
+        size = WIDTH, round((WIDTH * ratio + 0.9 + 1.25 * curves) * DPI / 2) * 2 / DPI
+        self.figure: Figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor=LIGHT["paper"])
+        self.canvas: Any = FigureCanvasAgg(self.figure)
+        axes = self.figure.subplots(1 + curves, 1, height_ratios=[WIDTH * ratio + 0.5] + [1.25] * curves, squeeze=False)
+        scene_axes, *others = axes[:, 0]
+        self._picture = Canvas(scene_axes, film.scene)
+        if film.scale:
+            box = draw_scale(scene_axes, film.scale, box, film.scene.unit)
+        frame_axes(scene_axes, box, fresh=False)
+        scene_axes.set_aspect("equal", adjustable="box")
+        self._traces = [
+            scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=2.35)[0]
+            for _ in range(film.ways.shape[1])
+        ]
+        self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
+                                      color=LIGHT["muted"], va="bottom")  # fmt: skip
+        if film.title:
+            scene_axes.set_title(film.title, fontsize="medium")
+        self._cursors = [self._plot(a, *curve) for a, curve in zip(others, film.curves.items(), strict=True)]
+        if others:
+            others[-1].set_xlabel("t, s")
+        self._moving = [*self._picture.artists, *self._traces, self._clock, *self._cursors]
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._moving.sort(key=lambda artist: artist.get_zorder())
+        self.canvas.draw()
+        # the places of axes stay as they are, or they would tremble from frame to frame
+        self.figure.set_layout_engine("none")
+        self._behind = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
+        for k, (name, values) in enumerate(lines.items()):
+            axes.plot(self.film.t, values, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=name)
+        dress(axes, label, len(lines) > 1)
+        axes.set_xlim(self.film.t[0], self.film.t[-1])
+        return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
+
+    def image(self, k: int) -> np.ndarray:
+        """Frame k as an array (height, width, 3) of bytes."""
+        film = self.film
+        self._picture.show(film.poses[k])
+        for line, way in zip(self._traces, np.moveaxis(film.ways, 1, 0), strict=True):
+            line.set_data(*way[: k + 1].T)
+        self._clock.set_text(f"t = {film.t[k]:.{_digits(film.t)}f} s")
+        for cursor in self._cursors:
+            cursor.set_xdata([film.t[k], film.t[k]])
+        self.canvas.restore_region(self._behind)
+        for artist in self._moving:
+            self.figure.draw_artist(artist)
+        return np.array(self.canvas.buffer_rgba())[:, :, :3]
+
+
+def _digits(t: np.ndarray) -> int:
+    return int(max(2, np.ceil(1 - np.log10(t[-1] - t[0]) + 1)))
+
+
+def write_gif(film: Film, path: Path) -> None:
+    """Write a GIF that repeats; frames that would pass faster than viewers can show them are left out."""
+    from PIL import Image
+
+    step = max(1, int(np.ceil(SHORTEST_FRAME * film.fps - 1e-9)))
+    shown = range(0, len(film.t), step)
+    stage = Stage(film)
+    colours = Image.fromarray(np.hstack([stage.image(0), stage.image(len(film.t) // 2)]))
+    palette = colours.quantize(COLOURS_OF_GIF, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    pictures, before = [], np.zeros(0)
+    for k in shown:
+        indices = np.asarray(Image.fromarray(stage.image(k)).quantize(palette=palette, dither=Image.Dither.NONE))
+        # what stays as it was is left transparent: it takes no room
+        same = indices == before if before.size else np.zeros(indices.shape, bool)
+        before = indices
+        picture = Image.fromarray(np.where(same, COLOURS_OF_GIF, indices).astype(np.uint8), "P")
+        picture.putpalette(palette.getpalette())
+        pictures.append(picture)
+    # the format counts in hundredths of a second
+    duration = 10 * max(2, round(100 * step / film.fps))
+    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0,
+                     transparency=COLOURS_OF_GIF, disposal=1, optimize=False)  # fmt: skip
+
+
+def need_ffmpeg(path: Any) -> str:
+    """Path of ffmpeg, or an error that says what to do."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise MechanismError(
+            f"animate: '{path}' needs the program ffmpeg, which is not on the path; install it, or write .gif or .html"
+        )
+    return found
+
+
+def write_mp4(film: Film, path: Path) -> None:
+    """Write a film in H.264, by ffmpeg."""
+    stage = Stage(film)
+    height, width, _ = stage.image(0).shape
+    command = [
+        need_ffmpeg(path), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
+        "-r", f"{film.fps:g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path),
+    ]  # fmt: skip
+    images: Iterator[np.ndarray] = (stage.image(k) for k in range(len(film.t)))
+    done = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        for image in images:
+            done.stdin.write(image.tobytes())  # type: ignore[union-attr]
+    except BrokenPipeError:
+        pass  # what went wrong is on its standard error
+    _, told = done.communicate()
+    if done.returncode:
+        raise FileError(f"animate: ffmpeg could not write the film: {told.decode(errors='replace').strip()}")

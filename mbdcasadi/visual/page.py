@@ -1,0 +1,140 @@
+"""A motion as one HTML file with everything in it: the templates filled with data."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+from importlib.resources import files
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from ..errors import MechanismError
+from .drawing import nice, room
+from .film import Film
+from .plots import COLOURS
+from .scene import BODY, Mark
+from .style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
+
+_SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
+#: Lines of plots on a dark page.
+_COLOURS_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
+
+
+class Columns:
+    """Columns over time, quantised to 16 bits between their least and largest value; equal ones are kept once."""
+
+    def __init__(self) -> None:
+        self.columns: list[dict[str, float]] = []
+        self._words: list[np.ndarray] = []
+        self._known: dict[bytes, int] = {}
+
+    def add(self, values: np.ndarray, what: str, finest: float = np.inf) -> int:
+        """Add a column (n,) and return its number; with 32 bits where the steps would be larger than `finest`."""
+        values = np.ascontiguousarray(values, float)
+        if not np.all(np.isfinite(values)):
+            raise MechanismError(f"animate: {what} is not finite over the whole motion")
+        key = values.tobytes()
+        if key not in self._known:
+            self._known[key] = len(self.columns)
+            self.columns.append(self._packed(values, finest))
+        return self._known[key]
+
+    def _packed(self, values: np.ndarray, finest: float) -> dict[str, float]:
+        low, reach = float(values.min()), float(np.ptp(values))
+        if reach <= 1e-12 * max(1.0, abs(low)):
+            return {"c": round(float(values[0]), 12)}
+        shares = (values - low) / reach
+        if reach / 65535 <= finest:
+            return {"o": low, "s": reach / 65535, "at": self._store(np.round(65535 * shares))}
+        whole = np.round(shares * (2.0**32 - 1)).astype(np.uint64)
+        at, rest = self._store(whole >> np.uint64(16)), self._store(whole & np.uint64(65535))
+        return {"o": low, "s": reach / (2.0**32 - 1), "at": at, "low": rest}
+
+    def _store(self, words: np.ndarray) -> int:
+        self._words.append(words.astype("<u2"))
+        return sum(len(w) for w in self._words[:-1])
+
+    @property
+    def words(self) -> str:
+        """All of them in base64."""
+        return base64.b64encode(b"".join(w.tobytes() for w in self._words)).decode()
+
+
+def page(film: Film, forces: bool) -> str:
+    """Return the page of a film.
+
+    Parameters
+    ----------
+    film : Film
+        What it shows.
+    forces : bool
+        Whether forces are shown from the start.
+    """
+    folder = files(__package__) / "template"
+    text = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *_SCRIPTS)}
+    data = json.dumps(_data(film, forces), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return Template(text["page.html"]).substitute(
+        title=html.escape(film.title or "motion"),
+        style=text["page.css"],
+        script="\n".join(text[name] for name in _SCRIPTS),
+        # a name that holds "</script>" must not end the script
+        data=data.replace("</", "<\\/"),
+    )
+
+
+def _data(film: Film, forces: bool) -> dict[str, Any]:
+    store, sample, scene = Columns(), film.sample, film.scene
+    t = film.t
+    frames = [
+        [store.add(film.poses[:, k, j], "the pose of a part", 2e-4 if j == 2 else np.inf) for j in range(4)]
+        for k in range(len(scene.frames))
+    ]
+    items = [
+        {"name": item.name, "kind": item.kind,
+         "readings": [{"label": label, "column": store.add(sample[e][:, 0], f"{label} of '{item.name}'")}
+                      for label, e in item.readings.items()]}
+        for item in scene.items
+    ]  # fmt: skip
+    traces = [[store.add(film.ways[:, k, j], "a trace") for j in range(2)] for k in range(film.ways.shape[1])]
+    plots = [
+        {"label": label, "lines": [{"name": name, "column": store.add(values, f"'{label}'")} for name, values in lines.items()]}
+        for label, lines in film.curves.items()
+    ]  # fmt: skip
+    box = room(scene, film.poses, film.ways.reshape(-1, 2))
+    return {
+        "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
+        "digits": int(max(2, np.ceil(2 - np.log10(t[-1] - t[0])))),
+        "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": BODY,
+        "frames": frames, "marks": [_mark(mark) for mark in scene.marks],
+        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text, "a": x.above} for x in scene.labels],
+        "items": items, "traces": traces, "plots": plots,
+        "styles": {name: {"fill": s.fill, "stroke": s.stroke, "width": s.width, "dash": s.dash} for name, s in STYLES.items()},
+        "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
+        "seriesLight": COLOURS, "seriesDark": _COLOURS_DARK,
+        "columns": store.columns, "words": store.words,
+    }  # fmt: skip
+
+
+def _short(value: float) -> float:
+    """A length with digits enough for a picture."""
+    return float(f"{value:.6g}")
+
+
+def _mark(mark: Mark) -> dict[str, Any]:
+    return {
+        "f": mark.frame, "s": mark.style, "b": mark.body, "i": mark.item, "l": mark.layer, "c": int(mark.closed),
+        "g": mark.group, "k": mark.loops[0].shape[1], "p": [[_short(x) for x in loop.ravel()] for loop in mark.loops],
+    }  # fmt: skip
+
+
+def _scale(film: Film, box: np.ndarray) -> str:
+    """What the size of arrows means, in words."""
+    diagonal, told = float(np.hypot(*(box[1] - box[0]))), []
+    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
+        if unit in film.scale:
+            value = nice(share * diagonal * film.scale[unit])
+            told.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")
+    return "; ".join(told)

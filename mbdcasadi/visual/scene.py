@@ -1,0 +1,130 @@
+"""A drawing as data, independent of what draws it: frames that move, and marks that are fixed in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+#: What lies above what; bodies keep the order of the mechanism.
+GROUND, GUIDE, TRACE, BODY, SLOT, SPRING, PIN, ARROW = range(8)
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """Lines or areas of one style in a frame.
+
+    Attributes
+    ----------
+    frame : int
+        Which frame it is fixed in.
+    loops : tuple of numpy.ndarray
+        Points (k, 2) in m, or (k, 4) where they stretch with the frame (see :mod:`lines`); of
+        several that are closed, those that run clockwise are holes.
+    closed : bool
+        Whether the loops close.
+    style : str
+        Key of :data:`style.STYLES`.
+    layer : int
+        What lies above what.
+    body : int or None
+        Number of the body whose colour it has; None for the ground.
+    item : int or None
+        Number of the item it belongs to.
+    group : str
+        "" for what is always there, or the name of a group that can be left out ("loads").
+    """
+
+    frame: int
+    loops: tuple[np.ndarray, ...]
+    closed: bool
+    style: str
+    layer: int
+    body: int | None = None
+    item: int | None = None
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Label:
+    """A name at a point of a frame, written beside it."""
+
+    frame: int
+    point: tuple[float, float]
+    text: str
+    above: bool = True
+
+
+@dataclass(eq=False)
+class Item:
+    """A body or an element, as one that points at it is told.
+
+    Attributes
+    ----------
+    name, kind : str
+        Its name, and what it is ("Revolute").
+    readings : dict of str to casadi.SX
+        Labels with units, and scalars.
+    """
+
+    name: str
+    kind: str
+    readings: dict[str, ca.SX] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class Scene:
+    """Frames, marks in them, names and items.
+
+    Attributes
+    ----------
+    frames : list of casadi.SX
+        Of each its ``x, y`` (m), angle (rad) and length (m); the first is the ground.
+    marks : list of Mark
+    labels : list of Label
+    items : list of Item
+    traces : list of casadi.SX
+        Points (2,) whose way is drawn.
+    unit : float
+        The length that symbols are made of, m.
+    """
+
+    unit: float
+    frames: list[ca.SX] = field(default_factory=lambda: [ca.SX([0, 0, 0, 1])])
+    marks: list[Mark] = field(default_factory=list)
+    labels: list[Label] = field(default_factory=list)
+    items: list[Item] = field(default_factory=list)
+    traces: list[ca.SX] = field(default_factory=list)
+
+    def frame(self, position: Any, angle: Any = 0.0, length: Any = 1.0) -> int:
+        """Add a frame and return its number."""
+        self.frames.append(ca.vertcat(ca.SX(position), ca.SX(angle), ca.SX(length)))
+        return len(self.frames) - 1
+
+    def poses(self, sample: Any) -> np.ndarray:
+        """Poses (n_t, frames, 4) over the times of a sample; angles without jumps."""
+        values = sample[ca.vertcat(*self.frames)].reshape(-1, len(self.frames), 4)
+        values[:, :, 2] = np.unwrap(values[:, :, 2], axis=0)
+        return values
+
+
+def placed(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Points of a mark in the global frame (…, k, 2), for the poses (…, 4) of its frame."""
+    x, y, angle, length = (pose[..., k, None] for k in range(4))
+    if points.shape[1] == 4:
+        u, v = points[:, 0] + points[:, 1] * length, points[:, 2] + points[:, 3] * np.abs(length)
+    else:
+        u, v = points[:, 0], points[:, 1]
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([x + c * u - s * v, y + s * u + c * v], axis=-1)
+
+
+def box_of(marks: Sequence[Mark], poses: np.ndarray) -> np.ndarray:
+    """Corners ``[[x_low, y_low], [x_high, y_high]]`` of marks over poses (n_t, frames, 4)."""
+    some = poses[:: max(1, len(poses) // 60)]
+    every = [placed(points, some[:, mark.frame]).reshape(-1, 2) for mark in marks for points in mark.loops]
+    lows, highs = ([f(points, axis=0) for points in every if len(points)] for f in (np.min, np.max))
+    return np.array([np.min(lows, axis=0), np.max(highs, axis=0)])

@@ -1,0 +1,66 @@
+"""Symbols of contacts: the outlines that may touch."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+
+from ...model.forces.contacts.contact import Contact
+from ...model.forces.contacts.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
+from .. import lines
+from ..pen import Pen
+from .base import symbol
+from .gears import disc
+
+
+@symbol.register
+def contact(element: Contact, pen: Pen) -> None:
+    """Both outlines."""
+    for outline in (element.a, element.b):
+        edge(outline, pen)
+
+
+@singledispatch
+def edge(outline: Any, pen: Pen) -> None:
+    """Draw an outline that others touch; a dot for one of a kind that is not known."""
+    pen.dot(pen.on(outline.marker))
+
+
+@edge.register
+def _point(outline: Point, pen: Pen) -> None:
+    pen.dot(pen.on(outline.marker), 0.35)
+
+
+@edge.register
+def _circle(outline: Circle, pen: Pen) -> None:
+    disc(pen, outline.marker, pen.number(outline.radius))
+
+
+@edge.register
+def _segment(outline: Segment, pen: Pen) -> None:
+    half = pen.number(outline.length) / 2
+    radius = max(pen.number(outline.radius), 0.12 * pen.unit)
+    pen.on(outline.marker).area("body", lines.plate(np.array([[-half, 0], [half, 0]]), radius))
+    pen.replaces(outline.marker.body, half)
+
+
+@edge.register
+def _polygon(outline: PolygonEdges, pen: Pen) -> None:
+    frame = pen.on(outline.marker)
+    frame.area("ground" if frame.body is None else "body", outline.points)
+    pen.replaces(outline.marker.body, float(np.max(np.hypot(*outline.points.T))))
+
+
+@edge.register
+def _half_plane(outline: HalfPlane, pen: Pen) -> None:
+    def draw(box: np.ndarray) -> None:
+        frame = pen.on(outline.marker)
+        x, y, angle = pen.over(outline.marker.position, outline.marker.angle)[0]
+        corners = np.array([(cx, cy) for cx in box[:, 0] for cy in box[:, 1]]) - [x, y]
+        places = lines.turned(corners, -angle)[:, 0]
+        margin = 2 * pen.unit
+        pen.wall(frame, (places.min() - margin, 0), (places.max() + margin, 0))
+
+    pen.later(draw)

@@ -1,0 +1,168 @@
+"""Symbols of gears, racks, wheels and belts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import casadi as ca
+import numpy as np
+
+from ...model.bodies import Marker
+from ...model.joints.belts import Belt, Coupler
+from ...model.joints.gears import Gear, RackAndPinion
+from ...model.joints.rolling import Rolling
+from .. import lines, scene
+from ..pen import Pen
+from .base import symbol, tie
+
+#: Length of a tooth and its gap along the pitch circle, in units, and the fewest teeth of a gear.
+PITCH, FEWEST = 1.5, 10
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """One gear of a pair: where it sits, its pitch radius, and whether its teeth point inward."""
+
+    marker: Marker
+    radius: float
+    inward: bool
+
+    def key(self, pen: Pen) -> tuple:
+        """What tells whether it is drawn already: a planet is one gear in two pairs."""
+        place = pen.over(self.marker.local)[0] / pen.unit
+        return (self.marker.body, *np.round(place, 6), round(self.radius / pen.unit, 6), self.inward)
+
+
+@symbol.register
+def gear(joint: Gear, pen: Pen) -> None:
+    """Two gears with teeth that mesh, and their pitch circles."""
+    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
+    first = Wheel(joint.a, ra, joint.internal and ra > rb)
+    second = Wheel(joint.b, rb, joint.internal and rb > ra)
+    if second.key(pen) in pen.teeth and first.key(pen) not in pen.teeth:
+        first, second = second, first
+    if first.key(pen) not in pen.teeth:
+        _toothed(pen, first, _count(pen, first.radius, second.radius), 0.0)
+    if second.key(pen) not in pen.teeth:
+        _toothed(pen, second, *_meshing(pen, first, second, joint.internal))
+
+
+def _count(pen: Pen, radius: float, other: float) -> int:
+    """Number of teeth of the first gear of a pair: near the usual pitch, and a whole number for both."""
+    small = min(radius, other)
+    usual = max(FEWEST, round(2 * np.pi * small / (PITCH * pen.unit)))
+    counts = np.arange(max(FEWEST, int(0.8 * usual)), int(1.3 * usual) + 2)
+    partner = counts * max(radius, other) / small
+    best = counts[np.argmin(np.abs(partner - np.round(partner)) + 1e-3 * np.abs(counts - usual))]
+    return int(best if radius == small else round(best * radius / small))
+
+
+def _meshing(pen: Pen, known: Wheel, new: Wheel, internal: bool) -> tuple[int, float]:
+    """Number and phase of the teeth of a gear that fit into those of one that is drawn."""
+    count, phase = pen.teeth[known.key(pen)]
+    partner = max(FEWEST, round(count * new.radius / known.radius))
+    way = new.marker.position - known.marker.position
+    angle, other, x, y = pen.over(known.marker.angle, new.marker.angle, way)[0]
+    contact = np.arctan2(y, x) + (np.pi if internal and new.radius > known.radius else 0.0)
+    # by which part of a pitch the point of contact lies beyond a tooth (a gap, of a ring)
+    beyond = (contact - angle - phase) * count / (2 * np.pi)
+    pitch = 2 * np.pi / partner
+    if internal:
+        return partner, contact - beyond * pitch - other
+    return partner, contact + np.pi + (beyond + 0.5) * pitch - other
+
+
+def _toothed(pen: Pen, wheel: Wheel, count: int, phase: float) -> None:
+    """Draw a gear, and remember its teeth."""
+    pen.teeth[wheel.key(pen)] = count, phase
+    frame, radius, module = pen.on(wheel.marker), wheel.radius, 2 * wheel.radius / count
+    style = "ground" if wheel.marker.body.is_ground else "body"
+    outline = lines.teeth(radius, count, phase, wheel.inward)
+    if wheel.inward:
+        rim = lines.circle((0, 0), radius + 3.2 * module + 0.6 * pen.unit, 120)
+        frame.area(style, rim, outline[::-1])
+        pen.replaces(wheel.marker.body, radius + 4 * module)
+    else:
+        frame.area(style, outline, *_holes(pen, radius - 1.1 * module))
+        pen.replaces(wheel.marker.body, radius + module)
+    frame.area("pitch", lines.circle((0, 0), radius, 96))
+
+
+def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
+    """Holes that show how a disc turns, where there is room for them."""
+    if inside < 4.5 * pen.unit:
+        return []
+    size = min(0.2 * inside, 2.5 * pen.unit)
+    return [lines.circle(0.6 * inside * np.array([np.cos(x), np.sin(x)]), size, 32)[::-1] for x in np.arange(4) * np.pi / 2]
+
+
+@symbol.register
+def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
+    """A rack under a gear."""
+    u, radius = pen.unit, pen.number(joint.radius)
+    wheel = Wheel(joint.b, radius, False)
+    if wheel.key(pen) not in pen.teeth:
+        _toothed(pen, wheel, max(FEWEST, round(2 * np.pi * radius / (PITCH * u))), 0.0)
+    count, phase = pen.teeth[wheel.key(pen)]
+    place = ca.dot(joint.a.x_axis, joint.b.position - joint.a.position)
+    where, turn = pen.over(place, joint.b.angle - joint.a.angle)[0]
+    beyond = (-np.pi / 2 - turn - phase) % (2 * np.pi / count)
+    low, high = pen.span(place)
+    margin, pitch = max(0.8 * radius, 4 * u), 2 * np.pi * radius / count
+    top = lines.rack_teeth(low - margin, high + margin, pitch, where - radius * beyond)
+    base = -1.1 * pitch / np.pi - 1.3 * u
+    frame = pen.on(joint.a)
+    style = "ground" if joint.a.body.is_ground else "body"
+    frame.area(style, np.vstack([top, [top[-1, 0], base], [top[0, 0], base]]))
+    pen.replaces(joint.a.body, float(np.max(np.abs(top))))
+
+
+@symbol.register
+def rolling(joint: Rolling, pen: Pen) -> None:
+    """A wheel with spokes on a track."""
+    u, radius = pen.unit, pen.number(joint.radius)
+    disc(pen, joint.b, radius)
+    low, high = pen.span(joint.displacement)
+    margin = 0.6 * radius + 2 * u
+    pen.wall(pen.on(joint.a), (low - margin, 0), (high + margin, 0))
+
+
+def disc(pen: Pen, marker: Marker, radius: float) -> None:
+    """A round body about a marker, with spokes that show how it turns."""
+    frame = pen.on(marker)
+    frame.area("body", lines.circle((0, 0), radius, 96))
+    if radius > 2.5 * pen.unit and marker.body not in pen.replaced:
+        rim = 0.86 * radius
+        frame.area("mark on body", lines.circle((0, 0), rim, 72))
+        spokes = [rim * np.array([[np.cos(x), np.sin(x)], [-np.cos(x), -np.sin(x)]]) for x in np.arange(3) * np.pi / 3]
+        frame.draw("mark on body", *spokes, layer=scene.BODY)
+    pen.replaces(marker.body, radius)
+
+
+@symbol.register
+def belt(joint: Belt, pen: Pen) -> None:
+    """Two pulleys and the belt about them."""
+    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
+    for marker, radius in ((joint.a, ra), (joint.b, rb)):
+        disc(pen, marker, radius)
+    way = joint.b.position - joint.a.position
+    length = float(np.hypot(*pen.over(way)[0]))
+    frame = pen.at(joint.a.position, ca.atan2(way[1], way[0]))
+    if not joint.crossed:
+        around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))
+        frame.area("belt", around, layer=scene.SLOT)
+        return
+    lean = np.arcsin(min((ra + rb) / length, 1.0))
+    for side in (1, -1):
+        touch = np.array([np.sin(lean), side * np.cos(lean)])
+        frame.draw("belt", [ra * touch, np.array([length, 0]) - rb * touch], layer=scene.SLOT)
+    half = np.pi / 2 + lean
+    frame.draw("belt", lines.arc(ra, half - 2 * lean, 2 * np.pi - 2 * half + 4 * lean, 60), layer=scene.SLOT)
+    other = lines.arc(rb, np.pi + half - 2 * lean, 2 * np.pi - 2 * half + 4 * lean, 60) + np.array([length, 0])
+    frame.draw("belt", other, layer=scene.SLOT)
+
+
+@symbol.register
+def coupler(joint: Coupler, pen: Pen) -> None:
+    """A dashed line between the shafts."""
+    tie(pen, joint.a.position, joint.b.position)
+

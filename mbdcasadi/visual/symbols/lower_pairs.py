@@ -1,0 +1,143 @@
+"""Symbols of pins, sliders, welds and massless links."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...model.bodies import Marker
+from ...model.joints.composite import Distance, PointOnLine
+from ...model.joints.lower_pairs import Revolute, Translational, Weld
+from .. import lines, scene
+from ..outlines import local_outlines, sections
+from ..pen import Frame, Pen
+from .base import symbol
+
+#: Half length and half height of a slider block without a shape, in units.
+BLOCK = 2.0, 1.2
+#: A body that is so many times as long as wide is a rod in a bearing, not a block on a rail.
+ROD = 3.0
+
+
+@symbol.register
+def revolute(joint: Revolute, pen: Pen) -> None:
+    """A circle, on a stand where it is on the ground."""
+    for marker in joint.markers:
+        if marker.body.is_ground:
+            pen.stand(pen.on(marker))
+    pen.pin(pen.on(joint.b if joint.a.body.is_ground else joint.a))
+
+
+@symbol.register
+def weld(joint: Weld, pen: Pen) -> None:
+    """A wall where it is on the ground, else a small square."""
+    u = pen.unit
+    for fixed, moving in ((joint.a, joint.b), (joint.b, joint.a)):
+        if fixed.body.is_ground:
+            x, y = pen.over(moving.body.position - fixed.position)[0]
+            away = np.arctan2(y, x) if np.hypot(x, y) > 1e-9 else 0.0
+            frame = pen.on(fixed)
+            wall = Frame(pen, frame.number, frame.shift, away)
+            pen.hatched(wall, (0, 2.2 * u), (0, -2.2 * u))
+            return
+    pen.on(joint.a).area("dot", lines.rectangle((-0.45 * u, -0.45 * u), (0.45 * u, 0.45 * u)), layer=scene.PIN)
+
+
+@symbol.register
+def distance(joint: Distance, pen: Pen) -> None:
+    """A thin link between two small pins."""
+    pen.between(joint.a.position, joint.b.position).draw("link", lines.along([0, 1], 0), layer=scene.SLOT)
+    for marker in joint.markers:
+        if marker.body.is_ground:
+            pen.stand(pen.on(marker))
+        pen.pin(pen.on(marker), 0.4)
+
+
+# --- sliders ------------------------------------------------------------------------------
+@symbol.register
+def translational(joint: Translational, pen: Pen) -> None:
+    """A block on a rail; a rod in a bearing, where the body is long; a bearing that is fixed, on a moving rod."""
+    low, high = pen.span(joint.displacement)
+    if joint.b.body.is_ground:
+        _fixed_bearing(joint, pen, low, high)
+        return
+    block_on_rail(pen, joint.b, pen.on(joint.a), low, high)
+
+
+def block_on_rail(pen: Pen, marker: Marker, rail: Frame, low: float, high: float) -> None:
+    """A block at a marker on a rail along the x axis of a frame, on which the marker goes from `low` to `high`."""
+    u, body = pen.unit, marker.body
+    frame = pen.on(marker)
+    loops = local_outlines(body, marker, pen) if body.shape is not None else _drawn(pen, frame)
+    if not loops or all(len(loop) == 2 for loop in loops):
+        block = lines.rectangle((-BLOCK[0] * u, -BLOCK[1] * u), (BLOCK[0] * u, BLOCK[1] * u))
+        frame.area("body", block)
+        pen.replaces(body, BLOCK[1] * u)
+        loops = [block]
+    back, front, bottom, top = sections(loops)
+    if body.shape is not None and front - back > ROD * (top - bottom):
+        _sleeve(rail, pen, (max(high + back, low + back), low + front), bottom, top)
+    else:
+        margin = 1.2 * u if high - low > u else 0.45 * (front - back) + u
+        _rail(rail, pen, (low + back - margin, high + front + margin), bottom, top)
+
+
+def _drawn(pen: Pen, frame: Frame) -> list[np.ndarray]:
+    """What other symbols have drawn of a body that is longer than wide (a rack), in the axes of a marker on it."""
+    loops = [lines.turned(loop - frame.shift, -frame.angle) for loop in pen.loops.get(frame.body, ())]  # type: ignore[arg-type]
+    long, wide = np.ptp(np.vstack(loops), axis=0) if loops else (0.0, 0.0)
+    return loops if long > wide else []
+
+
+def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top: float) -> None:
+    """Surface under a block that slides; on both sides where it slides up and down."""
+    direction = float(pen.scene.poses(pen.sample)[0, frame.number, 2]) + frame.angle
+    low, high = reach
+    upright = abs(np.sin(direction)) > 0.8
+    if upright or np.cos(direction) > 0:
+        pen.wall(frame, (low, bottom), (high, bottom))
+    if upright or np.cos(direction) <= 0:
+        pen.wall(frame, (high, top), (low, top))
+    if frame.body is not None:
+        frame.area("body", lines.rectangle((min(low, 0), bottom - 0.5 * pen.unit), (max(high, 0), bottom)))
+
+
+def _sleeve(frame: Frame, pen: Pen, common: tuple[float, float], bottom: float, top: float) -> None:
+    """Bearing about a rod, where it passes at all times."""
+    u = pen.unit
+    low, high = common
+    middle, half = (low + high) / 2, max(1.2 * u, min(2.2 * u, 0.35 * (high - low)))
+    gap = 0.15 * u
+    for side in (1, -1):
+        edge = top + gap if side > 0 else bottom - gap
+        ends = (middle + side * half, edge), (middle - side * half, edge)
+        pen.wall(frame, *ends)
+
+
+def _fixed_bearing(joint: Translational, pen: Pen, low: float, high: float) -> None:
+    """A rod that slides through a bearing on the ground."""
+    u = pen.unit
+    rod = pen.on(joint.a)
+    rod.area("body", lines.plate(np.array([[min(low, 0) - 2 * u, 0], [max(high, 0) + 2 * u, 0]]), 0.5 * u))
+    bearing = pen.on(joint.b)
+    for side in (1, -1):
+        pen.hatched(bearing, (side * 2 * u, side * 0.65 * u), (-side * 2 * u, side * 0.65 * u))
+
+
+@symbol.register
+def point_on_line(joint: PointOnLine, pen: Pen) -> None:
+    """A slot along the line, with a die block on a pin in it."""
+    u, height, body = pen.unit, pen.number(joint.offset), joint.a.body
+    low, high = pen.span(joint.displacement)
+    frame = pen.on(joint.a)
+    # of one pose the slot is drawn as if the block went to and fro
+    margin = 2.0 * u if high - low > 1e-3 * u else 6.0 * u
+    ends = np.array([[low - margin, height], [high + margin, height]])
+    if body.shape is None and not body.is_ground:
+        frame.area("body", lines.plate(np.vstack([ends, [[0, height]]]), 1.25 * u))
+    elif not body.is_ground:
+        back, front, _, _ = sections(local_outlines(body, joint.a, pen))
+        ends[:, 0] = min(low, max(ends[0, 0], back + u)), max(high, min(ends[1, 0], front - u))
+    frame.area("slot", lines.plate(ends, 0.75 * u), layer=scene.SLOT)
+    die = pen.at(joint.b.position, joint.a.angle, joint.b.body)
+    die.area("block", lines.rectangle((-1.1 * u, -0.75 * u), (1.1 * u, 0.75 * u)), layer=scene.SLOT)
+    pen.pin(pen.on(joint.b), 0.4)

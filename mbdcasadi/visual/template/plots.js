@@ -1,0 +1,86 @@
+// --- plots that move along -----------------------------------------------------------------
+const MARGIN = { left: 56, right: 10, top: 24, bottom: 22 };
+const plots = DATA.plots.map(function (plot) {
+  const canvas = document.createElement("canvas");
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", "plot of " + plot.label + " over time");
+  document.getElementById("plots").appendChild(canvas);
+  let low = Infinity, high = -Infinity;
+  for (const line of plot.lines) for (let k = 0; k < DATA.count; k++) {
+    const value = sampleAt(DATA.columns[line.column], k);
+    low = Math.min(low, value); high = Math.max(high, value);
+  }
+  const size = Math.max(Math.abs(low), Math.abs(high));
+  if (high - low < 1e-9 * Math.max(size, 1e-3)) { const room = size > 1e-9 ? 0.1 * size : 1; low -= room; high += room; }
+  const room = 0.06 * (high - low);
+  return { canvas: canvas, label: plot.label, lines: plot.lines, low: low - room, high: high + room, width: 0, height: 0 };
+});
+
+function fitPlots() {
+  for (const plot of plots) {
+    const ratio = window.devicePixelRatio || 1, holder = plot.canvas.parentElement;
+    plot.width = holder.clientWidth;
+    plot.height = window.innerWidth <= 760 ? 130 : Math.max(110, Math.min(210, (pixels.height - 8 * (plots.length - 1)) / plots.length));
+    plot.canvas.style.height = plot.height + "px";
+    plot.canvas.width = Math.round(plot.width * ratio);
+    plot.canvas.height = Math.round(plot.height * ratio);
+  }
+}
+
+function across(plot, time) {
+  return MARGIN.left + (time - DATA.t0) / (DATA.t1 - DATA.t0) * (plot.width - MARGIN.left - MARGIN.right);
+}
+
+function drawPlots(time, dark) {
+  const theme = dark ? DATA.dark : DATA.light, series = dark ? DATA.seriesDark : DATA.seriesLight;
+  for (const plot of plots) {
+    const draw = plot.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
+    const bottom = plot.height - MARGIN.bottom, tall = bottom - MARGIN.top;
+    const up = function (value) { return bottom - (value - plot.low) / (plot.high - plot.low) * tall; };
+    draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+    draw.clearRect(0, 0, plot.width, plot.height);
+    drawAxes(draw, plot, theme, up, bottom);
+    let left = MARGIN.left + draw.measureText(plot.label).width + 16;
+    plot.lines.forEach(function (line, number) {
+      draw.strokeStyle = draw.fillStyle = series[number % series.length];
+      draw.lineWidth = 1.7;
+      draw.beginPath();
+      for (let k = 0; k < DATA.count; k++) {
+        const x = across(plot, timeOf(k)), y = up(sampleAt(DATA.columns[line.column], k));
+        if (k === 0) draw.moveTo(x, y); else draw.lineTo(x, y);
+      }
+      draw.stroke();
+      const value = valueAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value);
+      draw.fillText(text, left, 14);
+      left += draw.measureText(text).width + 12;
+      draw.beginPath(); draw.arc(across(plot, time), up(value), 3.5, 0, 7); draw.fill();
+    });
+    draw.strokeStyle = theme.motion;
+    draw.lineWidth = 1.2;
+    draw.beginPath(); draw.moveTo(across(plot, time), MARGIN.top); draw.lineTo(across(plot, time), bottom); draw.stroke();
+  }
+}
+
+function drawAxes(draw, plot, theme, up, bottom) {
+  draw.font = "11px system-ui, sans-serif";
+  draw.strokeStyle = theme.soil;
+  draw.fillStyle = theme.muted;
+  draw.lineWidth = 1;
+  const step = roundStep((plot.high - plot.low) * 28 / (bottom - MARGIN.top));
+  draw.textAlign = "right";
+  for (let value = Math.ceil(plot.low / step) * step; value <= plot.high; value += step) {
+    draw.beginPath(); draw.moveTo(MARGIN.left, up(value)); draw.lineTo(plot.width - MARGIN.right, up(value)); draw.stroke();
+    draw.fillText(written(Math.abs(value) < 1e-9 * step ? 0 : value), MARGIN.left - 5, up(value) + 4);
+  }
+  draw.textAlign = "center";
+  const pace = roundStep((DATA.t1 - DATA.t0) * 60 / Math.max(plot.width - MARGIN.left - MARGIN.right, 1));
+  for (let time = Math.ceil(DATA.t0 / pace - 1e-9) * pace; time <= DATA.t1 + 1e-9 * pace; time += pace) {
+    const last = time + pace > DATA.t1 + 1e-9 * pace;
+    draw.fillText(written(Math.abs(time) < 1e-9 * pace ? 0 : time) + (last ? " s" : ""), Math.min(across(plot, time), plot.width - 18), plot.height - 7);
+  }
+  draw.textAlign = "left";
+  draw.font = "600 12px system-ui, sans-serif";
+  draw.fillStyle = theme.ink;
+  draw.fillText(plot.label, MARGIN.left, 14);
+  draw.font = "12px system-ui, sans-serif";
+}

@@ -1,0 +1,146 @@
+// --- the drawing -------------------------------------------------------------------------
+const stage = document.getElementById("stage");
+const pen = stage.getContext("2d");
+const view = { x: 0, y: 0, zoom: 1 };                 // shift in pixels, and how much nearer than the whole
+let pixels = { width: 0, height: 0, ratio: 1, scale: 1, left: 0, top: 0 };
+
+function fit() {
+  const box = DATA.box, wide = box[2] - box[0], high = box[3] - box[1];
+  const width = stage.parentElement.clientWidth;
+  const room = Math.max(220, window.innerHeight * (window.innerWidth <= 760 ? 0.55 : 0.86) - (window.innerWidth <= 760 ? 0 : 120));
+  const height = Math.round(Math.max(Math.min(width * high / wide, room), Math.min(220, width * 0.6)));
+  const ratio = window.devicePixelRatio || 1;
+  stage.style.height = height + "px";
+  stage.width = Math.round(width * ratio);
+  stage.height = Math.round(height * ratio);
+  const scale = Math.min(width / wide, height / high);
+  pixels = { width: width, height: height, ratio: ratio, scale: scale,
+             left: (width - scale * wide) / 2, top: (height - scale * high) / 2 };
+}
+
+function toScreen(x, y) {
+  const s = pixels.scale, u = pixels.left + s * (x - DATA.box[0]), w = pixels.top + s * (DATA.box[3] - y);
+  return [view.x + view.zoom * u, view.y + view.zoom * w];
+}
+
+// Path of a mark in pixels, for the pose of its frame.
+function trace(mark, pose) {
+  const c = Math.cos(pose[2]), s = Math.sin(pose[2]), length = pose[3], k = mark.k;
+  pen.beginPath();
+  for (const loop of mark.p) {
+    for (let i = 0; i < loop.length; i += k) {
+      const u = k === 4 ? loop[i] + loop[i + 1] * length : loop[i];
+      const w = k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(length) : loop[i + 1];
+      const at = toScreen(pose[0] + c * u - s * w, pose[1] + s * u + c * w);
+      if (i === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
+    }
+    if (mark.c) pen.closePath();
+  }
+}
+
+function colours(mark, dark) {
+  const style = DATA.styles[mark.s], theme = dark ? DATA.dark : DATA.light, bodies = dark ? DATA.bodiesDark : DATA.bodiesLight;
+  const pair = mark.b === null ? [theme.soil, theme.ground] : bodies[mark.b % bodies.length];
+  return [style.fill === "body" ? pair[0] : theme[style.fill], style.stroke === "body" ? pair[1] : theme[style.stroke]];
+}
+
+function drawStage(time, options) {
+  const theme = options.dark ? DATA.dark : DATA.light;
+  pen.setTransform(pixels.ratio, 0, 0, pixels.ratio, 0, 0);
+  pen.fillStyle = theme.paper;
+  pen.fillRect(0, 0, pixels.width, pixels.height);
+  drawGrid(theme);
+  pen.lineCap = pen.lineJoin = "round";
+  const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
+  let traced = false;
+  for (const mark of DATA.marks) {
+    if (mark.g && !options.forces) continue;
+    if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
+    const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
+    trace(mark, poses[mark.f]);
+    if (mark.c && pair[0]) { pen.fillStyle = pair[0]; pen.fill(); }
+    if (pair[1] && style.width) {
+      pen.strokeStyle = pair[1];
+      pen.lineWidth = style.width * 1.2 * (mark.i !== null && mark.i === options.item ? 1.9 : 1);
+      pen.setLineDash(style.dash);
+      pen.stroke();
+      pen.setLineDash([]);
+    }
+  }
+  for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
+}
+
+function drawLabel(label, pose, theme) {
+  const c = Math.cos(pose[2]), s = Math.sin(pose[2]);
+  const at = toScreen(pose[0] + c * label.x - s * label.y, pose[1] + s * label.x + c * label.y);
+  pen.font = (label.a ? "italic " : "") + "12px system-ui, sans-serif";
+  pen.lineWidth = 3;
+  pen.strokeStyle = theme.paper;
+  pen.strokeText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
+  pen.fillStyle = label.a ? theme.ink : theme.muted;
+  pen.fillText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
+}
+
+function drawTraces(time, theme) {
+  const last = frameOf(time);
+  for (const way of DATA.traces) {
+    for (const past of [false, true]) {
+      pen.beginPath();
+      for (let k = 0; k < DATA.count; k++) {
+        if (past && k > last) break;
+        const at = toScreen(sampleAt(DATA.columns[way[0]], k), sampleAt(DATA.columns[way[1]], k));
+        if (k === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
+      }
+      if (past) {
+        const at = toScreen(valueAt(way[0], time), valueAt(way[1], time));
+        pen.lineTo(at[0], at[1]);
+      }
+      pen.strokeStyle = theme.trace;
+      pen.globalAlpha = past ? 1 : 0.25;
+      pen.lineWidth = past ? 1.8 : 1.2;
+      pen.stroke();
+      pen.globalAlpha = 1;
+    }
+  }
+}
+
+// Round distances for ticks: 1, 2 or 5 times a power of ten.
+function roundStep(least) {
+  const power = Math.pow(10, Math.floor(Math.log10(least)));
+  for (const factor of [1, 2, 5, 10]) if (factor * power >= least) return factor * power;
+  return 10 * power;
+}
+
+function drawGrid(theme) {
+  const scale = pixels.scale * view.zoom, step = roundStep(80 / scale), digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  const left = DATA.box[0] + (0 - view.x) / scale - pixels.left / pixels.scale;
+  const top = DATA.box[3] - (0 - view.y) / scale + pixels.top / pixels.scale;
+  pen.font = "11px system-ui, sans-serif";
+  pen.lineWidth = 1;
+  pen.strokeStyle = theme.soil;
+  pen.fillStyle = theme.muted;
+  for (let x = Math.ceil(left / step) * step; toScreen(x, 0)[0] < pixels.width; x += step) {
+    const at = toScreen(x, 0)[0];
+    pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, pixels.height); pen.stroke();
+    pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
+  }
+  for (let y = Math.floor(top / step) * step; toScreen(0, y)[1] < pixels.height - 24; y -= step) {
+    const at = toScreen(0, y)[1];
+    pen.beginPath(); pen.moveTo(0, at); pen.lineTo(pixels.width, at); pen.stroke();
+    if (at > 14) pen.fillText((Math.abs(y) < 1e-9 * step ? 0 : y).toFixed(digits).replace("-", "\u2212"), 3, at - 3);
+  }
+  pen.fillText("m", pixels.width - 14, pixels.height - 4);
+}
+
+// Number of the item whose mark lies uppermost at a point, or null.
+function itemAt(x, y, time, forces) {
+  pen.setTransform(1, 0, 0, 1, 0, 0);
+  for (let k = DATA.marks.length - 1; k >= 0; k--) {
+    const mark = DATA.marks[k];
+    if (mark.i === null || (mark.g && !forces)) continue;
+    trace(mark, poseOf(mark.f, time));
+    pen.lineWidth = 10;
+    if ((mark.c && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) return mark.i;
+  }
+  return null;
+}
