@@ -51,9 +51,7 @@ def revolute() -> mbd.Mechanism:
 @scene
 def translational() -> mbd.Mechanism:
     block = box("b", (0.6, 0.2, 0.3))
-    return mbd.Mechanism(
-        bodies=[block], joints=[mbd.Translational("guide", mbd.ground.at(0, 0, 0.3), block.at(0, 0))]
-    )
+    return mbd.Mechanism(bodies=[block], joints=[mbd.Translational("guide", mbd.ground.at(0, 0, 0.3), block.at(0, 0))])
 
 
 @scene
@@ -127,7 +125,7 @@ def rolling() -> mbd.Mechanism:
 
 def egg() -> mbd.CamOutline:
     """An outline with a nose."""
-    return mbd.CamOutline(lambda angle: 0.03 + 0.006 * mbd.cos(angle))
+    return mbd.CamOutline(lambda angle: 0.03 + 0.008 * mbd.cos(angle))
 
 
 @scene
@@ -275,4 +273,4 @@ def draw(name: str) -> Figure:
 if __name__ == "__main__":
     TARGET.mkdir(parents=True, exist_ok=True)
     for name in sys.argv[1:] or [*SCENES, "friction_laws"]:
-        draw(name).savefig(TARGET / f"{name}.png", dpi=DPI)
+        draw(name).savefig(TARGET / f"{name}.png", dpi=DPI, bbox_inches="tight", pad_inches=0.05)

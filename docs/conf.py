@@ -37,7 +37,7 @@ mathjax_path = MATHJAX.name
 mathjax3_config = {
     "tex": {
         "macros": {
-            "vec": [r"\mathbf{#1}", 1],
+            "vec": [r"\boldsymbol{\mathbf{#1}}", 1],
             "mat": [r"\mathbf{#1}", 1],
             "T": r"^{\mathsf{T}}",
         }

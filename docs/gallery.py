@@ -43,7 +43,12 @@ def write_pages(app: object = None) -> None:
             first, rest = question(name)
             title = name.replace("_", " ").capitalize()
             picture = f"../gallery/{name}.png"
-            index += [":::{container} tile", f"[![{title}]({picture})]({name}.md)", f"[{title}]({name}.md). {first}", ":::"]
+            index += [
+                ":::{container} tile",
+                f"[![{title}]({picture})]({name}.md)",
+                f"[{title}]({name}.md). {first}",
+                ":::",
+            ]
             page = [f"# {title}", "", first, "", rest, "", f"![{title}]({picture})", ""]
             page += [f"```{{literalinclude}} ../../examples/{name}.py", ":language: python", ":name: script", "```", ""]
             write(TARGET / f"{name}.md", "\n".join(page))

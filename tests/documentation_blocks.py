@@ -1,7 +1,7 @@
 """Runs the code blocks of the documentation, and compares what they print with what the page shows.
 
 The Python blocks of a page share their names and run in order. A ``text``
-block directly after one shows what it prints; a warning appears as
+block directly after one shows what it prints (where none follows, that is left open); a warning appears as
 ``MechanismWarning: …`` and an error, which the block must then raise, as
 ``AssemblyError: …``. Numbers agree to the digits that the page shows, and
 ``...`` stands for anything. ``python tests/documentation_blocks.py PAGE ...``
@@ -24,11 +24,13 @@ import mbdcasadi as mbd
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 FIGURES = DOCS / "figures"
-PAGES = sorted([ROOT / "README.md", *(p for p in DOCS.rglob("*.md") if not {"_build", "scripts"} & set(p.parts))])
+PAGES = [ROOT / "README.md", *sorted(p for p in DOCS.rglob("*.md") if not {"_build", "examples"} & set(p.parts))]
 
 _FENCE = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _ERROR = re.compile(r"^(\w+Error|Interrupted): ", re.MULTILINE)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d*))?(?:e([-+]?\d+))?")
+#: the same as one group
+_CAPTURED = r"([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)"
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Block:
     line: int
     code: str
     shown: str | None
-    #: where the shown text begins and ends in the page, or where one would be put
+    #: where the shown text begins and ends in the page
     span: tuple[int, int]
 
 
@@ -93,7 +95,7 @@ def _word(piece: str) -> str:
     """Pattern of a word: its numbers are taken out, the rest is as it is."""
     parts, last = [], 0
     for number in _NUMBER.finditer(piece):
-        parts += [re.escape(piece[last : number.start()]), f"({_NUMBER.pattern.replace('(', '(?:').replace('(?:?:', '(?:')})"]
+        parts += [re.escape(piece[last : number.start()]), _CAPTURED]
         last = number.end()
     return "".join([*parts, re.escape(piece[last:])])
 
@@ -113,22 +115,21 @@ def run_page(page: Path) -> list[str]:
     differences = []
     for block in blocks_of(page):
         printed = printed_by(block, names)
-        if not agrees(block.shown or "", printed):
+        if block.shown is not None and not agrees(block.shown, printed):
             differences.append(f"{page.name}, line {block.line}: shown\n{block.shown}\nprinted\n{printed}")
     return differences
 
 
 def rewrite(page: Path) -> None:
-    """Put into a page what its blocks print, where a text block follows or something is printed."""
+    """Put into the text blocks of a page what the Python blocks before them print."""
     names: dict[str, Any] = {"__name__": "page"}
     text, parts, last = page.read_text(encoding="utf-8"), [], 0
     for block in blocks_of(page):
         printed = printed_by(block, names)
         printed = "\n".join(line.rstrip() for line in printed.strip("\n").split("\n")) + "\n"
-        if agrees(block.shown or "", printed):
+        if block.shown is None or agrees(block.shown, printed):
             continue
-        put = printed if block.shown is not None else f"\n\n```text\n{printed}```"
-        parts += [text[last : block.span[0]], put]
+        parts += [text[last : block.span[0]], printed]
         last = block.span[1]
     page.write_text("".join([*parts, text[last:]]), encoding="utf-8")
 

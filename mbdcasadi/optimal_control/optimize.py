@@ -59,7 +59,8 @@ def optimize(
     parameters : mapping, optional
         Parameter to number.
     transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
-        A scheme of the package by name, or one of the user's own; see :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
+        A scheme of the package by name, or one of the user's own; see
+        :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
         :class:`~mbdcasadi.optimal_control.hermite_simpson.HermiteSimpson`.
     control : {"polynomial", "linear", "constant"}
         How inputs vary on the intervals. Limits of polynomials hold at the

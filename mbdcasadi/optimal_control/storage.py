@@ -32,8 +32,8 @@ def save(solution: Solution, path: str | Path) -> None:
     program = solution.program
     if not isinstance(solution.settings["transcription"], str):
         raise ModelError(
-            f"save: the solution was found by the transcription {program.scheme.name!r}, which is no part of the package "
-            "and so is not known where the file is read; save solution.trajectory, which can be a guess too"
+            f"save: the solution was found by the transcription {program.scheme.name!r}, which is no part of the "
+            "package and so is not known where the file is read; save solution.trajectory, which can be a guess too"
         )
     content: dict[str, Any] = {
         "format": _FORMAT,
