@@ -54,6 +54,7 @@ class Midpoint(Transcription):
         end, after = self.point(interval, 1.0), self.node(interval.next_node)
         _, position_jacobian, jacobian, _ = self.constraints.function(end.t, after["q"], interval.p)
         metric = ca.diag(ca.DM(1 / self.weights))
+        q, v = end.q + metric @ (position_jacobian.T @ parts["mu_1"]), end.v + metric @ (jacobian.T @ parts["mu_2"])
         return [
             *self.motion_rows(at, interval.p, 0.5, scales),
             self._state_rows(parts["rate"] - rate, "rate of", 0.5, scales.z / scales.time),
@@ -96,6 +97,6 @@ def test_is_not_saved_by_name(turn, tmp_path):
 @pytest.mark.parametrize("wrong", ["trapezoid", Transcription.__mro__[1], Midpoint.point, None])
 def test_anything_else_is_refused(turn, wrong):
     with pytest.raises(
-        mbd.ModelError, match="transcription must be one of gauss-legendre, hermite-simpson or a subclass"
+        mbd.ModelError, match="one of gauss-legendre, hermite-simpson or a subclass of"
     ):
         mbd.optimize(turn, transcription=wrong)
