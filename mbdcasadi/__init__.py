@@ -102,6 +102,10 @@ from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
 from .visual.animation import Animation, animate
+from .visual.charts import plot_energy, plot_path, plot_phase
 from .visual.drawing import draw
 from .visual.fits import plot_residuals
+from .visual.modes import plot_modes
+from .visual.optimum import plot_solution
 from .visual.plots import plot
+from .visual.symbols import symbol

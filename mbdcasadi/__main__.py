@@ -40,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="the analysis")
     run.add_argument("--csv", metavar="FILE", type=Path, help="write motion, reactions and efforts as a table")
     run.add_argument("--plot", metavar="FILE", type=Path, help="draw them over time (.png, .pdf, .svg, …)")
-    run.add_argument("--animate", metavar="FILE", type=Path, help="show the motion as a page or film (.html, .gif, .mp4)")
+    run.add_argument("--animate", metavar="FILE", type=Path, help="show the motion (.html, .gif, .mp4)")
     run.add_argument("--save", metavar="FILE", type=Path, help="write the trajectory for mbd.read_trajectory (.npz)")
     run.add_argument("--method", metavar="NAME", help="integrator for dynamics: idas (default), erk, rosenbrock, auto")
     run.add_argument("--tolerance", metavar="X", type=float, help="its relative and absolute tolerance (default 1e-8)")

@@ -9,7 +9,8 @@ from typing import Any
 from ..errors import MechanismError
 from ..model.quantities import yes_or_no
 from ..results.writing import whole_file
-from .film import Film, film, trace_options
+from .drawing import trace_options
+from .film import Film, film
 from .page import page
 
 
@@ -20,19 +21,21 @@ class Animation:
     ----------
     film : Film
         Its frames.
+    forces : bool
+        Whether forces are shown from the start.
     html : str
         The page, with everything that it needs in it.
     """
 
     def __init__(self, taken: Film, forces: bool):
-        self.film, self._forces = taken, forces
+        self.film, self.forces = taken, forces
         self._html: str | None = None
 
     @property
     def html(self) -> str:
         """The page, with everything that it needs in it."""
         if self._html is None:
-            self._html = page(self.film, self._forces)
+            self._html = page(self.film, self.forces)
         return self._html
 
     def save(self, path: str | Path) -> None:
@@ -120,9 +123,7 @@ def animate(
         writer_for(path)  # a wrong ending is told before the work
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
-    kind = None if path is None else Path(path).suffix.lower()
-    paged = kind in (None, ".html", ".htm")
-    options = trace_options(trace, forces=shown or paged, readings=paged, **flags)
+    options = trace_options(trace, forces=True, readings=True, **flags)
     animation = Animation(film(motion, options, plots, fps, speed, title), shown)
     if path is not None:
         animation.save(path)
@@ -136,13 +137,13 @@ def _write_page(animation: Animation, path: Path) -> None:
 def _write_gif(animation: Animation, path: Path) -> None:
     from .movies import write_gif
 
-    write_gif(animation.film, path)
+    write_gif(animation.film, animation.forces, path)
 
 
 def _write_mp4(animation: Animation, path: Path) -> None:
     from .movies import write_mp4
 
-    write_mp4(animation.film, path)
+    write_mp4(animation.film, animation.forces, path)
 
 
 _WRITERS: dict[str, Callable[[Animation, Path], None]] = {

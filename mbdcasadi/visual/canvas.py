@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Matplotlib's codes of a path.
 MOVE, LINE, CLOSE = 1, 2, 79
+#: Order of the lowest layer among artists, and the steps between layers.
+LOWEST, STEP = 2.0, 0.5
 
 
 class Canvas:
@@ -49,7 +51,7 @@ class Canvas:
                 linewidth=style.width,
                 linestyle=(0, tuple(d / max(style.width, 0.5) for d in style.dash)) if style.dash else "-",
                 alpha=strength if strength < 1 else None,
-                zorder=2 + 0.001 * order + mark.layer * 0.2,
+                zorder=LOWEST + STEP * mark.layer + 1e-4 * order,
                 capstyle="round",
                 joinstyle="round",
                 clip_on=True,
@@ -99,6 +101,8 @@ def _text(axes: Axes, label: Any) -> Any:
 
     return axes.annotate(
         label.text, (0, 0), xytext=(6, 6) if label.above else (7, -11), textcoords="offset points",
-        fontsize="small", fontstyle="italic" if label.above else "normal", color=LIGHT["ink" if label.above else "muted"],
-        path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])], zorder=9, annotation_clip=True,
+        fontsize="small", fontstyle="italic" if label.above else "normal",
+        color=LIGHT["ink" if label.above else "muted"],
+        path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])],
+        zorder=LOWEST + 9 * STEP, annotation_clip=True,
     )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +34,8 @@ class Options:
         Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
     trace : tuple of casadi.SX
         Points whose way is drawn.
+    traced : tuple of Marker
+        Those of them that are markers on bodies.
     readings : bool
         Whether items carry numbers.
     """
@@ -44,6 +45,7 @@ class Options:
     frames: bool = False
     centroids: bool = False
     trace: tuple[ca.SX, ...] = ()
+    traced: tuple[Marker, ...] = ()
     readings: bool = False
 
 
@@ -77,11 +79,14 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
         symbol(element, pen)
     for body in mechanism.bodies:
         pen.item = item(body)
-        draw_body(body, pen)
+        draw_body(body, pen, options.traced)
         if options.centroids:
             _centroid(pen, body)
         if options.frames:
             _axes(pen, body)
+        for marker in options.traced:
+            if marker.body is body:
+                pen.dot(pen.on(marker))
     pen.item = None
     if options.frames:
         _axes(pen, ground)
@@ -90,8 +95,12 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     if options.names:
         _names(pen)
     # a body covers those before it in the list, whatever its marks were drawn for
-    pen.scene.marks.sort(key=lambda mark: (mark.layer, -1 if mark.body is None or mark.layer != scene.BODY else mark.body))
+    pen.scene.marks.sort(key=_depth)
     return pen.scene, scale
+
+
+def _depth(mark: scene.Mark) -> tuple[int, int]:
+    return mark.layer, mark.body if mark.layer == scene.BODY and mark.body is not None else -1
 
 
 def _measures(sample: Sample) -> tuple[float, bool]:
@@ -165,4 +174,4 @@ def _names(pen: Pen) -> None:
         marker: Marker | None = next(iter(getattr(joint, "markers", ())), None)
         if marker is not None:
             frame = pen.on(marker)
-            pen.scene.labels.append(Label(frame.number, tuple(frame.shift + [0.0, 0.2 * u]), joint.name, False))
+            pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1] + 0.2 * u), joint.name, False))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -14,9 +15,10 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import whole, yes_or_no
 from ..results.state import State
 from ..results.trajectory import Trajectory
+from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
 from .sample import Sample
-from .scene import Scene, box_of
+from .scene import TRACE, Scene, box_of
 from .style import LIGHT
 
 if TYPE_CHECKING:
@@ -80,13 +82,10 @@ def draw(
     if not isinstance(pictured, Trajectory) and poses is not None:
         raise MechanismError("draw: poses= is for motions; this is one state")
     sample = Sample(pictured)
-    points = trace_points(trace)
-    if points and not isinstance(pictured, Trajectory):
+    flags = {"forces": forces, "names": names, "frames": frames, "centroids": centroids}
+    options = trace_options(trace, **{name: yes_or_no(value, "draw", name) for name, value in flags.items()})
+    if options.trace and not isinstance(pictured, Trajectory):
         raise MechanismError("draw: a trace is the way of a point over a motion; this is one state")
-    options = Options(
-        *(yes_or_no(v, "draw", n) for n, v in (("forces", forces), ("names", names), ("frames", frames),
-                                               ("centroids", centroids))), trace=points,
-    )  # fmt: skip
     count = 1 if poses is None else whole(poses, "draw", "poses", 1)
     if axes is None:
         axes = Figure(layout="constrained").subplots()
@@ -98,14 +97,12 @@ def draw(
 
 
 def _draw(sample: Sample, options: Options, axes: Axes, count: int, fresh: bool) -> None:
-    from .canvas import Canvas
-
     scene, scale = compose(sample, options)
     poses = scene.poses(sample)
     shown = np.unique(np.round(np.linspace(0, len(poses) - 1, count)).astype(int)) if count > 1 else np.array([0])
+    ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
-        behind = Scene(scene.unit, scene.frames, [m for m in scene.marks if m.group == ""])
-        Canvas(axes, behind, strength=0.22, still=False).show(poses[k])
+        Canvas(axes, ghost, strength=0.22, still=False).show(poses[k])
     Canvas(axes, scene).show(poses[0])
     ways = draw_traces(axes, sample, options.trace)
     box = room(scene, poses[shown], ways)
@@ -130,8 +127,8 @@ def subject(source: Any) -> State | Trajectory:
     raise MechanismError(f"draw: takes a state, a motion, a solution or a mechanism, got {source!r}")
 
 
-def trace_points(trace: Any) -> tuple[ca.SX, ...]:
-    """Points (2,) of markers, bodies and expressions."""
+def trace_options(trace: Any, **more: bool) -> Options:
+    """Options with the points (2,) of markers, bodies and expressions."""
     given = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
     if not isinstance(given, Sequence):
         raise MechanismError(f"trace= takes a list of markers, got {trace!r}")
@@ -141,7 +138,7 @@ def trace_points(trace: Any) -> tuple[ca.SX, ...]:
         if not isinstance(where, ca.SX) or where.numel() != 2:
             raise MechanismError(f"trace= takes markers, bodies or expressions of two components, got {point!r}")
         found.append(ca.vec(where))
-    return tuple(found)
+    return Options(trace=tuple(found), traced=tuple(p for p in given if isinstance(p, Marker)), **more)
 
 
 # --- axes ------------------------------------------------------------------------------------
@@ -151,13 +148,15 @@ def draw_traces(axes: Axes, sample: Sample, points: Sequence[ca.SX]) -> np.ndarr
         return np.zeros((0, 2))
     ways = sample[ca.vertcat(*points)].reshape(-1, len(points), 2)
     for k in range(len(points)):
-        axes.plot(*ways[:, k].T, color=LIGHT["trace"], linewidth=1.3, zorder=2.35, solid_capstyle="round")
+        axes.plot(
+            *ways[:, k].T, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round"
+        )
     return ways.reshape(-1, 2)
 
 
 def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
     """Corners about marks and ways, with a margin; very long arrows of forces may reach out of it."""
-    box = box_of([m for m in scene.marks if m.group == ""], poses)
+    box = box_of(scene.without("loads").marks, poses)
     if len(ways):
         box = np.array([np.minimum(box[0], ways.min(axis=0)), np.maximum(box[1], ways.max(axis=0))])
     diagonal = float(np.hypot(*(box[1] - box[0])))
@@ -185,8 +184,9 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#8a929a")
     axes.tick_params(color="#8a929a", labelsize="small")
-    for axis, length in (("x", width), ("y", height)):
-        axes.locator_params(axis=axis, nbins=max(3, round(7 * length / max(width, height))))
+    sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
+    for axis, length in sides:
+        axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
 
 
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:

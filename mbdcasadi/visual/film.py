@@ -14,7 +14,7 @@ from ..model.symbols import number
 from ..results.columns import component_names, read_expressions
 from ..results.trajectory import Trajectory
 from .compose import Options, compose
-from .drawing import subject, trace_points
+from .drawing import subject
 from .sample import Sample
 from .scene import Scene
 
@@ -113,8 +113,3 @@ def _curves(sample: Sample, plots: Mapping[str, Any] | None) -> dict[str, dict[s
         values = sample[expression.T]
         found[label] = dict(zip(names, values.T, strict=True))
     return found
-
-
-def trace_options(trace: Any, **more: Any) -> Options:
-    """Options with a checked trace."""
-    return Options(trace=trace_points(trace), **more)

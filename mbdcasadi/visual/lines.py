@@ -7,9 +7,13 @@ as long as a force is large, a couple whose sense is the sign of L.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 Points = np.ndarray
+#: What points may be given as.
+Like = Any
 
 
 def circle(centre: tuple[float, float] | Points, radius: float, count: int = 48) -> Points:
@@ -98,14 +102,14 @@ def arrow(length: float, head: float) -> tuple[Points, Points]:
 
 
 # --- what stretches ----------------------------------------------------------------------
-def stretched(points: Points) -> Points:
+def stretched(points: Like) -> Points:
     """Points (k, 2) that scale as a whole with the length of the frame; a negative length mirrors them."""
     points = np.asarray(points, float)
     zero = np.zeros(len(points))
     return np.column_stack([zero, points[:, 0], zero, points[:, 1]])
 
 
-def along(shares: Points, heights: Points, shift: float = 0.0) -> Points:
+def along(shares: Like, heights: Like, shift: float = 0.0) -> Points:
     """Points at shares of the length, at heights that do not scale."""
     shares, heights = np.broadcast_arrays(np.asarray(shares, float), np.asarray(heights, float))
     return np.column_stack([np.full(shares.size, shift), shares, heights, np.zeros(shares.size)])

@@ -18,7 +18,7 @@ from ..model.forces.field import FieldForce
 from ..model.forces.gravity import Gravity
 from ..model.forces.motors import DCMotor
 from ..model.forces.springs import RSDA, TSDA
-from ..results.columns import reaction_body
+from ..results.columns import effort_unit, reaction_body
 from . import lines, scene
 from .pen import Pen
 from .symbols.constraints import pivot_of
@@ -55,8 +55,11 @@ def loads(element: Any, pen: Pen) -> list[Load]:
     if body is None:
         return []
     reaction = element.reaction_on(body)
-    style = "force" if isinstance(element, Driver) else "reaction"
-    place = reaction.marker.position
+    place, style = reaction.marker.position, "reaction"
+    if isinstance(element, Driver):
+        style = "force"
+        if effort_unit(element) == "N m":
+            place = pivot_of(pen, body, element.bodies)
     return [Load(place, reaction.force, style), Load(place, ca.SX(reaction.torque), style)]
 
 
@@ -114,7 +117,7 @@ def draw_loads(pen: Pen, everything: bool) -> dict[str, float]:
     pen : Pen
         What to draw with.
     everything : bool
-        All loads, in the group "loads"; else applied forces alone.
+        All loads; else those of :class:`Force` elements alone. The others form the group "loads".
 
     Returns
     -------
@@ -142,7 +145,7 @@ def draw_loads(pen: Pen, everything: bool) -> dict[str, float]:
             if np.max(values[:, k]) > 1e-6 * largest:
                 element, load = found[k]
                 pen.item = pen.item_of(element)
-                group = "" if isinstance(element, Force) and not everything else "loads"
+                group = "" if isinstance(element, Force) else "loads"
                 (_couple if couple[k] else _arrow)(pen, load, 1 / scale[kind], group)
     return scale
 

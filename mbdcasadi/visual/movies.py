@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import FileError, MechanismError
-from .canvas import Canvas
+from .canvas import LOWEST, STEP, Canvas
 from .drawing import FLAT, TALL, draw_scale, frame_axes, room
 from .film import Film
 from .plots import COLOURS, dress
+from .scene import TRACE
 from .style import LIGHT
 
 if TYPE_CHECKING:
@@ -30,14 +31,23 @@ COLOURS_OF_GIF = 63
 
 
 class Stage:
-    """A figure of the scene and its plots, which is moved from frame to frame."""
+    """A figure of the scene and its plots, which is moved from frame to frame.
 
-    def __init__(self, film: Film):
+    Parameters
+    ----------
+    film : Film
+        What it shows.
+    forces : bool
+        Whether all forces are shown.
+    """
+
+    def __init__(self, film: Film, forces: bool):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         self.film = film
-        box = room(film.scene, film.poses, film.ways.reshape(-1, 2))
+        scene = film.scene if forces else film.scene.without("loads")
+        box = room(scene, film.poses, film.ways.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
         # even numbers of pixels: films want them
@@ -46,13 +56,13 @@ class Stage:
         self.canvas: Any = FigureCanvasAgg(self.figure)
         axes = self.figure.subplots(1 + curves, 1, height_ratios=[WIDTH * ratio + 0.5] + [1.25] * curves, squeeze=False)
         scene_axes, *others = axes[:, 0]
-        self._picture = Canvas(scene_axes, film.scene)
-        if film.scale:
-            box = draw_scale(scene_axes, film.scale, box, film.scene.unit)
+        self._picture = Canvas(scene_axes, scene)
+        if film.scale and scene.has_arrows:
+            box = draw_scale(scene_axes, film.scale if forces else {"N": film.scale["N"]}, box, scene.unit)
         frame_axes(scene_axes, box, fresh=False)
         scene_axes.set_aspect("equal", adjustable="box")
         self._traces = [
-            scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=2.35)[0]
+            scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
             for _ in range(film.ways.shape[1])
         ]
         self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
@@ -78,6 +88,12 @@ class Stage:
         axes.set_xlim(self.film.t[0], self.film.t[-1])
         return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        width, height = self.canvas.get_width_height()
+        return height, width
+
     def image(self, k: int) -> np.ndarray:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
@@ -97,28 +113,48 @@ def _digits(t: np.ndarray) -> int:
     return int(max(2, np.ceil(1 - np.log10(t[-1] - t[0]) + 1)))
 
 
-def write_gif(film: Film, path: Path) -> None:
+def write_gif(film: Film, forces: bool, path: Path) -> None:
     """Write a GIF that repeats; frames that would pass faster than viewers can show them are left out."""
     from PIL import Image
 
     step = max(1, int(np.ceil(SHORTEST_FRAME * film.fps - 1e-9)))
     shown = range(0, len(film.t), step)
-    stage = Stage(film)
-    colours = Image.fromarray(np.hstack([stage.image(0), stage.image(len(film.t) // 2)]))
-    palette = colours.quantize(COLOURS_OF_GIF, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    stage = Stage(film, forces)
+    palette = _palette([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)])
     pictures, before = [], np.zeros(0)
     for k in shown:
-        indices = np.asarray(Image.fromarray(stage.image(k)).quantize(palette=palette, dither=Image.Dither.NONE))
-        # what stays as it was is left transparent: it takes no room
-        same = indices == before if before.size else np.zeros(indices.shape, bool)
-        before = indices
-        picture = Image.fromarray(np.where(same, COLOURS_OF_GIF, indices).astype(np.uint8), "P")
-        picture.putpalette(palette.getpalette())
+        colours = _packed(stage.image(k))
+        changed = colours != before if before.size else np.ones(colours.shape, bool)
+        before = colours
+        # what is as it was is transparent: it takes no room
+        indices = np.full(colours.shape, COLOURS_OF_GIF, np.uint8)
+        indices[changed] = _nearest(colours[changed], palette)
+        picture = Image.fromarray(indices.reshape(stage.shape))
+        picture.putpalette(palette.ravel().tolist())
         pictures.append(picture)
     # the format counts in hundredths of a second
     duration = 10 * max(2, round(100 * step / film.fps))
     pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0,
                      transparency=COLOURS_OF_GIF, disposal=1, optimize=False)  # fmt: skip
+
+
+def _packed(image: np.ndarray) -> np.ndarray:
+    """Colours of an image as single numbers."""
+    return image.reshape(-1, 3) @ np.array([65536, 256, 1])
+
+
+def _palette(images: list[np.ndarray]) -> np.ndarray:
+    """The colours that occur most (k, 3): those of areas stay exactly what they are."""
+    values, counts = np.unique(np.concatenate([_packed(image) for image in images]), return_counts=True)
+    most = values[np.argsort(-counts, kind="stable")][:COLOURS_OF_GIF]
+    return np.column_stack([most >> 16, most >> 8 & 255, most & 255])
+
+
+def _nearest(packed: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """Index of the nearest colour of a palette for each packed colour."""
+    values, inverse = np.unique(packed, return_inverse=True)
+    colours = np.column_stack([values >> 16, values >> 8 & 255, values & 255])
+    return np.argmin(np.sum((colours[:, None] - palette) ** 2, axis=2), axis=1)[inverse]
 
 
 def need_ffmpeg(path: Any) -> str:
@@ -131,10 +167,10 @@ def need_ffmpeg(path: Any) -> str:
     return found
 
 
-def write_mp4(film: Film, path: Path) -> None:
+def write_mp4(film: Film, forces: bool, path: Path) -> None:
     """Write a film in H.264, by ffmpeg."""
-    stage = Stage(film)
-    height, width, _ = stage.image(0).shape
+    stage = Stage(film, forces)
+    height, width = stage.shape
     command = [
         need_ffmpeg(path), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
         "-r", f"{film.fps:g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+from dataclasses import asdict
 from importlib.resources import files
 from string import Template
 from typing import Any
@@ -15,7 +16,7 @@ from ..errors import MechanismError
 from .drawing import nice, room
 from .film import Film
 from .plots import COLOURS
-from .scene import BODY, Mark
+from .scene import SLOT, Mark
 from .style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
 
 _SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
@@ -100,18 +101,19 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
     ]  # fmt: skip
     traces = [[store.add(film.ways[:, k, j], "a trace") for j in range(2)] for k in range(film.ways.shape[1])]
     plots = [
-        {"label": label, "lines": [{"name": name, "column": store.add(values, f"'{label}'")} for name, values in lines.items()]}
+        {"label": label, "lines": [{"name": n, "column": store.add(v, f"'{label}'")} for n, v in lines.items()]}
         for label, lines in film.curves.items()
     ]  # fmt: skip
     box = room(scene, film.poses, film.ways.reshape(-1, 2))
     return {
         "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
         "digits": int(max(2, np.ceil(2 - np.log10(t[-1] - t[0])))),
-        "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": BODY,
+        "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": SLOT,
         "frames": frames, "marks": [_mark(mark) for mark in scene.marks],
-        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text, "a": x.above} for x in scene.labels],
+        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text, "a": x.above}
+                   for x in scene.labels],
         "items": items, "traces": traces, "plots": plots,
-        "styles": {name: {"fill": s.fill, "stroke": s.stroke, "width": s.width, "dash": s.dash} for name, s in STYLES.items()},
+        "styles": {name: asdict(style) for name, style in STYLES.items()},
         "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
         "seriesLight": COLOURS, "seriesDark": _COLOURS_DARK,
         "columns": store.columns, "words": store.words,

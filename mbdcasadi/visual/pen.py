@@ -151,16 +151,22 @@ class Pen:
         """Frame at a point given by expressions, with an angle given by one."""
         return Frame(self, self.scene.frame(position, angle), body=body)
 
+    def along(self, position: Any, way: Any) -> Frame:
+        """Frame at a point whose x axis goes along a vector."""
+        way = ca.SX(way)
+        return Frame(self, self.scene.frame(position, ca.atan2(way[1], way[0]), direction=True))
+
     def between(self, start: Any, end: Any) -> Frame:
         """Frame whose x axis runs from one point to another, as long as they are apart."""
         way = ca.SX(end) - ca.SX(start)
         length = ca.norm_2(way)
-        return Frame(self, self.scene.frame(start, ca.atan2(way[1], way[0]), length))
+        return Frame(self, self.scene.frame(start, ca.atan2(way[1], way[0]), length, direction=True))
 
     def vector(self, position: Any, vector: Any, scale: float) -> Frame:
         """Frame at a point along a vector, as long as the vector times a scale."""
         vector = ca.SX(vector)
-        return Frame(self, self.scene.frame(position, ca.atan2(vector[1], vector[0]), scale * ca.norm_2(vector)))
+        angle = ca.atan2(vector[1], vector[0])
+        return Frame(self, self.scene.frame(position, angle, scale * ca.norm_2(vector), direction=True))
 
     def scaled(self, position: Any, value: Any, scale: float) -> Frame:
         """Frame at a point, as long as a scalar times a scale, and mirrored where that is negative."""
@@ -176,7 +182,8 @@ class Pen:
         if not self._later:
             return
         box = self.box()
-        for self.item, draw in self._later:
+        for item, draw in self._later:
+            self.item = item
             draw(box)
         self._later = []
 

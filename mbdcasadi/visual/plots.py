@@ -66,7 +66,9 @@ def plot(motion: Trajectory, expressions: Mapping[str, Any]) -> Figure:
     for axes, (label, expression) in zip(stack, found.items(), strict=True):
         names = component_names("", expression.shape)
         values = motion[expression].reshape(len(motion), -1)
-        _lines(axes, motion, {name.lstrip("."): column for name, column in zip(names, values.T, strict=True)}, label)
+        lines_over(
+            axes, motion, {name.lstrip("."): column for name, column in zip(names, values.T, strict=True)}, label
+        )
     _mark_events(stack, motion)
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
@@ -102,7 +104,7 @@ def overview(motion: Trajectory) -> Figure:
         for k, (label, lines) in enumerate(panels.items()):
             share = stack[0] if stack else None
             stack.append(figure.add_subplot(grid[k * height : (k + 1) * height, side], sharex=share))
-            _lines(stack[-1], motion, lines, label)
+            lines_over(stack[-1], motion, lines, label)
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
         stack[-1].set_xlabel("t, s")
@@ -140,7 +142,7 @@ def _loads(motion: Trajectory) -> Panels:
     return {label: lines for label, lines in panels.items() if lines}
 
 
-def _lines(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
+def lines_over(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
     """Draw named lines into axes; a single one needs no legend."""
     marker = "o" if len(motion) == 1 else ""
     for k, (name, values) in enumerate(lines.items()):
@@ -162,7 +164,7 @@ def dress(axes: Axes, label: str, legend: bool) -> None:
     # rounding errors of a quantity that rests would else fill the whole height
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))
-    if high - low < 1e-9 * max(size, 1e-3):
+    if high - low < 1e-9 * max(size, 1e-3) and axes.get_yscale() == "linear":
         margin = 0.1 * size if size > 1e-9 else 1.0
         axes.set_ylim(low - margin, high + margin)
     if legend:

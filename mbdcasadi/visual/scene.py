@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 #: What lies above what; bodies keep the order of the mechanism.
-GROUND, GUIDE, TRACE, BODY, SLOT, SPRING, PIN, ARROW = range(8)
+GROUND, GUIDE, BODY, TRACE, SLOT, SPRING, PIN, ARROW = range(8)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +84,8 @@ class Scene:
     frames : list of casadi.SX
         Of each its ``x, y`` (m), angle (rad) and length (m); the first is the ground.
     marks : list of Mark
+    directions : list of int
+        Frames whose angle is that of a vector: whole turns between two times are none of theirs.
     labels : list of Label
     items : list of Item
     traces : list of casadi.SX
@@ -95,19 +97,31 @@ class Scene:
     unit: float
     frames: list[ca.SX] = field(default_factory=lambda: [ca.SX([0, 0, 0, 1])])
     marks: list[Mark] = field(default_factory=list)
+    directions: list[int] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
     traces: list[ca.SX] = field(default_factory=list)
 
-    def frame(self, position: Any, angle: Any = 0.0, length: Any = 1.0) -> int:
-        """Add a frame and return its number."""
+    def frame(self, position: Any, angle: Any = 0.0, length: Any = 1.0, direction: bool = False) -> int:
+        """Add a frame and return its number; `direction` says that the angle is that of a vector, known up to turns."""
+        if direction:
+            self.directions.append(len(self.frames))
         self.frames.append(ca.vertcat(ca.SX(position), ca.SX(angle), ca.SX(length)))
         return len(self.frames) - 1
 
+    def without(self, group: str) -> Scene:
+        """The same scene without the marks of a group."""
+        return replace(self, marks=[mark for mark in self.marks if mark.group != group])
+
+    @property
+    def has_arrows(self) -> bool:
+        """Whether there are arrows that are to scale."""
+        return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
+
     def poses(self, sample: Any) -> np.ndarray:
-        """Poses (n_t, frames, 4) over the times of a sample; angles without jumps."""
+        """Poses (n_t, frames, 4) over the times of a sample; directions of vectors without jumps."""
         values = sample[ca.vertcat(*self.frames)].reshape(-1, len(self.frames), 4)
-        values[:, :, 2] = np.unwrap(values[:, :, 2], axis=0)
+        values[:, self.directions, 2] = np.unwrap(values[:, self.directions, 2], axis=0)
         return values
 
 

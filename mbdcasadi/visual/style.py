@@ -15,12 +15,14 @@ BODIES_DARK = (
 )  # fmt: skip
 
 LIGHT = {
-    "ink": "#20272e", "paper": "#ffffff", "muted": "#77828c", "ground": "#5b6770", "soil": "#e4e8eb", "spring": "#3d4852",
-    "rubber": "#8d7b6c", "force": "#c22f43", "reaction": "#1f6f4a", "weight": "#77828c", "motion": "#c46f0a", "trace": "#7a5195",
+    "ink": "#20272e", "paper": "#ffffff", "muted": "#77828c", "ground": "#5b6770", "soil": "#e4e8eb",
+    "spring": "#3d4852", "rubber": "#8d7b6c", "force": "#c22f43", "reaction": "#1f6f4a", "weight": "#77828c",
+    "motion": "#c46f0a", "trace": "#7a5195",
 }  # fmt: skip
 DARK = {
-    "ink": "#e6ebef", "paper": "#14191e", "muted": "#8d99a3", "ground": "#a5b0b9", "soil": "#2b333a", "spring": "#c9d2d9",
-    "rubber": "#a8917d", "force": "#ff7b8b", "reaction": "#5fd19a", "weight": "#8d99a3", "motion": "#f5ab4e", "trace": "#c5a1e0",
+    "ink": "#e6ebef", "paper": "#14191e", "muted": "#8d99a3", "ground": "#a5b0b9", "soil": "#2b333a",
+    "spring": "#c9d2d9", "rubber": "#a8917d", "force": "#ff7b8b", "reaction": "#5fd19a", "weight": "#8d99a3",
+    "motion": "#f5ab4e", "trace": "#c5a1e0",
 }  # fmt: skip
 
 

@@ -58,10 +58,8 @@ class Midpoint(Transcription):
         return [
             *self.motion_rows(at, interval.p, 0.5, scales),
             self._state_rows(parts["rate"] - rate, "rate of", 0.5, scales.z / scales.time),
-            self._continuity(
-                after["q"] - end.q - metric @ (position_jacobian.T @ parts["mu_1"]), "q", scales.q, scales
-            ),
-            self._continuity(after["v"] - end.v - metric @ (jacobian.T @ parts["mu_2"]), "v", scales.v, scales),
+            self._continuity(after["q"] - q, "q", scales.q, scales),
+            self._continuity(after["v"] - v, "v", scales.v, scales),
             self._state_rows(after["z"] - end.z, "continuity of", 1.0, scales.z),
             *self.constraint_rows(after["q"], after["v"], end.t, interval.p, 1.0, scales),
         ]

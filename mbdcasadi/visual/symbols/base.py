@@ -7,6 +7,7 @@ method ``glyph(pen)`` instead, or register a function with :data:`symbol`.
 from __future__ import annotations
 
 from functools import singledispatch
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -44,7 +45,7 @@ def symbol(element: Any, pen: Pen) -> None:
         # what is given by expressions alone is tied between the bodies that it connects
         places = [body.position for body in element.bodies if not body.is_ground]
     if len(places) > 1:
-        for first, second in zip(places[:-1], places[1:], strict=True):
+        for first, second in pairwise(places):
             tie(pen, first, second)
     for marker in markers:
         pen.dot(pen.on(marker))

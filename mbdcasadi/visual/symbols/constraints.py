@@ -131,7 +131,7 @@ def motion_arrow(pen: Pen, expression: Any, bodies: Any) -> None:
 
 def _straight(pen: Pen, body: Any, slope: Any) -> None:
     u = pen.unit
-    frame = pen.at(body.position, ca.atan2(slope[1], slope[0]))
+    frame = pen.along(body.position, slope[:2])
     shaft, head = lines.arrow(3.2 * u, 1.3 * u)
     beside = np.array([0.0, 2.0 * u])
     frame.draw("motion", shaft + beside, layer=scene.ARROW)

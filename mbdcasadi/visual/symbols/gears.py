@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+
 import casadi as ca
 import numpy as np
 
@@ -92,7 +93,9 @@ def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
     if inside < 4.5 * pen.unit:
         return []
     size = min(0.2 * inside, 2.5 * pen.unit)
-    return [lines.circle(0.6 * inside * np.array([np.cos(x), np.sin(x)]), size, 32)[::-1] for x in np.arange(4) * np.pi / 2]
+    return [
+        lines.circle(0.6 * inside * np.array([np.cos(x), np.sin(x)]), size, 32)[::-1] for x in np.arange(4) * np.pi / 2
+    ]
 
 
 @symbol.register
@@ -146,7 +149,7 @@ def belt(joint: Belt, pen: Pen) -> None:
         disc(pen, marker, radius)
     way = joint.b.position - joint.a.position
     length = float(np.hypot(*pen.over(way)[0]))
-    frame = pen.at(joint.a.position, ca.atan2(way[1], way[0]))
+    frame = pen.along(joint.a.position, way)
     if not joint.crossed:
         around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))
         frame.area("belt", around, layer=scene.SLOT)
@@ -165,4 +168,3 @@ def belt(joint: Belt, pen: Pen) -> None:
 def coupler(joint: Coupler, pen: Pen) -> None:
     """A dashed line between the shafts."""
     tie(pen, joint.a.position, joint.b.position)
-

@@ -40,7 +40,7 @@ function drawPlots(time, dark) {
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
     draw.clearRect(0, 0, plot.width, plot.height);
     drawAxes(draw, plot, theme, up, bottom);
-    let left = MARGIN.left + draw.measureText(plot.label).width + 16;
+    let left = MARGIN.left + plot.wide + 16;
     plot.lines.forEach(function (line, number) {
       draw.strokeStyle = draw.fillStyle = series[number % series.length];
       draw.lineWidth = 1.7;
@@ -82,5 +82,6 @@ function drawAxes(draw, plot, theme, up, bottom) {
   draw.font = "600 12px system-ui, sans-serif";
   draw.fillStyle = theme.ink;
   draw.fillText(plot.label, MARGIN.left, 14);
+  plot.wide = draw.measureText(plot.label).width;
   draw.font = "12px system-ui, sans-serif";
 }

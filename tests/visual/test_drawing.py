@@ -1,0 +1,307 @@
+"""Drawings: symbols sit where the state says, every element has one, and bad input is named."""
+
+import subprocess
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from test_every_element import MACHINES
+
+import mbdcasadi as mbd
+from mbdcasadi.visual import lines
+from mbdcasadi.visual.compose import Options, compose
+from mbdcasadi.visual.drawing import nice, subject
+from mbdcasadi.visual.sample import Sample
+from mbdcasadi.visual.scene import BODY, PIN, placed
+
+MODELS = {
+    "four_bar": mbd.library.four_bar,
+    "five_bar": mbd.library.five_bar,
+    "slider_crank": mbd.library.slider_crank,
+    "quick_return": mbd.library.quick_return,
+    "scotch_yoke": mbd.library.scotch_yoke,
+    "jansen": mbd.library.jansen,
+    "planetary_gear": lambda: mbd.library.planetary_gear(planets=3),
+    "pendulum_chain": lambda: mbd.library.pendulum_chain(4),
+}
+
+
+def scene_of(source, **options):
+    """Scene of a source, with its poses (n_t, frames, 4)."""
+    sample = Sample(subject(source))
+    scene, scale = compose(sample, Options(**options))
+    return scene, scene.poses(sample), scale
+
+
+def of_item(scene, name):
+    """Marks that belong to a body or an element."""
+    return [m for m in scene.marks if m.item is not None and scene.items[m.item].name == name]
+
+
+def where(mark, poses, k=0):
+    """Points of the first loop of a mark in the global frame."""
+    return placed(mark.loops[0], poses[k, mark.frame])
+
+
+# --- symbols against the state --------------------------------------------------------------
+def test_pins_are_drawn_where_the_markers_are():
+    """The centre of the circle of each pin, over a motion."""
+    model = mbd.library.four_bar()
+    motion = mbd.kinematics(model.driven(crank=2 * mbd.t), np.linspace(0, 3, 31))
+    scene, poses, _ = scene_of(motion)
+    for name in "ABCD":
+        (circle,) = (m for m in of_item(scene, name) if m.layer == PIN)
+        expected = motion[model.mechanism.joint(name).a.position]
+        for k in (0, 17, 30):
+            np.testing.assert_allclose(where(circle, poses, k).mean(axis=0), expected[k], atol=1e-12)
+
+
+def test_bodies_cover_their_markers_and_turn_with_them():
+    """The outline of a link without a shape reaches from pin to pin."""
+    crank = mbd.Body("crank", 1, 1, pose=(0.5, 0, 0))
+    rod = mbd.Body("rod", 1, 1, pose=(1, 1, np.pi / 2))
+    joints = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-0.5, 0)),
+        mbd.Revolute("B", crank.at(0.5, 0), rod.at(-1, 0)),
+    ]
+    joints.append(mbd.Translational("C", mbd.ground.at(0, 2), rod.at(1, 0, -np.pi / 2)))
+    state = mbd.assemble(mbd.Mechanism([crank, rod], joints))
+    scene, poses, _ = scene_of(state)
+    (outline,) = (m for m in of_item(scene, "crank") if m.layer == BODY)
+    low, high = where(outline, poses).min(axis=0), where(outline, poses).max(axis=0)
+    np.testing.assert_allclose((low + high) / 2, state[crank.position], atol=1e-9)
+    assert high[0] - low[0] == pytest.approx(1 + high[1] - low[1])  # round ends about both pins
+    plate = next(m for m in of_item(scene, "rod") if m.layer == BODY)
+    assert np.ptp(where(plate, poses)[:, 1]) > 2 > np.ptp(where(plate, poses)[:, 0])
+
+
+def test_shapes_are_drawn_in_their_own_frame():
+    """A polygon whose centroid is not its origin, with a hole."""
+    shape = mbd.Polygon([(0, 0), (3, 0), (3, 1), (0, 1)]) - mbd.Disc(0.2, center=(2, 0.5))
+    plate = mbd.Body.from_shape("plate", shape, density=1.0, pose=(10, 0, np.pi / 2))
+    scene, poses, _ = scene_of(mbd.Mechanism([plate], [mbd.Revolute("A", mbd.ground.at(10, 0), plate.at(0, 0))]))
+    (mark,) = (m for m in of_item(scene, "plate") if m.layer == BODY)
+    corners = placed(mark.loops[0], poses[0, mark.frame])
+    np.testing.assert_allclose(sorted(map(tuple, corners.round(9))), [(9, 0), (9, 3), (10, 0), (10, 3)], atol=1e-8)
+    hole = placed(mark.loops[1], poses[0, mark.frame])
+    np.testing.assert_allclose(hole.mean(axis=0), [9.5, 2], atol=1e-9)
+
+
+def test_springs_reach_from_end_to_end():
+    """Over a motion in which the length changes."""
+    model = MACHINES["DataLaw"]()
+    spring = model.mechanism.force("spring")
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 0.3, 7), initial=[model.s == 0.03])
+    scene, poses, _ = scene_of(motion)
+    zigzag = next(m for m in of_item(scene, "spring") if m.style == "spring")
+    for k in (0, 3, 6):
+        points = where(zigzag, poses, k)
+        np.testing.assert_allclose(points[0], motion[spring.a.position][k], atol=1e-12)
+        np.testing.assert_allclose(points[-1], motion[spring.b.position][k], atol=1e-12)
+
+
+def test_teeth_mesh():
+    """No tooth of one gear lies in a tooth of the other, at any time of the motion; numbers of teeth go with radii."""
+    from matplotlib.path import Path
+
+    for name in ("Gear", "internal Gear", "Gear on a carrier"):
+        model = MACHINES[name]()
+        drive = mbd.Driver("drive", model.s, model.by * mbd.t)
+        motion = mbd.kinematics(model.mechanism.replace(drivers=[drive]), np.linspace(0, 1, 9))
+        scene, poses, _ = scene_of(motion)
+        wheels = [m for m in of_item(scene, "mesh") if m.closed and m.style in ("body", "ground")]
+        assert len(wheels) == 2
+        inner, outer = sorted(wheels, key=lambda m: np.ptp(m.loops[0][:, 0]))
+        # of a ring the teeth are the hole
+        partner = outer.loops[1] if name == "internal Gear" else outer.loops[0]
+        gear = inner.loops[0]
+        ratio = (len(partner) // 4) / (len(gear) // 4)
+        radii = model.mechanism.joint("mesh")
+        assert ratio == pytest.approx(
+            max(radii.radius_a, radii.radius_b) / min(radii.radius_a, radii.radius_b), rel=0.03
+        )
+        for k in range(9):
+            region = Path(placed(partner, poses[k, outer.frame]))
+            inside = region.contains_points(placed(gear, poses[k, inner.frame]))
+            assert np.all(inside) if name == "internal Gear" else not np.any(inside), (name, k)
+
+
+def test_rack_meshes_with_its_pinion():
+    """No tooth in another while the rack moves."""
+    from matplotlib.path import Path
+
+    model = MACHINES["RackAndPinion"]()
+    drive = mbd.Driver("drive", model.s, 0.3 * mbd.t)
+    motion = mbd.kinematics(model.mechanism.replace(drivers=[drive]), np.linspace(0, 1, 12))
+    scene, poses, _ = scene_of(motion)
+    pinion, rack = (m for m in of_item(scene, "mesh") if m.style == "body")
+    for k in range(12):
+        region = Path(where(rack, poses, k))
+        assert not np.any(region.contains_points(where(pinion, poses, k)))
+
+
+def test_a_cam_touches_its_roller():
+    """The outline passes at the roller's radius from its centre, and not nearer."""
+    model = mbd.library.cam_follower(outline=mbd.CamOutline(lambda x: 0.05 + 0.01 * mbd.cos(x)), roller_radius=0.01)
+    motion = mbd.kinematics(model.driven(cam=2 * mbd.t), np.linspace(0, 3, 13))
+    scene, poses, _ = scene_of(motion)
+    outline = next(m for m in of_item(scene, "contact") if m.style == "body")
+    for k in range(13):
+        apart = np.hypot(*(where(outline, poses, k) - motion[model.follower.at(0, 0).position][k]).T)
+        assert apart.min() == pytest.approx(0.01, abs=2e-4)
+
+
+def test_arrows_are_to_scale_and_along_the_force():
+    """Applied force and reaction: length times scale is the force."""
+    block = mbd.Body("block", 2.0, 0.1)
+    hold = mbd.Weld("hold", mbd.ground.at(0, 0), block.at(0, 0))
+    push = mbd.Force("push", block.at(0.5, 0), (30, 40))
+    state = mbd.assemble(mbd.Mechanism([block], [hold], forces=[push, mbd.Gravity()]))
+    scene, poses, scale = scene_of(state, forces=True)
+    for name, expected, start in (("push", [30, 40], [0.5, 0]), ("hold", [-30, -40 + 2 * 9.81], [0, 0])):
+        head = next(m for m in of_item(scene, name) if m.style in ("force head", "reaction head"))
+        tip = where(head, poses)[0]
+        np.testing.assert_allclose(scale["N"] * (tip - start), expected, rtol=1e-9)
+    couples = [m for m in of_item(scene, "hold") if m.style == "reaction head"]
+    assert len(couples) == 2  # the couple -20 N m turns clockwise
+    assert poses[0, couples[1].frame, 3] * scale["N m"] == pytest.approx(-0.5 * 40)
+
+
+def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length():
+    """A mechanism a thousand times as large gives the same picture."""
+    small, large = (mbd.library.four_bar(*(s * x for x in (0.2, 0.5, 0.4, 0.55))) for s in (1.0, 1000.0))
+    first, second = (scene_of(m)[0] for m in (small, large))
+    assert second.unit == pytest.approx(1000 * first.unit)
+    assert [m.style for m in first.marks] == [m.style for m in second.marks]
+
+
+# --- every element -----------------------------------------------------------------------------
+@pytest.mark.parametrize("name", MACHINES)
+def test_every_element_is_drawn(name):
+    """One pose and a motion, with everything on."""
+    model = MACHINES[name]()
+    start = mbd.assemble(model.mechanism)
+    mbd.draw(start, forces=True, names=True, frames=True, centroids=True).figure.draw_without_rendering()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 0.05, 5), initial=start)
+    axes = mbd.draw(motion, poses=2, trace=[model.mechanism.bodies[0]])
+    axes.figure.draw_without_rendering()
+    assert axes.get_xlabel() == "x, m" and axes.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_library_is_drawn_whole(name):
+    """Nothing lies outside the axes."""
+    model = MODELS[name]()
+    axes = mbd.draw(model)
+    scene, poses, _ = scene_of(model)
+    for mark in scene.marks:
+        points = where(mark, poses)
+        assert axes.get_xlim()[0] <= points[:, 0].min() and points[:, 0].max() <= axes.get_xlim()[1]
+        assert axes.get_ylim()[0] <= points[:, 1].min() and points[:, 1].max() <= axes.get_ylim()[1]
+
+
+def test_every_class_of_element_has_a_symbol_of_its_own():
+    """Or is known to have no place: a new class is not forgotten."""
+    from mbdcasadi.model.elements import ConstraintElement, Element
+    from mbdcasadi.visual.symbols import symbol
+
+    # given by expressions alone, or between markers that a dashed line ties together
+    tied = {"Constraint", "NonholonomicConstraint", "RelativeX", "RelativeY", "RelativeAngle",
+            "PIController", "FirstOrderLag", "EnergyMeter"}  # fmt: skip
+    default = symbol.dispatch(object)
+    public = [c for c in vars(mbd).values() if isinstance(c, type) and issubclass(c, Element)]
+    assert len(public) > 40 and any(issubclass(c, ConstraintElement) for c in public)
+    assert {c.__name__ for c in public if symbol.dispatch(c) is default} == tied
+
+
+def test_elements_of_ones_own():
+    """By a method ``glyph``, by a function that is registered, and without either."""
+
+    class Slot(mbd.PointOnLine):
+        pass
+
+    class Plain(mbd.Constraint):
+        pass
+
+    class Own(mbd.Constraint):
+        def glyph(self, pen):
+            pen.pin(pen.ground(), 2.0)
+
+    @mbd.symbol.register
+    def _(element: Slot, pen):
+        pen.dot(pen.on(element.b))
+
+    block = mbd.Body("block", 1, 1)
+    for joint, style in (
+        (Slot("x", mbd.ground.at(0, 0), block.at(0, 0)), "dot"),
+        (Own("x", block.x), "pin"),
+        (Plain("x", block.x), None),
+    ):
+        scene, _, _ = scene_of(mbd.Mechanism([block], [joint]))
+        assert [m.style for m in of_item(scene, "x")] == ([style] if style else [])
+
+
+# --- what is drawn, and what is not ------------------------------------------------------------
+def test_sources():
+    """States, motions, solutions' motions, mechanisms and library models; axes of one's own."""
+    model = mbd.library.slider_crank()
+    state = mbd.assemble(model.mechanism)
+    motion = mbd.kinematics(model.driven(crank=mbd.t), [0.0, 0.5])
+    for source in (model, model.mechanism, state, motion):
+        assert len(mbd.draw(source).patches) > 10
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    assert mbd.draw(state, axes) is axes
+
+
+def test_wrong_input_is_named():
+    """Each with what it was."""
+    model = mbd.library.slider_crank()
+    motion = mbd.kinematics(model.driven(crank=mbd.t), [0.0, 0.5])
+    for error, source, options in (
+        ("takes a state", "crank", {}),
+        ("takes a state", None, {}),
+        ("poses= is for motions", model, {"poses": 3}),
+        ("whole number", motion, {"poses": 0}),
+        ("whole number", motion, {"poses": 2.5}),
+        ("True or False", motion, {"forces": 1}),
+        ("way of a point", model, {"trace": [model.pin.a]}),
+        ("two components", motion, {"trace": [model.crank.phi]}),
+        ("two components", motion, {"trace": ["pin"]}),
+        ("list of markers", motion, {"trace": 3}),
+    ):
+        with pytest.raises(mbd.MechanismError, match=error):
+            mbd.draw(source, **options)
+    with pytest.raises(mbd.MechanismError, match="stranger"):
+        mbd.draw(motion, trace=[mbd.Body("stranger", 1, 1)])
+
+
+def test_global_settings_are_left_alone():
+    """Neither rcParams nor the figures of pyplot."""
+    before = dict(matplotlib.rcParams)
+    mbd.draw(mbd.library.four_bar(), forces=True)
+    assert dict(matplotlib.rcParams) == before
+    code = "import sys, mbdcasadi as m; m.draw(m.library.four_bar()); sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+# --- lines -----------------------------------------------------------------------------------------
+def test_plates_keep_their_distance():
+    """Every corner lies at the radius from the hull of the points, here a segment."""
+    corners = lines.plate(np.array([[0, 0], [2, 0]]), 0.5)
+    beyond = np.maximum(np.abs(corners[:, 0] - 1) - 1, 0)
+    np.testing.assert_allclose(np.hypot(beyond, corners[:, 1]), 0.5, atol=1e-12)
+
+
+def test_hatching_lies_on_the_right():
+    """Of the way from start to end; no strokes where there is no way."""
+    strokes = lines.hatching([0, 0], [1, 0], 0.1, 0.05)
+    assert len(strokes) == 10 and all(s[1, 1] == pytest.approx(-0.05) and s[0, 1] == 0 for s in strokes)
+    assert lines.hatching([1, 1], [1, 1], 0.1, 0.05) == []
+
+
+def test_nice_numbers():
+    """1, 2 or 5 times a power of ten."""
+    assert [nice(x) for x in (1.0, 1.99, 2.0, 4.9, 5.0, 99, 0.037)] == pytest.approx([1, 1, 2, 2, 5, 50, 0.02])
