@@ -125,7 +125,7 @@ def rolling() -> mbd.Mechanism:
 
 def egg() -> mbd.CamOutline:
     """An outline with a nose."""
-    return mbd.CamOutline(lambda angle: 0.03 + 0.008 * mbd.cos(angle))
+    return mbd.CamOutline(lambda angle: 0.03 + 0.012 * ((1 + mbd.cos(angle)) / 2) ** 3)
 
 
 @scene

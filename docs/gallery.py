@@ -19,7 +19,7 @@ EXAMPLES, PICTURES, TARGET = HERE.parent / "examples", HERE / "gallery", HERE / 
 #: From the first pendulum to designs; every script is in one of the groups.
 GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
-    "Machine elements": ("planetary_train", "cam", "dc_motor"),
+    "Machine elements": ("walking_leg", "planetary_train", "cam", "dc_motor"),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),

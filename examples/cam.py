@@ -53,3 +53,4 @@ figure = mbd.plot(
     },
 )
 figure.savefig("cam.png", dpi=120)
+mbd.animate(run, "cam.html", plots={"lift, m": valve.follower.y, "contact force, N": contact.normal_force})

@@ -55,16 +55,9 @@ matplotlib.rcParams.update({"axes.spines.top": False, "axes.spines.right": False
 figure = Figure(figsize=(10, 6), layout="constrained")
 axes = figure.subplot_mosaic([["usual start", "best of eight starts"], ["force", "cart"]], height_ratios=(1.2, 1))
 for (name, solution), colour in zip(found.items(), ("#1f5fa8", "#d1495b"), strict=True):
-    strobe, motion = (solution.trajectory.at(np.linspace(0, 2, n)) for n in (25, 401))
-    scene = axes[name]
-    scene.axhline(0, color="#a9b4bd", linewidth=1, zorder=0)
-    scene.plot(*motion[bob.position].T, color=colour, linewidth=1, alpha=0.5)
-    for k, share in enumerate(np.linspace(0.15, 1, len(strobe))):
-        hinge, tip = strobe[cart.position][k], strobe[bob.position][k]
-        scene.plot(*np.transpose([hinge, tip]), color=colour, alpha=share)
-        scene.plot(*hinge, "s", color="black", markersize=7, alpha=share)
-        scene.plot(*tip, "o", color=colour, markersize=6, alpha=share)
-    scene.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=f"{name}: {solution.cost:.2f} N²s", xlim=(-0.3, 1.7))
+    mbd.draw(solution, axes[name], poses=13, trace=[bob])
+    axes[name].set_title(f"{name}: {solution.cost:.2f} N²s")
+    motion = solution.trajectory.at(np.linspace(0, 2, 401))
     axes["force"].plot(motion.t, motion[force], color=colour, label=name)
     axes["cart"].plot(motion.t, motion[cart.x], color=colour, label=name)
 for level in (-20, 20):

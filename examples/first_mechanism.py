@@ -28,3 +28,8 @@ figure = mbd.plot(
     },
 )
 figure.savefig("first_mechanism.png", dpi=120)
+
+# a page to play with: open it in a browser
+mbd.animate(
+    motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": mbd.vertcat(upper.phi, lower.phi)}
+)

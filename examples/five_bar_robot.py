@@ -75,13 +75,8 @@ for name, solution in solutions.items():
 matplotlib.rcParams.update({"axes.spines.top": False, "axes.spines.right": False, "legend.frameon": False})
 figure = Figure(figsize=(11, 5.4), layout="constrained")
 axes = figure.subplot_mosaic([["scene", u.label] for u in tau] + [["scene", "load"]], width_ratios=(1.2, 1))
-scene, strobe = axes["scene"], solutions["around the post"].trajectory.at(np.linspace(0, 0.25, 11))
-points = (joints[0].a, elbow.a, tool, joints[3].a, joints[4].b)
-pins = np.stack([strobe[point.position] for point in points])  # (5, 11, 2)
-for k in range(len(strobe)):
-    colour, width = ("black", 2.5) if k in (0, 10) else ("#c3ccd3", 1)
-    scene.plot(*pins[:, k].T, "o-", color=colour, linewidth=width, markersize=4, zorder=width)
-scene.plot(*pins[[0, 4], 0].T, "^", color="black", markersize=11)
+scene = axes["scene"]
+mbd.draw(solutions["around the post"], scene, poses=6)
 scene.add_patch(Circle(POST, RADIUS, facecolor="#e8d9b5", edgecolor="#b07a10", hatch="///", zorder=3))
 for (name, solution), colour in zip(solutions.items(), ("#2e8b6f", "#1f5fa8", "#d1495b"), strict=True):
     motion = solution.trajectory.at(np.linspace(0, solution.duration, 501))
@@ -93,7 +88,6 @@ for u in tau:
 for panel, level in [(u.label, side * TORQUE) for u in tau for side in (-1, 1)] + [("load", BEARING)]:
     axes[panel].axhline(level, color="black", linewidth=0.8, linestyle="--")
 axes["load"].set(xlabel="t, s", ylabel="elbow load, N", ylim=(0, None))
-scene.set(aspect="equal", xlabel="x, m", ylabel="y, m", ylim=(-0.02, 0.42))
-scene.set_title("around the post with the least effort, every 0.025 s")
+scene.set_title("around the post with the least effort, every 0.05 s")
 scene.legend(loc="upper center", ncols=3, fontsize="small")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)

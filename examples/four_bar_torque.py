@@ -68,18 +68,8 @@ figure = Figure(figsize=(11, 4.4), layout="constrained")
 axes = figure.subplot_mosaic(
     [["pose", "torque", "torque, fast"], ["pose", "load", "load, fast"]], width_ratios=(1.7, 1.2, 0.8)
 )
-strobe = effort.trajectory.at(np.linspace(0, effort.duration, 13))
-pins = np.stack([strobe[joint.b.position] for joint in (o2, pin_a, pin_b, o4)])  # (4, 13, 2)
-for k in range(len(strobe)):
-    colour, width = {0: ("#1f5fa8", 3), 12: ("#d1495b", 3)}.get(k, ("#a9b4bd", 1))
-    axes["pose"].plot(*pins[:, k].T, "o-", color=colour, linewidth=width, markersize=4, zorder=1 + width)
-axes["pose"].plot(*effort.trajectory[coupler.position].T, color="#e0a030", linewidth=1.5, zorder=3)
-axes["pose"].plot(*pins[[0, 3], 0].T, "^", color="black", markersize=11, zorder=0)
-labels = {"start": (0.098, 0.030, "#1f5fa8"), "end": (-0.080, -0.060, "#d1495b")}
-labels["path of the\ncoupler's middle"] = (-0.095, 0.135, "#b07a10")
-for text, (x, y, colour) in labels.items():
-    axes["pose"].text(x, y, text, color=colour)
-axes["pose"].set(aspect="equal", xlabel="x, m", ylabel="y, m", title="least effort, every 0.05 s")
+mbd.draw(effort, axes["pose"], poses=7, trace=[coupler.at(0, 0)])
+axes["pose"].set_title("least effort, every 0.1 s")
 
 for name, solution in solutions.items():
     motion = solution.trajectory.at(np.linspace(0, solution.duration, 601))

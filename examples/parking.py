@@ -46,3 +46,4 @@ figure = mbd.plot(
     },
 )
 figure.savefig("parking.png", dpi=120)
+mbd.animate(solution, "parking.html", trace=[sledge], plots={"rudder, N m": rudder})

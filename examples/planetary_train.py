@@ -46,3 +46,4 @@ figure = mbd.plot(
     },
 )
 figure.savefig("planetary_train.png", dpi=120)
+mbd.animate(motion, "planetary_train.html", speed=0.05, plots={"ring, rad/s": train.ring.omega})

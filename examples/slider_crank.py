@@ -47,3 +47,4 @@ figure = mbd.plot(
     },
 )
 figure.savefig("slider_crank.png", dpi=120)
+mbd.animate(run, "slider_crank.html", trace=[rod.at(0, 0)], plots={"torque, N m": driven.joint("speed").effort})

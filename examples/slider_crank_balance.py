@@ -13,7 +13,6 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
 
 import mbdcasadi as mbd
 
@@ -86,14 +85,5 @@ axes["peaks"].set(xlabel="least peak torque, N m", xlim=(0, 7))
 axes["peaks"].invert_yaxis()
 
 pose = found["spring and flywheel"].trajectory.at([0.055]).final
-scene, pins = axes["scene"], np.stack([pose[joint.b.position] for joint in (main, pin, wrist)])
-scene.add_patch(Circle((0, 0), 0.085, facecolor="#dce3e8", edgecolor="#8a929a"))
-scene.plot(*pins.T, "o-", color="black", linewidth=3)
-scene.add_patch(Rectangle(pins[2] - (0.03, 0.025), 0.06, 0.05, facecolor="#a9b4bd"))
-zigzag = np.linspace(pins[2, 0] + 0.03, 0.6, 17)
-scene.plot(zigzag, 0.04 + 0.012 * np.r_[0, 0, np.tile([1, -1], 6), 1, 0, 0], color=colours["spring"])
-scene.plot(zigzag[[0, 9]], [-0.04, -0.04], color="black", linewidth=1)
-scene.plot(zigzag[[12, 7, 7, 12]], -0.04 + 0.013 * np.array([1, 1, -1, -1]), color="black", linewidth=1)
-scene.plot([zigzag[7], 0.6, 0.6, 0.6], [-0.04, -0.04, -0.07, 0.07], color="black", linewidth=1)
-scene.set(aspect="equal", xlabel="x, m", ylabel="y, m", title="motor, flywheel, spring and pump")
+mbd.draw(pose, axes["scene"]).set_title("motor, flywheel, spring and pump")
 figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)

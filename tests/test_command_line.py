@@ -45,8 +45,9 @@ def analysis(path, **fields):
 
 def test_a_run_from_outside(tmp_path):
     """Summary on standard output, nothing on standard error, and the files that were asked for."""
-    out = {kind: tmp_path / f"out.{kind}" for kind in ("csv", "png", "npz")}
-    done = outside("run", *FREE, "--csv", out["csv"], "--plot", out["png"], "--save", out["npz"])
+    out = {kind: tmp_path / f"out.{kind}" for kind in ("csv", "png", "html", "npz")}
+    files = ("--csv", out["csv"], "--plot", out["png"], "--animate", out["html"], "--save", out["npz"])
+    done = outside("run", *FREE, *files)
     assert (done.returncode, done.stderr) == (0, "")
     for word in (
         "slider crank",
@@ -60,6 +61,7 @@ def test_a_run_from_outside(tmp_path):
     ):
         assert word in done.stdout, word
     assert out["png"].read_bytes()[:4] == b"\x89PNG"
+    assert "<title>slider crank</title>" in out["html"].read_text(encoding="utf-8")
     assert set(tmp_path.iterdir()) == set(out.values())
     model = mbd.read_adm(FREE[0])
     motion = mbd.read_trajectory(out["npz"], model)
@@ -137,6 +139,7 @@ def test_a_wrong_model(tmp_path, change, says):
         (["run", *map(str, FREE), "--csv", "absent/out.csv"], "does not exist"),
         (["run", *map(str, FREE), "--csv", "."], "folder"),
         (["run", *map(str, FREE), "--plot", "out.xyz"], ".png"),
+        (["run", *map(str, FREE), "--animate", "out.xyz"], "must end in .html, .gif or .mp4"),
         (["run", *map(str, FREE), "--csv", "out", "--save", "out"], "same file"),
         (["run", *map(str, FREE), "--method", "magic"], "magic"),
         (["run", *map(str, FREE), "--tolerance", "-1"], "-1"),

@@ -15,7 +15,10 @@ import mbdcasadi as mbd
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 NAMES = sorted(path.stem for path in EXAMPLES.glob("*.py"))
 #: Examples that are only run; the others have a test of their own name, which says what they find.
-PLAIN = ("buckling", "first_mechanism", "four_bar_output", "identify_friction", "modes", "slider_crank", "tolerances")
+PLAIN = (
+    "buckling", "first_mechanism", "four_bar_output", "identify_friction", "modes", "slider_crank", "tolerances",
+    "walking_leg",
+)  # fmt: skip
 LINES, BYTES = 100, 20_000
 
 
@@ -64,6 +67,8 @@ def test_runs_from_outside(name, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout and is_picture(tmp_path / f"{name}.png")
+    for page in tmp_path.glob("*.html"):
+        assert BYTES < page.stat().st_size < 10 * BYTES and page.stem == name
 
 
 @pytest.mark.slow

@@ -26,8 +26,10 @@ if TYPE_CHECKING:
 
 #: Width of a figure, inches, and the bounds of its height to its width.
 WIDTH, FLAT, TALL = 7.2, 0.34, 1.1
-#: Times over which traces and the room for a motion are taken, at most.
-TIMES = 400
+#: Times at which traces are taken, or a few more.
+TIMES = 300
+#: Opacity of poses behind the first: of those between, and of the last.
+BETWEEN, LAST = 0.2, 0.55
 
 
 def draw(
@@ -46,8 +48,8 @@ def draw(
     Parameters
     ----------
     source : State, Trajectory, Solution, Equilibrium, Mechanism or library model
-        What to draw. A mechanism is assembled first. Of a motion the first pose
-        is drawn, with some of the others behind it.
+        What to draw. A mechanism is assembled first; of a motion the first pose is
+        drawn, and others behind it where `poses` are asked for.
     axes : matplotlib.axes.Axes, optional
         Where to draw; axes of a new figure where none are given.
     forces : bool, default False
@@ -58,8 +60,8 @@ def draw(
     trace : sequence of Marker, Body or expression (2,)
         Points whose way is drawn, of a motion.
     poses : int, optional
-        How many poses of a motion are drawn, at equal distances in time; one of
-        them in full strength. 1 where none is given.
+        How many poses of a motion are drawn, at equal distances in time: the first
+        in full strength, the last weaker, those between faint. 1 where none is given.
 
     Returns
     -------
@@ -81,7 +83,6 @@ def draw(
     pictured = subject(source)
     if not isinstance(pictured, Trajectory) and poses is not None:
         raise MechanismError("draw: poses= is for motions; this is one state")
-    sample = Sample(pictured)
     flags = {"forces": forces, "names": names, "frames": frames, "centroids": centroids}
     options = trace_options(trace, **{name: yes_or_no(value, "draw", name) for name, value in flags.items()})
     if options.trace and not isinstance(pictured, Trajectory):
@@ -92,17 +93,29 @@ def draw(
         fresh = True
     else:
         fresh = False
-    _draw(sample, options, axes, count, fresh)
+    sample, shown = _sample(pictured, count, bool(options.trace))
+    _draw(sample, options, axes, shown, fresh)
     return axes
 
 
-def _draw(sample: Sample, options: Options, axes: Axes, count: int, fresh: bool) -> None:
+def _sample(source: State | Trajectory, count: int, traced: bool) -> tuple[Sample, np.ndarray]:
+    """Sample of a source, and numbers of the times whose poses are drawn, at equal distances."""
+    if isinstance(source, State) or not len(source) or not (traced or count > 1):
+        return Sample(source), np.array([0])
+    if not source.interpolates:
+        wanted = np.linspace(source.t[0], source.t[-1], count)
+        return Sample(source), np.unique([int(np.argmin(np.abs(source.t - time))) for time in wanted])
+    between = -(-TIMES // max(count - 1, 1))
+    times = np.linspace(source.t[0], source.t[-1], max(count - 1, 1) * between + 1)
+    return Sample(source, times), between * np.arange(count)
+
+
+def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh: bool) -> None:
     scene, scale = compose(sample, options)
     poses = scene.poses(sample)
-    shown = np.unique(np.round(np.linspace(0, len(poses) - 1, count)).astype(int)) if count > 1 else np.array([0])
     ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
-        Canvas(axes, ghost, strength=0.22, still=False).show(poses[k])
+        Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
     Canvas(axes, scene).show(poses[0])
     ways = draw_traces(axes, sample, options.trace)
     box = room(scene, poses[shown], ways)
@@ -178,7 +191,7 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
         axes.figure.set_size_inches(WIDTH if ratio < 0.8 else WIDTH * 0.8 / ratio + 0.6, min(WIDTH * ratio, 6.4) + 0.6)  # type: ignore[union-attr]
     axes.set_xlim(box[0, 0], box[1, 0])
     axes.set_ylim(box[0, 1], box[1, 1])
-    axes.set_aspect("equal", adjustable="box" if fresh else "datalim")
+    axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
     axes.spines[["top", "right"]].set_visible(False)

@@ -66,7 +66,6 @@ def _draw(axes: Any, mode: Any) -> None:
     outline = replace(scene, marks=[_thin(mark) for mark in scene.marks if mark.style in ("body", "pin")], labels=[])
     Canvas(axes, outline, 0.55, still=False).show(rest[0])
     frame_axes(axes, room(scene, np.vstack([poses, rest]), np.zeros((0, 2))), fresh=False)
-    axes.set_aspect("equal", adjustable="box")
     damped = f", damping ratio {mode.damping_ratio:.3g}" if abs(mode.damping_ratio) > 1e-9 else ""
     axes.set_title(f"{mode.frequency:.4g} Hz{damped}", fontsize="medium")
 

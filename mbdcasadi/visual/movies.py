@@ -60,7 +60,6 @@ class Stage:
         if film.scale and scene.has_arrows:
             box = draw_scale(scene_axes, film.scale if forces else {"N": film.scale["N"]}, box, scene.unit)
         frame_axes(scene_axes, box, fresh=False)
-        scene_axes.set_aspect("equal", adjustable="box")
         self._traces = [
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
             for _ in range(film.ways.shape[1])

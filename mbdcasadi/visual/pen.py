@@ -38,7 +38,9 @@ class Frame:
     def local(self, points: Any) -> np.ndarray:
         """Points as they lie in the frame of the scene."""
         points = np.atleast_2d(np.asarray(points, float))
-        return points if points.shape[1] == 4 else self.shift + lines.turned(points, self.angle)
+        if points.shape[1] == 4:
+            return points + np.array([self.shift[0], 0.0, self.shift[1], 0.0])
+        return self.shift + lines.turned(points, self.angle)
 
     def draw(self, style: str, *loops: Any, closed: bool = False, layer: int = scene.SPRING, group: str = "") -> None:
         """Put lines, or areas where they close, into the frame."""
@@ -121,6 +123,12 @@ class Pen:
         """Least and largest value of a scalar over all times."""
         values = self.over(expression)
         return float(values.min()), float(values.max())
+
+    def at_one_place(self, first: Marker, second: Marker) -> bool:
+        """Whether two markers sit at the same point of the same body."""
+        if first.body is not second.body:
+            return False
+        return bool(np.hypot(*self.over(first.local - second.local)[0]) <= 1e-9)
 
     # --- frames ------------------------------------------------------------------------------
     def ground(self) -> Frame:

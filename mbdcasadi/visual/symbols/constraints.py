@@ -63,7 +63,7 @@ def _held(joint: Any, pen: Pen, angle: float) -> None:
     marker = joint.marker
     partner = AbsoluteY if isinstance(joint, AbsoluteX) else AbsoluteX
     still = np.ptp(pen.over(marker.position), axis=0).max() <= 1e-6 * pen.unit
-    if still and any(_same_place(pen, marker, other.marker) for other in _of_kind(pen, (partner,))):
+    if still and any(pen.at_one_place(marker, other.marker) for other in _of_kind(pen, (partner,))):
         frame = pen.at(marker.position)
         pen.stand(frame)
         pen.pin(frame)
@@ -77,12 +77,6 @@ def _held(joint: Any, pen: Pen, angle: float) -> None:
 def joint_line(marker: Any, angle: float) -> Any:
     """Foot of a marker on the axis along which it is free."""
     return ca.vertcat(0, marker.y) if angle else ca.vertcat(marker.x, 0)
-
-
-def _same_place(pen: Pen, first: Any, second: Any) -> bool:
-    if first.body is not second.body:
-        return False
-    return bool(np.hypot(*pen.over(first.local - second.local)[0]) <= 1e-9)
 
 
 @symbol.register

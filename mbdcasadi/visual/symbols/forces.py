@@ -51,8 +51,7 @@ def _there(value: Any) -> bool:
 @symbol.register
 def spring_damper(element: TSDA, pen: Pen) -> None:
     """A zigzag, a damper, or both side by side; a cylinder where there is an actuator alone."""
-    _anchors(element, pen)
-    u, frame = pen.unit, pen.between(element.a.position, element.b.position)
+    u, frame = pen.unit, _beside_others(element, pen)
     spring = element.law is not None or _there(element.stiffness)
     damper = _there(element.damping)
     if not (spring or damper):
@@ -67,6 +66,20 @@ def spring_damper(element: TSDA, pen: Pen) -> None:
         frame.draw("spring", lines.zigzag(0.85 * u))
     else:
         _damper(pen, frame, 0.0, 0.0)
+
+
+def _beside_others(element: TSDA, pen: Pen) -> Frame:
+    """Frame from end to end, moved to the side where several elements connect the same points; with its anchors."""
+    _anchors(element, pen)
+    frame = pen.between(element.a.position, element.b.position)
+    springs = [f for f in pen.sample.mechanism.forces if isinstance(f, TSDA)]
+    same = [f for f in springs if all(pen.at_one_place(*ends) for ends in ((f.a, element.a), (f.b, element.b)))]
+    height = 2.3 * pen.unit * (same.index(element) - (len(same) - 1) / 2)
+    if height:
+        for end in (0, 1):
+            frame.draw("spring", lines.along([end, end], [0, height]))
+        frame.shift = np.array([0.0, height])
+    return frame
 
 
 def _inner(points: np.ndarray) -> np.ndarray:
@@ -106,15 +119,13 @@ def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
 @symbol.register
 def cylinder(element: Cylinder, pen: Pen) -> None:
     """A barrel with a piston rod."""
-    _anchors(element, pen)
-    _cylinder(pen, pen.between(element.a.position, element.b.position), element.length, 0.9)
+    _cylinder(pen, _beside_others(element, pen), element.length, 0.9)
 
 
 @symbol.register
 def gas_spring(element: GasSpring, pen: Pen) -> None:
     """A slender barrel with a piston rod."""
-    _anchors(element, pen)
-    _cylinder(pen, pen.between(element.a.position, element.b.position), element.length, 0.6)
+    _cylinder(pen, _beside_others(element, pen), element.length, 0.6)
 
 
 def _anchors(element: Any, pen: Pen) -> None:
