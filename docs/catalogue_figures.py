@@ -17,11 +17,12 @@ import mbdcasadi as mbd
 TARGET = Path(__file__).resolve().parent / "figures" / "catalogue"
 SIZE, DPI = (3.6, 2.4), 110
 
-SCENES: dict[str, Callable[[], mbd.Mechanism]] = {}
+Scene = Callable[[], mbd.Mechanism | mbd.Trajectory]
+SCENES: dict[str, Scene] = {}
 
 
-def scene(function: Callable[[], mbd.Mechanism]) -> Callable[[], mbd.Mechanism]:
-    """Take a function as the mechanism of the picture of its name."""
+def scene(function: Scene) -> Scene:
+    """Take a function as what is drawn in the picture of its name."""
     SCENES[function.__name__] = function
     return function
 
@@ -162,10 +163,16 @@ def cam_cam() -> mbd.Mechanism:
 
 
 @scene
-def point_on_curve() -> mbd.Mechanism:
-    b = bar("b", 0.5, (0.25, 0.2, 0.8), 0.06)
+def point_on_curve() -> mbd.Trajectory:
+    b = bar("b", 0.5, (-0.15, 0.2, 0.6), 0.06)
     curve = mbd.Curve(lambda s: (s, 0.8 * s**2), -0.4, 0.4)
-    return mbd.Mechanism(bodies=[b], joints=[mbd.PointOnCurve("slot", mbd.ground.at(0, 0), b.at(-0.2, 0), curve)])
+    joints = [
+        mbd.PointOnCurve("slot", mbd.ground.at(0, 0), b.at(-0.2, 0), curve),
+        mbd.AbsoluteAngle("level", b.at(0, 0), 0.6),
+    ]
+    slides = mbd.Mechanism(bodies=[b], joints=joints)
+    # the slot is drawn as far as the pin goes in the motion
+    return mbd.simulate(slides, duration=0.9, initial=[b.at(-0.2, 0).x == -0.35, b.vx == 0.75])
 
 
 @scene
@@ -265,6 +272,11 @@ def draw(name: str) -> Figure:
     figure = Figure(figsize=SIZE, layout="constrained")
     axes = figure.subplots()
     mbd.draw(SCENES[name](), axes, names=True)
+    if name == "end_stop":  # a gap is an expression and has no place of its own
+        axes.plot([0.85, 0.85], [-0.12, 0.12], color="#444b52", linewidth=2)
+        axes.annotate("", (0.85, 0), (0.65, 0), arrowprops={"arrowstyle": "<->", "color": "#444b52"})
+        axes.text(0.75, 0.02, "gap", ha="center", size="small")
+        axes.set_xlim(0.2, 0.95)
     axes.set_aspect("equal", adjustable="box")  # nothing is cut off in a frame of any shape
     axes.set_axis_off()
     return figure

@@ -94,7 +94,5 @@ def test_is_not_saved_by_name(turn, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["trapezoid", Transcription.__mro__[1], Midpoint.point, None])
 def test_anything_else_is_refused(turn, wrong):
-    with pytest.raises(
-        mbd.ModelError, match="one of gauss-legendre, hermite-simpson or a subclass of"
-    ):
+    with pytest.raises(mbd.ModelError, match="one of gauss-legendre, hermite-simpson or a subclass of"):
         mbd.optimize(turn, transcription=wrong)
