@@ -16,6 +16,9 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 EXAMPLES, PICTURES, TARGET = HERE.parent / "examples", HERE / "gallery", HERE / "examples"
 
+#: Width of a picture, pixels, and its colours.
+WIDTH, COLOURS = 1100, 96
+
 #: From the first pendulum to designs; every script is in one of the groups.
 GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
@@ -64,6 +67,16 @@ def write(path: Path, text: str) -> None:
         path.write_text(text, encoding="utf-8")
 
 
+def keep(picture: Path, target: Path) -> None:
+    """Keep a picture, no wider than the page and in few colours: drawings need no more."""
+    from PIL import Image
+
+    image = Image.open(picture).convert("RGB")
+    if image.width > WIDTH:
+        image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+
+
 def make_pictures(names: list[str]) -> None:
     """Run examples, and keep the picture that each draws."""
     PICTURES.mkdir(exist_ok=True)
@@ -73,7 +86,7 @@ def make_pictures(names: list[str]) -> None:
             script = [sys.executable, str(EXAMPLES / f"{name}.py"), f"{name}.png"]
             subprocess.run(script, cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
             (picture,) = Path(folder).glob("*.png")
-            (PICTURES / f"{name}.png").write_bytes(picture.read_bytes())
+            keep(picture, PICTURES / f"{name}.png")
         print(name)
 
 
