@@ -17,15 +17,13 @@ down = y < y.min() + 0.03
 print(f"step of {np.ptp(x[down]):.3f} m, level within 30 mm for {100 * down.mean():.0f} % of the time")
 print(f"the foot is lifted by {np.ptp(y):.3f} m")
 speed = step[leg.foot.vx][down]
-print(
-    f"over the ground it goes at {np.median(speed):.2f} m/s, within ±{np.ptp(np.quantile(speed, [0.1, 0.9])) / 2:.2f} m/s"
-)
+spread = np.ptp(np.quantile(speed, [0.1, 0.9])) / 2
+print(f"over the ground it goes at {np.median(speed):.2f} m/s, within ±{spread:.2f} m/s")
 drive = walk.joint("crank drive")
 loads = {j.name: np.hypot(*step[j.reaction_on(j.b.body).force].T).max() for j in walk.joints}
 worst = max(loads, key=lambda name: loads[name])
-print(
-    f"torque {step[drive.effort].min():.2f} to {step[drive.effort].max():.2f} N m; '{worst}' carries {loads[worst]:.0f} N"
-)
+torque = step[drive.effort]
+print(f"torque {torque.min():.2f} to {torque.max():.2f} N m; '{worst}' carries {loads[worst]:.0f} N")
 
 axes = mbd.draw(step, trace=[leg.foot], poses=7)
 axes.set_title("Jansen's leg, every half second")

@@ -67,6 +67,11 @@ class State:
         return equations(self.mechanism)
 
     @property
+    def obstacle(self) -> MechanismError | None:
+        """Why there are no accelerations and multipliers; None where they are known."""
+        return self._obstacle
+
+    @property
     def arguments(self) -> tuple[Any, ...]:
         """``(t, q, v, a, z, lam, u, p)`` for compiled expressions."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters

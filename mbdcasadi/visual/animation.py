@@ -124,7 +124,10 @@ def animate(
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
     options = trace_options(trace, forces=True, readings=True, **flags)
-    animation = Animation(film(motion, options, plots, fps, speed, title), shown)
+    taken = film(motion, options, plots, fps, speed, title)
+    if shown:
+        taken.sample.need_reactions("animate")
+    animation = Animation(taken, shown)
     if path is not None:
         animation.save(path)
     return animation

@@ -170,8 +170,14 @@ def _names(pen: Pen) -> None:
         points = points_on(body, mechanism.joints, pen)
         middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
         pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name, True))
+    named: dict[tuple, tuple[Marker, list[str]]] = {}
     for joint in mechanism.joints:
-        marker: Marker | None = next(iter(getattr(joint, "markers", ())), None)
-        if marker is not None:
-            frame = pen.on(marker)
-            pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1] + 0.2 * u), joint.name, False))
+        markers = getattr(joint, "markers", ())
+        if markers:
+            # what slides is named where the block is, not where its guide begins
+            marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
+            place = tuple(np.round(pen.first(marker.position) / u, 2))
+            named.setdefault(place, (marker, []))[1].append(joint.name)
+    for marker, names in named.values():
+        frame = pen.on(marker)
+        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), ", ".join(names), False))

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Width of a figure, inches, and the bounds of its height to its width.
 WIDTH, FLAT, TALL = 7.2, 0.34, 1.1
+#: Least width of what is shown to its height.
+NARROW = 0.4
 #: Times at which traces are taken, or a few more.
 TIMES = 300
 #: Opacity of poses behind the first: of those between, and of the last.
@@ -94,6 +96,8 @@ def draw(
     else:
         fresh = False
     sample, shown = _sample(pictured, count, bool(options.trace))
+    if options.forces:
+        sample.need_reactions("draw")
     _draw(sample, options, axes, shown, fresh)
     return axes
 
@@ -186,6 +190,9 @@ def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
 def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     """Equal scales, units, and a figure of the drawing's own proportions where it is new."""
     width, height = box[1] - box[0]
+    if fresh and width < NARROW * height:
+        box = box + (NARROW * height - width) / 2 * np.array([[-1, 0], [1, 0]])
+        width = NARROW * height
     if fresh:
         ratio = min(max(height / width, FLAT), TALL)
         axes.figure.set_size_inches(WIDTH if ratio < 0.8 else WIDTH * 0.8 / ratio + 0.6, min(WIDTH * ratio, 6.4) + 0.6)  # type: ignore[union-attr]

@@ -10,6 +10,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
@@ -93,10 +94,12 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         [store.add(film.poses[:, k, j], "the pose of a part", 2e-4 if j == 2 else np.inf) for j in range(4)]
         for k in range(len(scene.frames))
     ]
+    # all at once: expressions share their parts
+    values = iter(sample[ca.vertcat(ca.SX(0, 1), *[e for item in scene.items for e in item.readings.values()])].T)
     items = [
         {"name": item.name, "kind": item.kind,
-         "readings": [{"label": label, "column": store.add(sample[e][:, 0], f"{label} of '{item.name}'")}
-                      for label, e in item.readings.items()]}
+         "readings": [{"label": label, "column": store.add(next(values), f"{label} of '{item.name}'")}
+                      for label in item.readings]}
         for item in scene.items
     ]  # fmt: skip
     traces = [[store.add(film.ways[:, k, j], "a trace") for j in range(2)] for k in range(film.ways.shape[1])]

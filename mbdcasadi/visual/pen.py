@@ -119,6 +119,10 @@ class Pen:
         """Values (n_t, k) of scalars over all times."""
         return self.sample[ca.vertcat(*[ca.SX(e) for e in expressions])]
 
+    def first(self, *expressions: Any) -> np.ndarray:
+        """Values (k,) of scalars at the first time."""
+        return self.sample.first(ca.vertcat(*[ca.SX(e) for e in expressions]))
+
     def span(self, expression: Any) -> tuple[float, float]:
         """Least and largest value of a scalar over all times."""
         values = self.over(expression)
@@ -128,7 +132,7 @@ class Pen:
         """Whether two markers sit at the same point of the same body."""
         if first.body is not second.body:
             return False
-        return bool(np.hypot(*self.over(first.local - second.local)[0]) <= 1e-9)
+        return bool(np.hypot(*self.first(first.local - second.local)) <= 1e-9)
 
     # --- frames ------------------------------------------------------------------------------
     def ground(self) -> Frame:
@@ -148,7 +152,7 @@ class Pen:
         base = self.of_body(marker.body)
         if not (ca.vertcat(marker.local, marker.local_angle).is_constant() or self._is_fixed(marker)):
             return Frame(self, self.scene.frame(marker.position, marker.angle), body=base.body)
-        x, y, angle = self.over(marker.local, marker.local_angle)[0]
+        x, y, angle = self.first(marker.local, marker.local_angle)
         return Frame(self, base.number, (x, y), angle, base.body)
 
     def _is_fixed(self, marker: Marker) -> bool:
@@ -223,7 +227,7 @@ class Pen:
 
     def stand(self, frame: Frame) -> None:
         """Support of a pin on the ground: a triangle on hatching, or under it where the mechanism hangs."""
-        place = frame.shift if frame.number == 0 else self.over(self.scene.frames[frame.number][:2])[0]
+        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number][:2])
         key = tuple(np.round(place / self.unit, 3))
         if key in self.stands:
             return

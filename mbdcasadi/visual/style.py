@@ -76,8 +76,8 @@ STYLES = {
     "weight head": Style("weight", "weight", 0.6),
     "centroid": Style("paper", "ink", 0.9),
     "centroid quarters": Style("ink", None, 0.0),
-    "x axis": Style(None, "force", 1.4),
-    "y axis": Style(None, "reaction", 1.4),
+    "x axis": Style(None, "ink", 1.3),
+    "y axis": Style(None, "muted", 1.3),
 }
 
 

@@ -176,6 +176,7 @@ def test_wrong_input_is_named(crank, tmp_path):
         ("speed must be positive", (motion,), {"speed": -1}),
         ("frames, more than", (motion,), {"fps": 30, "speed": 1e-6}),
         ("True or False", (motion,), {"forces": "yes"}),
+        ("reactions are not known", (mbd.kinematics(motion.mechanism, [0, 1.0]),), {"forces": True}),
         ("name: expression", (motion,), {"plots": [model.slider.x]}),
         ("two components", (motion,), {"trace": [model.slider.x]}),
         ("folder .* does not exist", (motion, tmp_path / "nowhere" / "motion.html"), {}),

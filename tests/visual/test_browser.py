@@ -110,6 +110,7 @@ def test_it_plays_pauses_repeats_and_scrubs(page):
     page.click("#play")
     page.wait_for_function("mechanism.time > 3.5")
     page.wait_for_function("mechanism.time < 1.5")  # round again
+    page.evaluate("mechanism.seek(3.5)")
     page.click("#loop")
     page.wait_for_function("!mechanism.playing")
     assert page.evaluate("mechanism.time") == 4.0

@@ -271,6 +271,7 @@ def test_wrong_input_is_named():
         ("two components", motion, {"trace": [model.crank.phi]}),
         ("two components", motion, {"trace": ["pin"]}),
         ("list of markers", motion, {"trace": 3}),
+        ("reactions are not known; take the motion from simulate", motion, {"forces": True}),
     ):
         with pytest.raises(mbd.MechanismError, match=error):
             mbd.draw(source, **options)

@@ -34,7 +34,7 @@ def flat_follower(joint: CamFlatFollower, pen: Pen) -> None:
     u = pen.unit
     low, high = pen.span(ca.dot(joint.b.x_axis, joint.contact_point - joint.b.position))
     reach = max(-low, high) + 2 * u
-    above = float(pen.over(ca.dot(joint.b.y_axis, joint.b.position - joint.a.position))[0, 0]) >= 0
+    above = float(pen.first(ca.dot(joint.b.y_axis, joint.b.position - joint.a.position))[0]) >= 0
     edge = 1.1 * u if above else -1.1 * u
     frame = pen.on(joint.b)
     frame.area("body", lines.rectangle((-reach, min(0, edge)), (reach, max(0, edge))), layer=scene.BODY)

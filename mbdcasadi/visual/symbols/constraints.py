@@ -136,7 +136,7 @@ def turning(pen: Pen, body: Any, bodies: Any) -> None:
     """A curved arrow about the pin that connects the bodies, else about the centre of mass; once at a place."""
     u = pen.unit
     place = pivot_of(pen, body, bodies)
-    key = tuple(np.round(pen.over(place)[0] / u, 3))
+    key = tuple(np.round(pen.first(place) / u, 3))
     if key in pen.arrows:
         return
     pen.arrows.add(key)

@@ -57,7 +57,7 @@ def _polygon(outline: PolygonEdges, pen: Pen) -> None:
 def _half_plane(outline: HalfPlane, pen: Pen) -> None:
     def draw(box: np.ndarray) -> None:
         frame = pen.on(outline.marker)
-        x, y, angle = pen.over(outline.marker.position, outline.marker.angle)[0]
+        x, y, angle = pen.first(outline.marker.position, outline.marker.angle)
         corners = np.array([(cx, cy) for cx in box[:, 0] for cy in box[:, 1]]) - [x, y]
         places = lines.turned(corners, -angle)[:, 0]
         margin = 2 * pen.unit

@@ -138,7 +138,7 @@ def _anchors(element: Any, pen: Pen) -> None:
 
 def _wall_behind(pen: Pen, marker: Marker, other: Marker) -> None:
     u, frame = pen.unit, pen.on(marker)
-    key = tuple(np.round(pen.over(marker.position)[0] / u, 3))
+    key = tuple(np.round(pen.first(marker.position) / u, 3))
     if key in pen.stands:
         return
     pen.stands.add(key)

@@ -29,7 +29,7 @@ class Wheel:
 
     def key(self, pen: Pen) -> tuple:
         """What tells whether it is drawn already: a planet is one gear in two pairs."""
-        place = pen.over(self.marker.local)[0] / pen.unit
+        place = pen.first(self.marker.local) / pen.unit
         return (self.marker.body, *np.round(place, 6), round(self.radius / pen.unit, 6), self.inward)
 
 
@@ -62,7 +62,7 @@ def _meshing(pen: Pen, known: Wheel, new: Wheel, internal: bool) -> tuple[int, f
     count, phase = pen.teeth[known.key(pen)]
     partner = max(FEWEST, round(count * new.radius / known.radius))
     way = new.marker.position - known.marker.position
-    angle, other, x, y = pen.over(known.marker.angle, new.marker.angle, way)[0]
+    angle, other, x, y = pen.first(known.marker.angle, new.marker.angle, way)
     contact = np.arctan2(y, x) + (np.pi if internal and new.radius > known.radius else 0.0)
     # by which part of a pitch the point of contact lies beyond a tooth (a gap, of a ring)
     beyond = (contact - angle - phase) * count / (2 * np.pi)
@@ -107,7 +107,7 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
         _toothed(pen, wheel, max(FEWEST, round(2 * np.pi * radius / (PITCH * u))), 0.0)
     count, phase = pen.teeth[wheel.key(pen)]
     place = ca.dot(joint.a.x_axis, joint.b.position - joint.a.position)
-    where, turn = pen.over(place, joint.b.angle - joint.a.angle)[0]
+    where, turn = pen.first(place, joint.b.angle - joint.a.angle)
     beyond = (-np.pi / 2 - turn - phase) % (2 * np.pi / count)
     low, high = pen.span(place)
     margin, pitch = max(0.8 * radius, 4 * u), 2 * np.pi * radius / count
@@ -148,7 +148,7 @@ def belt(joint: Belt, pen: Pen) -> None:
     for marker, radius in ((joint.a, ra), (joint.b, rb)):
         disc(pen, marker, radius)
     way = joint.b.position - joint.a.position
-    length = float(np.hypot(*pen.over(way)[0]))
+    length = float(np.hypot(*pen.first(way)))
     frame = pen.along(joint.a.position, way)
     if not joint.crossed:
         around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))

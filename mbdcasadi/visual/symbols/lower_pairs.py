@@ -33,7 +33,7 @@ def weld(joint: Weld, pen: Pen) -> None:
     u = pen.unit
     for fixed, moving in ((joint.a, joint.b), (joint.b, joint.a)):
         if fixed.body.is_ground:
-            x, y = pen.over(moving.body.position - fixed.position)[0]
+            x, y = pen.first(moving.body.position - fixed.position)
             away = np.arctan2(y, x) if np.hypot(x, y) > 1e-9 else 0.0
             frame = pen.on(fixed)
             wall = Frame(pen, frame.number, frame.shift, away)
