@@ -56,8 +56,8 @@ numpydoc_xref_param_type = False
 html_theme = "furo"
 html_title = "mbdcasadi"
 html_static_path = ["_static", str(MATHJAX)]
-#: the page that docs/pictures.md writes and shows
-html_extra_path = ["figures/motion.html"]
+# pages for the browser, which docs/pictures.md and the examples write
+html_extra_path = ["figures/motion.html", "gallery/pages"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 html_copy_source = False

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,6 +16,8 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES, PICTURES, TARGET = HERE.parent / "examples", HERE / "gallery", HERE / "examples"
+#: Pages for the browser; what is in it is copied into the site.
+PAGES = PICTURES / "pages"
 
 #: Width of a picture, pixels, and its colours.
 WIDTH, COLOURS = 1100, 96
@@ -39,20 +42,23 @@ def question(name: str) -> tuple[str, str]:
 def write_pages(app: object = None) -> None:
     """Write the index and a page for each example, where they are not as they should be."""
     TARGET.mkdir(exist_ok=True)
-    index = ["# Examples", "", "Every script asks a question, draws a picture, and runs in under a minute.", ""]
+    index = ["# Examples", "", "Every script asks a question, draws a picture, and runs in under a minute (`examples/`).", ""]
     for group, names in GROUPS.items():
         index += [f"## {group}", "", "::::{container} gallery"]
         for name in names:
             first, rest = question(name)
-            title = name.replace("_", " ").capitalize()
+            title = name.replace("_", " ").capitalize().replace("Dc ", "DC ")
             picture = f"../gallery/{name}.png"
             index += [
                 ":::{container} tile",
-                f"[![{title}]({picture})]({name}.md)",
+                f"[![{title}](../gallery/{name}_mechanism.png)]({name}.md)",
                 f"[{title}]({name}.md). {first}",
                 ":::",
             ]
-            page = [f"# {title}", "", first, "", rest, "", f"![{title}]({picture})", ""]
+            drawing = f"![The mechanism](../gallery/{name}_mechanism.png){{width=60%}}"
+            page = [f"# {title}", "", first, "", rest, "", drawing, "", f"![What the script draws]({picture})", ""]
+            if (PAGES / "gallery" / f"{name}.html").exists():
+                page += ["```{raw} html", FRAME.format(name=name, title=title), "```", ""]
             page += [f"```{{literalinclude}} ../../examples/{name}.py", ":language: python", ":name: script", "```", ""]
             write(TARGET / f"{name}.md", "\n".join(page))
         index += ["::::", ""]
@@ -77,16 +83,37 @@ def keep(picture: Path, target: Path) -> None:
     image.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
 
 
+#: Shows the page that an example writes.
+FRAME = """<iframe src="../gallery/{name}.html" title="{title} in motion" loading="lazy"
+style="width: 100%; height: 36rem; border: 1px solid var(--color-background-border); border-radius: 6px"></iframe>"""
+
+#: Runs an example as its author would, and then draws the mechanism that it is about.
+RUN = """
+import runpy, sys
+import mbdcasadi as mbd
+script, target = sys.argv[1:]
+sys.argv = [script, "picture.png"]
+names = runpy.run_path(script, run_name="__main__").values()
+models = [x for x in names if isinstance(x, mbd.Mechanism | mbd.library.Model)]
+mbd.draw(models[0], names=True).figure.savefig(target, dpi=110)
+"""
+
+
 def make_pictures(names: list[str]) -> None:
-    """Run examples, and keep the picture that each draws."""
-    PICTURES.mkdir(exist_ok=True)
+    """Run examples; keep the picture that each draws, its page for the browser, and its mechanism."""
+    (PAGES / "gallery").mkdir(parents=True, exist_ok=True)
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
             environment = os.environ | {"PYTHONPATH": str(HERE.parent), "MPLBACKEND": "Agg"}
-            script = [sys.executable, str(EXAMPLES / f"{name}.py"), f"{name}.png"]
-            subprocess.run(script, cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
+            drawing = Path(folder) / "drawn" / "mechanism.png"
+            drawing.parent.mkdir()
+            command = [sys.executable, "-c", RUN, str(EXAMPLES / f"{name}.py"), str(drawing)]
+            subprocess.run(command, cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
             (picture,) = Path(folder).glob("*.png")
             keep(picture, PICTURES / f"{name}.png")
+            keep(drawing, PICTURES / f"{name}_mechanism.png")
+            for page in Path(folder).glob("*.html"):
+                shutil.copy(page, PAGES / "gallery" / f"{name}.html")
         print(name)
 
 

@@ -77,7 +77,8 @@ def load(name):
 def test_every_example_is_in_the_gallery():
     gallery = load("gallery")
     assert sorted(name for names in gallery.GROUPS.values() for name in names) == EXAMPLES
-    assert all((gallery.PICTURES / f"{name}.png").exists() for name in EXAMPLES)
+    for name in EXAMPLES:
+        assert (gallery.PICTURES / f"{name}.png").exists() and (gallery.PICTURES / f"{name}_mechanism.png").exists()
     assert all(gallery.question(name)[0] for name in EXAMPLES)
 
 
