@@ -42,7 +42,12 @@ def question(name: str) -> tuple[str, str]:
 def write_pages(app: object = None) -> None:
     """Write the index and a page for each example, where they are not as they should be."""
     TARGET.mkdir(exist_ok=True)
-    index = ["# Examples", "", "Every script asks a question, draws a picture, and runs in under a minute (`examples/`).", ""]
+    index = [
+        "# Examples",
+        "",
+        "Every script asks a question, draws a picture, and runs in under a minute (`examples/`).",
+        "",
+    ]
     for group, names in GROUPS.items():
         index += [f"## {group}", "", "::::{container} gallery"]
         for name in names:
@@ -55,7 +60,7 @@ def write_pages(app: object = None) -> None:
                 f"[{title}]({name}.md). {first}",
                 ":::",
             ]
-            drawing = f"![The mechanism](../gallery/{name}_mechanism.png){{width=60%}}"
+            drawing = f'![The mechanism](../gallery/{name}_mechanism.png){{width="60%"}}'
             page = [f"# {title}", "", first, "", rest, "", drawing, "", f"![What the script draws]({picture})", ""]
             if (PAGES / "gallery" / f"{name}.html").exists():
                 page += ["```{raw} html", FRAME.format(name=name, title=title), "```", ""]
