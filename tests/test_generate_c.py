@@ -140,3 +140,8 @@ def test_names_that_c_does_not_take(tmp_path, name):
 def test_a_folder_that_is_not_there(tmp_path):
     with pytest.raises(mbd.ModelError, match="there is no folder"):
         mbd.equations(pendulum().mechanism).generate_c(tmp_path / "nowhere" / "rod.c")
+
+
+def test_a_path_that_is_none():
+    with pytest.raises(mbd.ModelError, match="takes the path of a file"):
+        mbd.equations(pendulum().mechanism).generate_c(3)

@@ -16,6 +16,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import Equations, Outcome, largest, polish, solve
 from ..numerics.nearest import multipliers_at, nearest, nearest_within
 from .optimised import nearest_by_ipopt
@@ -51,7 +52,7 @@ class PoseProblem:
         self.inequalities = [c for c in conditions if not c.equality]
         eom = numeric.eom
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
-        self._functions: dict[tuple[int, ...], ca.Function] = {}
+        self._functions: dict[tuple[int, ...], Evaluator] = {}
 
     def solve(self, estimate: np.ndarray) -> np.ndarray:
         """Return the pose (n,), or raise with what stays open."""
@@ -147,14 +148,14 @@ class PoseProblem:
     # --- meeting conditions ------------------------------------------------------------------
     def values(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
         """Values of conditions in a pose (k,)."""
-        return self._compile(conditions)(q, self.t, self.z, self.numeric.p)[0].full().ravel()
+        return self._compile(conditions)(q, self.t, self.z, self.numeric.p)[0].ravel()
 
-    def _compile(self, conditions: Sequence[Condition]) -> ca.Function:
+    def _compile(self, conditions: Sequence[Condition]) -> Evaluator:
         key = tuple(id(c) for c in conditions)
         if key not in self._functions:
             values = ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
-            results = [ca.densify(values), ca.jacobian(values, self.numeric.eom.q)]
-            self._functions[key] = ca.Function("conditions", self._arguments, results)
+            results = [values, ca.jacobian(values, self.numeric.eom.q)]
+            self._functions[key] = Evaluator(ca.Function("conditions", self._arguments, results))
         return self._functions[key]
 
     def rows_with(self, conditions: Sequence[Condition], offset: np.ndarray | float = 0.0) -> Equations:
@@ -166,7 +167,7 @@ class PoseProblem:
         def rows(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             phi, jacobian = self._rows(q)
             values, slope = function(q, self.t, self.z, self.numeric.p)
-            return np.r_[phi, values.full().ravel() - offset], np.vstack([jacobian, slope.full()])
+            return np.concatenate([phi, values.ravel() - offset]), np.vstack([jacobian, slope])
 
         return rows
 

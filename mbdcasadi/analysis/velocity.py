@@ -11,6 +11,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import Equations, largest, polish, solve
 from ..numerics.nearest import multipliers_at, nearest, nearest_within
 from ..numerics.rank import analyse_rank
@@ -126,23 +127,21 @@ class VelocityProblem:
         return outcome.x if outcome.converged and met else None
 
     # --- conditions -------------------------------------------------------------------
-    def _function(self, conditions: Sequence[Condition]) -> ca.Function:
+    def _function(self, conditions: Sequence[Condition]) -> Evaluator:
         v = self.numeric.eom.v
         values = ca.substitute(ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions]), *self._known)
-        return ca.Function("conditions", [v], [ca.densify(values), ca.jacobian(values, v)])
+        return Evaluator(ca.Function("conditions", [v], [values, ca.jacobian(values, v)]))
 
     def _values(self, conditions: Sequence[Condition], v: np.ndarray) -> np.ndarray:
-        return self._function(conditions)(v)[0].full().ravel()
+        return self._function(conditions)(v)[0].ravel()
 
     def _with(self, conditions: Sequence[Condition]) -> Equations:
         function = self._function(conditions)
 
         def rows(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = function(v)
-            return (
-                np.r_[self._jacobian @ v - self._nu, values.full().ravel()],
-                np.vstack([self._jacobian, slope.full()]),
-            )
+            residual = np.concatenate([self._jacobian @ v - self._nu, values.ravel()])
+            return residual, np.vstack([self._jacobian, slope])
 
         return rows
 

@@ -20,6 +20,8 @@ _NAMES = ["t", "q", "v", "a", "z", "lam", "u", "p"]
 
 def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
     """Write the equations of motion as one C file with its header; see :meth:`Equations.generate_c`."""
+    if not isinstance(path, str | Path):
+        raise ModelError(f"generate_c: takes the path of a file such as engine.c, got {path!r}")
     target = Path(path)
     stem = target.stem
     if target.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", stem):

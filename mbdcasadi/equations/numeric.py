@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError, SingularityError
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from .derivation import Equations
@@ -53,10 +54,10 @@ class NumericEquations:
         return bool(np.any(self.mass == 0))
 
     @cached_property
-    def _position(self) -> ca.Function:
+    def _position(self) -> Evaluator:
         eom = self.eom
         rows = [int(k) for k in eom.position_rows]
-        return eom._compiled("position", [eom.t, eom.q, eom.p], [ca.densify(eom.Phi), eom.Phi_q[rows, :]])
+        return self._evaluator("position", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q[rows, :]])
 
     @cached_property
     def velocity_function(self) -> ca.Function:
@@ -65,25 +66,36 @@ class NumericEquations:
         return eom._compiled("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
 
     @cached_property
-    def _acceleration(self) -> ca.Function:
+    def _velocity(self) -> Evaluator:
         eom = self.eom
-        arguments = [eom.t, eom.q, eom.v, eom.p]
-        return eom._compiled("acceleration", arguments, [eom.Phi_q, ca.densify(eom.gamma)])
+        return self._evaluator("velocity at one time", [eom.t, eom.q, eom.p], [eom.Phi_q, eom.nu])
+
+    @cached_property
+    def _acceleration(self) -> Evaluator:
+        eom = self.eom
+        return self._evaluator("acceleration", [eom.t, eom.q, eom.v, eom.p], [eom.Phi_q, eom.gamma])
+
+    def _evaluator(self, key: str, arguments: list[ca.SX], results: list[ca.SX]) -> Evaluator:
+        """A function of one time, made once for a mechanism."""
+        memory = self.eom.mechanism.memory
+        if key not in memory:
+            memory[key] = Evaluator(ca.Function("f", arguments, results))
+        return memory[key]
 
     def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi`` and its Jacobian, position rows only."""
         phi, jacobian = self._position(t, q, self.p)
-        return phi.full().ravel(), jacobian.full()
+        return phi.ravel(), jacobian
 
     def velocity(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi_q`` and ``nu``, all rows."""
-        jacobian, nu = self.velocity_function(t, q, self.p)
-        return jacobian.full(), nu.full().ravel()
+        jacobian, nu = self._velocity(t, q, self.p)
+        return jacobian, nu.ravel()
 
     def acceleration(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi_q`` and ``gamma``, all rows."""
         jacobian, gamma = self._acceleration(t, q, v, self.p)
-        return jacobian.full(), gamma.full().ravel()
+        return jacobian, gamma.ravel()
 
     # --- rank --------------------------------------------------------------------------
     @cached_property

@@ -152,6 +152,13 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
     for side in (left, right):
         if side.is_constant() and not math.isfinite(float(side)):
             raise ConditionError(f"condition {position} ({to_text(relation)}): the value {float(side)} is not finite")
-    if left.is_constant() and not right.is_constant() and sign == "==":
+    # Python hands `crank.phi == start` to `start`, an SX of a kind of its own, and CasADi keeps start == crank.phi
+    if sign == "==" and _moves(right) and not _moves(left):
         left, right = right, left
     return [Condition(left - right, sign == "==", f"{to_text(left)} {sign} {to_text(right)}")]
+
+
+def _moves(side: ca.SX) -> bool:
+    """Whether a side holds anything that changes on a motion: the other one is then what it is to be."""
+    kinds = {None if role is None else role.kind for role in map(role_of, symbols_of(side))}
+    return bool(kinds - {"parameter", "time", "input", "input rate"})

@@ -343,6 +343,15 @@ def entries(values: Any, argument: str) -> tuple:
     return tuple(values)
 
 
+def refuse_twice(symbols: Iterable[Any], what: str) -> None:
+    """Refuse a symbol that stands in a list twice."""
+    seen: list[Any] = []
+    for symbol in symbols:
+        if any(symbol is other for other in seen):
+            raise ModelError(f"{what} holds '{symbol.label}' twice")
+        seen.append(symbol)
+
+
 def listed(values: Any, kind: type, what: str) -> tuple:
     """The symbols of a list as a tuple; anything of another kind is refused."""
     result = entries(values, what)

@@ -10,7 +10,14 @@ from .least_squares import ACCURACY, Equations, largest
 SMALLEST = 1e-14
 
 
-def settle(equations: Equations, start: np.ndarray, weights: np.ndarray, iterations: int = 100) -> np.ndarray | None:
+def settle(
+    equations: Equations,
+    start: np.ndarray,
+    weights: np.ndarray,
+    iterations: int = 100,
+    smallest: float = SMALLEST,
+    step_limit: float | np.ndarray = np.inf,
+) -> np.ndarray | None:
     """Solve ``r(x) = 0`` to rounding by Newton steps of least norm; None where they do not settle.
 
     The normal equations, which are quicker, lose directions that are softer
@@ -26,6 +33,10 @@ def settle(equations: Equations, start: np.ndarray, weights: np.ndarray, iterati
         Positive metric (n,).
     iterations : int
         Largest number of steps.
+    smallest : float
+        Singular values below this share of the largest one do not count.
+    step_limit : float or numpy.ndarray
+        Largest change of an entry in one step; one for all, or by entry (n,).
     """
     root = np.sqrt(weights)
     x = np.array(start, float)
@@ -33,7 +44,8 @@ def settle(equations: Equations, start: np.ndarray, weights: np.ndarray, iterati
     for _ in range(iterations):
         if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(jacobian))):
             return None
-        step = -np.linalg.lstsq(jacobian / root, residual, rcond=SMALLEST)[0] / root
+        step = -np.linalg.lstsq(jacobian / root, residual, rcond=smallest)[0] / root
+        step *= 1.0 / max(largest(step / step_limit), 1.0)
         share, size = 1.0, float(residual @ residual)
         while True:
             new_residual, new_jacobian = equations(x + share * step)

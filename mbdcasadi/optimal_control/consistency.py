@@ -22,6 +22,7 @@ from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
 from ..numerics.rank import analyse_rank
 from ..results.state import State
@@ -60,7 +61,7 @@ class ConditionRank:
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
         self._spans: dict[bytes, np.ndarray] = {}
-        self._functions: dict[tuple[int, ...], ca.Function] = {}
+        self._functions: dict[tuple[int, ...], Evaluator] = {}
         self.states = self._kept_states()
 
     def _kept_states(self) -> list[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
@@ -94,9 +95,9 @@ class ConditionRank:
         eom, key = self.numeric.eom, tuple(e.element_hash() for e in ca.vertsplit(expressions))
         if key not in self._functions:
             arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
-            slopes = ca.densify(ca.jacobian(expressions, self._x))
-            self._functions[key] = ca.Function("gradients", arguments, [slopes])
-        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel())).full() * self._columns
+            slopes = ca.jacobian(expressions, self._x)
+            self._functions[key] = Evaluator(ca.Function("gradients", arguments, [slopes]))
+        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel()))[0] * self._columns
         size = np.linalg.norm(rows, axis=1, keepdims=True)
         return rows / np.where(size > 1e-12, size, 1.0)
 

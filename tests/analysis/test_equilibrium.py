@@ -258,3 +258,85 @@ def test_bad_arguments():
         mbd.equilibrium(p.mechanism, unknowns=[k])
     with pytest.raises(mbd.ModelError, match="takes inputs and parameters"):
         mbd.equilibrium(p.mechanism, unknowns=[p.rod.phi])
+
+
+# --- forces without potential, soft beside stiff, awkward starts -------------------------------
+def loaded_links(follows):
+    """Ziegler's column: masses 2 and 1 kg on links of 1 m, springs of 10 N m/rad; the load turns by a share."""
+    push = mbd.Parameter("push", 0.0)
+    lower = mbd.Body("lower", mass=2.0, inertia=0.0, pose=(0, 1, np.pi / 2))
+    upper = mbd.Body("upper", mass=1.0, inertia=0.0, pose=(0, 2, np.pi / 2))
+    base, elbow = (mbd.ground.at(0, 0, np.pi / 2), lower.at(-1, 0)), (lower.at(0, 0), upper.at(-1, 0))
+    joints = [mbd.Revolute("base", *base), mbd.Revolute("elbow", *elbow)]
+    turn = follows * (upper.phi - np.pi / 2)
+    load = mbd.Force("load", upper.at(0, 0), (push * mbd.sin(turn), -push * mbd.cos(turn)))
+    springs = [mbd.RSDA("low", *base, stiffness=10), mbd.RSDA("high", *elbow, stiffness=10)]
+    return push, mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=[*springs, load], parameters=[push])
+
+
+@pytest.mark.parametrize("follows", [1.0, 0.8, 0.5, 0.4, 0.2, 0.0])
+def test_loads_that_follow_buckle_and_flutter(follows):
+    """Against the roots of det K and of the discriminant of det(K - omega^2 M); Ziegler 1952 for follows = 1."""
+    f, real = follows, lambda roots: sorted(r.real for r in roots if abs(r.imag) < 1e-9 and r.real < 40)
+    wanted = [("bifurcation", v) for v in real(np.roots([1 - f, -30 * (1 - f), 100]))]
+    wanted += [("flutter", v) for v in real(np.roots([(2 - f) ** 2 - 2 * (1 - f), 60 * (1 - f) - 70 * (2 - f), 1025]))]
+    push, model = loaded_links(follows)
+    found = [(c.kind, c.value) for c in mbd.equilibrium_path(model, push, 0, 40).critical]
+    wanted = sorted(wanted) if f else [w for w in wanted if w[0] == "bifurcation"]  # of a dead load nothing flutters
+    assert [kind for kind, _ in sorted(found)] == [kind for kind, _ in wanted]
+    assert np.allclose([v for _, v in sorted(found)], [v for _, v in wanted], rtol=1e-7)
+    if f == 1:
+        assert found[0][1] == pytest.approx((3.5 - np.sqrt(2)) * 10, rel=1e-9)
+
+
+def test_what_flutters_is_not_stable_before_or_at_the_critical_value():
+    push, model = loaded_links(1.0)
+    path = mbd.equilibrium_path(model, push, 0, 40)
+    assert np.array_equal(path.stable, path.values < (3.5 - np.sqrt(2)) * 10)
+    assert not path.critical[0].state.stable and np.max(np.abs(path.critical[0].direction)) == 1
+
+
+@pytest.mark.parametrize("stiff", [1e6, 1e9])
+@pytest.mark.parametrize("prefer", ["stable", "nearest"])
+def test_a_soft_spring_beside_a_stiff_one(stiff, prefer):
+    blocks = [mbd.Body(f"block {k}", mass=1, inertia=0.1, pose=(k + 1, 0, 0)) for k in range(2)]
+    slides = [mbd.Translational(f"slide {k}", mbd.ground.at(0, 0), b.at(0, 0)) for k, b in enumerate(blocks)]
+    soft = mbd.TSDA("soft", mbd.ground.at(0, 0), blocks[0].at(0, 0), stiffness=1, free_length=1.5)
+    hard = mbd.TSDA("hard", blocks[0].at(0, 0), blocks[1].at(0, 0), stiffness=stiff, free_length=1.1)
+    rest = mbd.equilibrium(mbd.Mechanism(bodies=blocks, joints=slides, forces=[soft, hard]), prefer=prefer)
+    assert rest[blocks[0].x] == pytest.approx(1.5, abs=1e-6) and rest.stable
+
+
+def test_newtons_method_starts_where_the_stiffness_vanishes():
+    tau = mbd.Input("tau")
+    p = pendulum(0.0, forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
+    rest = mbd.equilibrium(p.mechanism, prefer="nearest")
+    assert abs(rest[p.rod.phi]) == pytest.approx(np.pi / 2)
+    rest = mbd.equilibrium(p.mechanism, [tau == 1.5], unknowns=[tau])
+    assert np.cos(rest[p.rod.phi]) == pytest.approx(1.5 / (G / 2))
+    with pytest.raises(mbd.ModelError, match="unknowns= holds 'tau' twice"):
+        mbd.equilibrium(p.mechanism, [tau == 1.5, p.rod.phi == 0], unknowns=[tau, tau])
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize("per_square", [1e-6, 1e6])
+def test_mechanisms_of_any_size_are_weighed_alike(size, per_square):
+    rod = mbd.Body("rod", mass=1, inertia=size**2 / 12, pose=(size / 2, 0, 0))
+    ends = mbd.ground.at(0, 0), rod.at(-size / 2, 0)
+    spring = mbd.RSDA("spring", *ends, stiffness=per_square * size**2)
+    model = mbd.Mechanism(bodies=[rod], joints=[mbd.Revolute("hinge", *ends)], forces=[spring])
+    rest = mbd.equilibrium(model, [rod.phi == 0.5])
+    assert rest.stable and abs(rest[rod.phi]) < 1e-9
+
+
+def test_a_motor_without_voltage_rests_where_it_is():
+    current = mbd.StateVariable("current", 0.1)
+    rotor = mbd.Body("rotor", mass=1, inertia=0.02)
+    model = mbd.Mechanism(
+        bodies=[rotor],
+        joints=[mbd.Revolute("hinge", mbd.ground.at(0, 0), rotor.at(0, 0))],
+        forces=[mbd.Torque("motor", rotor, 0.3 * current - 0.01 * rotor.omega)],
+        states={current: (-1.5 * current - 0.3 * rotor.omega) / 0.02},
+    )
+    rest = mbd.equilibrium(model)
+    assert rest[current] == pytest.approx(0, abs=1e-12) and not rest.stable

@@ -203,3 +203,30 @@ def test_bad_data():
     with pytest.raises(mbd.ModelError, match="'g' was not among|was not among the unknowns"):
         fit = mbd.identify(model, times, good, [g])
         fit[mbd.Parameter("other", 1.0)]
+
+
+def test_what_is_no_number_and_what_is_named_twice():
+    p = pendulum()
+    g = mbd.Parameter("g", G)
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    times, data = [0, 0.1, 0.2], {p.rod.phi: [0, -0.07, -0.3]}
+    for text, given in {
+        "'g' twice": {"unknowns": [g, g], "times": times, "data": data},
+        "weights must be numbers": {"unknowns": [g], "times": times, "data": data, "weights": {p.rod.phi: "a"}},
+        "list of Experiment": {"unknowns": [g], "experiments": 3},
+        "iterations must be": {"unknowns": [g], "times": times, "data": data, "iterations": "a"},
+    }.items():
+        with pytest.raises(mbd.ModelError, match=text):
+            mbd.identify(model, **given)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_quantity_without_any_sample():
+    p = pendulum()
+    g = mbd.Parameter("g", 9.0)
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    times = np.linspace(0, 0.5, 11)
+    record = mbd.simulate(model, times, parameters={g: G})[p.rod.phi]
+    fit = mbd.identify(model, times, {p.rod.phi: record, p.rod.x: np.full(11, np.nan)}, [g])
+    assert fit[g] == pytest.approx(G, rel=1e-5) and np.isnan(fit.noise[0]["rod.x"])
+    mbd.plot_residuals(fit)

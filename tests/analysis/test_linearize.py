@@ -282,3 +282,19 @@ def test_bad_arguments():
         mbd.linearize(f.mechanism, state, coordinates=[f.D.angle - f.rocker.phi])
     with pytest.raises(mbd.ModelError, match="'k', which is not in the mechanism"):
         mbd.linearize(f.mechanism, state, wrt=[mbd.Parameter("k", 1.0)])
+
+
+def test_symbols_named_twice_or_foreign_are_refused():
+    tau = mbd.Input("tau")
+    p = pendulum(-1.5, forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
+    rest = mbd.equilibrium(p.mechanism)
+    with pytest.raises(mbd.ModelError, match="wrt= holds 'tau' twice"):
+        mbd.linearize(p.mechanism, rest, wrt=[tau, tau])
+    with pytest.raises(mbd.ExpressionError, match="'other', which the mechanism does not have"):
+        mbd.linearize(p.mechanism, rest, outputs=[mbd.Input("other")])
+    model = mbd.linearize(p.mechanism, rest, wrt=[tau], outputs=[p.rod.phi])
+    for bad in ("a", np.nan, [[1.0]], None):
+        with pytest.raises(mbd.MechanismError, match="s must be a finite number"):
+            model.transfer_function(bad)
+        with pytest.raises(mbd.MechanismError, match="frequencies must be a finite number"):
+            model.frequency_response(bad)

@@ -274,3 +274,50 @@ def test_bad_arguments():
     cost = mbd.cost_function(swing, TIMES, [length], terminal_cost=rod.phi, initial=start)
     with pytest.raises(mbd.ModelError, match="must be 1 finite numbers"):
         cost([1.0, 2.0])
+
+
+def test_a_relation_with_a_bare_parameter_keeps_its_sides():
+    angle = mbd.Parameter("angle", -0.4)
+    p = pendulum(-0.4, parameters=[angle])
+    rod, model = p.rod, p.mechanism
+    released = [rod.phi == angle, rod.omega == 0]
+    found = mbd.sensitivities(model, TIMES, [rod.phi], [angle, released[0]], released)
+    assert np.allclose(found[rod.phi, released[0]], found[rod.phi, angle], atol=1e-9)
+    with pytest.raises(mbd.ConditionError, match="rod.phi == angle"):
+        mbd.assemble(model, [rod.phi == angle, rod.phi == 3])
+
+
+@pytest.mark.parametrize("tolerance", [1e-8, 1e-11])
+def test_gradients_by_samples_are_those_of_the_motion_by_idas_too(tolerance):
+    stiffness, push = mbd.Parameter("stiffness", 10.3), mbd.Input("push")
+    block = mbd.Body("block", mass=1, inertia=0.1)
+    slide = mbd.Translational("slide", mbd.ground.at(0, 0), block.at(0, 0))
+    spring = mbd.TSDA("spring", mbd.ground.at(-1, 0), block.at(0, 0), stiffness=stiffness, free_length=1, damping=0.1)
+    forces = [spring, mbd.Force("push", block.at(0, 0), (push, 0))]
+    model = mbd.Mechanism([block], [slide], forces=forces, inputs=[push], parameters=[stiffness])
+    times = np.linspace(0, 1, 7)
+    cost = {"running_cost": 1e-3 * (push**2 + spring.force**2), "terminal_cost": (block.x - 1) ** 2 + block.vx**2}
+    gradients = []
+    for method in ("idas", "erk"):  # IDAS was off by a third, or ended the process
+        given = {"inputs": {push: np.full(7, 0.4)}, "method": method, "reltol": tolerance, "abstol": tolerance}
+        J = mbd.cost_function(model, times, [push, stiffness], initial=[block.x == 0], **cost, **given)
+        gradients.append(J.gradient(J.start))
+    assert np.allclose(*gradients, rtol=0, atol=1e-5 * np.max(np.abs(gradients)))
+    with pytest.raises(mbd.ModelError, match="x must be 8 finite numbers"):
+        J("a")
+
+
+def test_an_adjoint_that_needs_too_many_steps_names_another_method():
+    push = mbd.Input("push")
+    block = mbd.Body("block", mass=1, inertia=0.1)
+    slide = mbd.Translational("slide", mbd.ground.at(0, 0), block.at(0, 0))
+    model = mbd.Mechanism([block], [slide], forces=[mbd.Force("push", block.at(0, 0), (push, 0))], inputs=[push])
+    times = np.linspace(0, 1, 4)
+    given = {"running_cost": push**2, "inputs": {push: [0.0, 1.0, 2.0, 1.0]}, "reltol": 1e-11, "abstol": 1e-11}
+    # the integral of squares of a polygon: h/3 (a^2 + ab + b^2) over each interval
+    exact = np.array([1.0, 6.0, 10.0, 4.0]) / 9
+    J = mbd.cost_function(model, times, [push], method="erk", **given)
+    assert np.allclose(J.gradient(J.start), exact, rtol=0, atol=1e-8)
+    J = mbd.cost_function(model, times, [push], **given)
+    with pytest.raises(mbd.SimulationError, match='take method="erk"'):
+        J.gradient(J.start)

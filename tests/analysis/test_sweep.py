@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -276,3 +278,68 @@ def test_bad_cases():
         swept["phi"]
     with pytest.raises(mbd.ModelError, match="none of index 2"):
         swept.case(2)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"executor": 3}, "executor= takes a concurrent.futures executor"),
+        ({"reltol": "a"}, "reltol must be a number"),
+        ({"abstol": -1.0}, "abstol must not be negative"),
+        ({"file": "/no such folder/sweep"}, "cannot be written"),
+        ({"file": "/"}, "cannot be written"),
+        ({"single": True}, "single numbers only"),
+    ],
+)
+def test_arguments_that_are_wrong_in_kind(given, text):
+    g = mbd.Parameter("g", G)
+    p = pendulum()
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    values = 9.0 if given.get("single") else [9.0, 10.0]
+    more = {key: value for key, value in given.items() if key != "single"}
+    with pytest.raises(mbd.MechanismError, match=text):
+        mbd.sweep(model, TIMES, {g: values}, [p.rod.phi], **more)
+
+
+def test_a_sweep_is_pickled_by_names():
+    g, push = mbd.Parameter("g", G), mbd.Input("push")
+    p = pendulum()
+    forces = [mbd.Gravity((0, -g)), mbd.Torque("push", p.rod, push)]
+    model = p.mechanism.replace(forces=forces, parameters=[g], inputs=[push])
+    swept = mbd.sweep(model, TIMES, {g: [9.0, 10.0], push: [0.0, 1.0]}, [p.rod.phi, p.rod.position])
+    back = pickle.loads(pickle.dumps(swept))
+    assert back.names == swept.names and back.names[0] == "rod.phi"
+    for name in swept.names:
+        assert np.array_equal(back[name], swept[name])
+    assert np.array_equal(back["rod.phi"], swept[p.rod.phi]) and np.array_equal(back.cases["g"], [9.0, 10.0])
+    assert repr(back) == repr(swept) and back.failures == swept.failures and len(back) == 2
+    assert back.case(1, model) == swept.case(1) == {"parameters": {g: 10.0}, "inputs": {push: 1.0}}
+    assert back.to_xarray().identical(swept.to_xarray())
+    with pytest.raises(mbd.ModelError, match="give the mechanism"):
+        back.case(1)
+    with pytest.raises(mbd.ModelError, match="0 parameters named 'g'"):
+        back.case(1, p.mechanism)
+    with pytest.raises(mbd.ModelError, match="not among the outputs"):
+        back[p.rod.phi]
+    twin = copy.deepcopy(swept)
+    twin.cases[g][0] = 0.0
+    assert swept.cases[g][0] == 9.0 and np.array_equal(twin[p.rod.phi], swept[p.rod.phi])
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda g: mbd.full_factorial({g: ["a"]}), "must be numbers"),
+        (lambda g: mbd.full_factorial({g: [np.nan]}), "finite numbers"),
+        (lambda g: mbd.full_factorial({g: []}), "one value at least"),
+        (lambda g: mbd.full_factorial({"g": [1]}), "got the key 'g'"),
+        (lambda g: mbd.full_factorial([(g, [1]), (g, [2])]), "'g' twice"),
+        (lambda g: mbd.latin_hypercube({3: (0, 1)}, 3), "got the key 3"),
+        (lambda g: mbd.latin_hypercube({g: (0, 1)}, True), "number of cases"),
+        (lambda g: mbd.latin_hypercube({g: (0, 1)}, 3, seed="a"), "seed must be"),
+        (lambda g: mbd.latin_hypercube([(g, (0, 1)), (g, (0, 2))], 3), "'g' twice"),
+    ],
+)
+def test_helpers_refuse_what_is_no_list_of_cases(make, text):
+    with pytest.raises(mbd.ModelError, match=text):
+        make(mbd.Parameter("g", G))

@@ -12,14 +12,14 @@ from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, MechanismError, ModelError
 from ...model.conditions import Condition, read_conditions
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, entries, number
+from ...model.symbols import Input, Parameter, entries, number, refuse_twice
 from ...numerics.least_squares import largest
 from ...results.state import State
 from ..assemble import assemble_at
 from ..inputs import Signals, read_signals
 from ..mappings import pairs_of, parameter_vector, position_in
 from ..starting import carried_by
-from .search import newton, to_stable
+from .search import newton, newton_nearby, to_stable
 from .statics import Statics, Stiffness
 
 #: Speed of a driver that counts as rest (m/s or rad/s).
@@ -40,7 +40,8 @@ class Equilibrium(State):
     stable : bool
         Whether every free direction is held: the reduced stiffness has real
         eigenvalues above zero. A direction in which nothing pushes (a wheel
-        that may turn) is not stable.
+        that may turn) is not stable. Damping and the rates of first-order
+        states are no part of statics: :func:`linearize` tells of these.
     stiffness : Stiffness
         Eigenvalues and directions of the reduced stiffness.
     """
@@ -152,7 +153,7 @@ def equilibrium(
         found = to_stable(statics, x)
         found = newton(statics, x) if found is None else found
     else:
-        found = newton(statics, x)
+        found = newton_nearby(statics, x)
     if found is None:
         raise EquilibriumError(_left_over(statics, x))
     if wanted:
@@ -169,6 +170,7 @@ def _unknowns(mechanism: Mechanism, unknowns: Any) -> tuple[Any, ...]:
             raise ModelError(f"unknowns= takes inputs and parameters, got {symbol!r}")
         known = mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters
         position_in(known, symbol, "unknowns=")
+    refuse_twice(found, "unknowns=")
     return found
 
 

@@ -21,6 +21,8 @@ MOST_POINTS = 2000
 SMALLEST = 1e-6
 #: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
 LARGEST_TURN, STRAIGHT = 0.2, 0.7
+#: Singular values below this share vanish at a critical point, where rounding would throw a step off the path.
+SINGULAR = 1e-9
 #: Accuracy to which a critical value is found, relative to the range.
 ACCURACY = 1e-11
 
@@ -35,11 +37,12 @@ class CriticalState:
         Value of the parameter: the buckling load.
     state : Equilibrium
         The equilibrium there.
-    kind : {"limit", "bifurcation"}
+    kind : {"limit", "bifurcation", "flutter"}
         At a limit point the path turns back, and the mechanism snaps through;
-        at a bifurcation the path goes on, and another one crosses it.
+        at a bifurcation the path goes on, and another one crosses it. Flutter,
+        under forces without potential, sets in where two frequencies meet.
     direction : numpy.ndarray
-        Displacement over q in which the stiffness vanishes (n,), the largest entry 1.
+        Displacement over q in which the stiffness vanishes, or in which it flutters (n,), the largest entry 1.
     """
 
     value: float
@@ -64,7 +67,7 @@ class EquilibriumPath:
     least_stiffness : numpy.ndarray
         Least eigenvalue of the reduced stiffness (k,), N/m.
     critical : tuple of CriticalState
-        Where the number of directions that give way changes.
+        Where the number of directions that give way changes, and where flutter sets in or ends.
     """
 
     def __init__(self, parameter: Any, values: Sequence[float], states: Sequence[Equilibrium], critical: Sequence[Any]):
@@ -175,7 +178,7 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
 
-        x = settle(with_advance, guess, weights, iterations=12)
+        x = settle(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
         if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
             return None
         found = self._point(x, point.tangent)
@@ -193,17 +196,43 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, x[-1] - value), np.vstack([slope, row])
 
-        x = settle(at_value, guess, weights, iterations=20)
+        x = settle(at_value, guess, weights, iterations=20, smallest=SINGULAR)
         return None if x is None else self._point(x, point.tangent)
 
     # --- critical points -------------------------------------------------------------------
     def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:
-        """Where eigenvalues change their sign between two points, by regula falsi along the path."""
-        few, many = sorted((low.state.stiffness.negative, high.state.stiffness.negative))
+        """Where eigenvalues change their sign between two points, by regula falsi along the path, or flutter begins."""
+        ends = low.state.stiffness, high.state.stiffness
         length = float(low.tangent @ ((high.x - low.x)[self._seen] / self._size[self._seen]))
-        return [self._critical(low, high, length, index) for index in range(few, many)]
+        few, many = sorted(end.falling for end in ends)
+        if all(end.is_real for end in ends):
+            found = [self._critical(low, high, length, index) for index in range(few, many)]
+        else:
+            found = [self._critical(low, high, length, None)] if (many - few) % 2 else []
+        if ends[0].flutters != ends[1].flutters:
+            found.append(self._flutter(low, high, length))
+        return found
 
-    def _critical(self, low: _Point, high: _Point, length: float, index: int) -> CriticalState:
+    def _flutter(self, low: _Point, high: _Point, length: float) -> CriticalState:
+        """Where two frequencies meet, by halving: the point on the side where it flutters."""
+        inner, outer = 0.0, length
+        points = {inner: low, outer: high}
+        while outer - inner > ACCURACY:
+            middle = (inner + outer) / 2
+            between = self._advance(low, middle)
+            if between is None or not inner < middle < outer:
+                break
+            points[middle] = between
+            if between.state.stiffness.flutters == low.state.stiffness.flutters:
+                inner = middle
+            else:
+                outer = middle
+        point = points[inner if low.state.stiffness.flutters else outer]
+        direction = self.statics.flutter(point.x)
+        direction = direction / direction[np.argmax(np.abs(direction))]
+        return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
+
+    def _critical(self, low: _Point, high: _Point, length: float, index: int | None) -> CriticalState:
         found: dict[float, _Point] = {0.0: low, length: high}
 
         def eigenvalue(advance: float) -> float:
@@ -215,7 +244,8 @@ class Follower:
                         "cannot be located; take more steps="
                     )
                 found[advance] = between
-            return float(np.sort(found[advance].state.stiffness.values.real)[index])
+            here = found[advance].state.stiffness
+            return here.singularity if index is None else float(np.sort(here.values.real)[index])
 
         ends = {advance: eigenvalue(advance) for advance in (0.0, length)}
         at = min(ends, key=lambda advance: abs(ends[advance]))
@@ -224,6 +254,8 @@ class Follower:
         eigenvalue(at)
         point = found[at]
         turned = low.tangent[-1] * high.tangent[-1] < 0
-        direction = point.state.stiffness.directions[:, index].real
+        here = point.state.stiffness
+        column = int(np.argmin(np.abs(here.values))) if index is None else index
+        direction = here.directions[:, column].real
         direction = direction / direction[np.argmax(np.abs(direction))]
         return CriticalState(float(point.x[-1]), point.state, "limit" if turned else "bifurcation", direction)

@@ -10,6 +10,8 @@ from .statics import Statics, Stiffness
 
 #: How far a body may turn in a step (rad), and move (in levers of the mechanism).
 LARGEST_STEP = 0.2
+#: How far a body may turn in a step of Newton's method, rad: more leads to equilibria that are far away.
+LARGEST_TURN = 0.5
 #: Steps downhill.
 STEPS = 400
 #: A step this small (in levers) ends the way downhill: Newton's method takes over.
@@ -61,7 +63,22 @@ def _step(stiffness: Stiffness) -> np.ndarray:
 def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     """Equilibrium to rounding by Newton's method on all rows; None where it does not settle."""
     equations, weights = statics.scaled(x)
-    return settle(equations, x, weights)
+    limit = np.full(x.size, np.inf)
+    limit[2 : 3 * len(statics.eom.mechanism.bodies) : 3] = LARGEST_TURN
+    return settle(equations, x, weights, step_limit=limit)
+
+
+def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
+    """Equilibrium by Newton's method; from beside the start where the stiffness vanishes at the start itself."""
+    found = newton(statics, x)
+    directions = statics.stiffness(x).directions if found is None else np.zeros((0, 0))
+    for way in directions.T[:2].real:
+        for side in (1, -1, 5, -5):
+            moved = statics.displaced(x, side * NUDGE * statics.lever * way)
+            found = None if moved is None else newton(statics, moved)
+            if found is not None:
+                return found
+    return found
 
 
 def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:

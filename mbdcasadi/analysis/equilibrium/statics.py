@@ -22,8 +22,10 @@ from ...numerics.least_squares import largest, solve
 from ...numerics.rank import analyse_rank
 from ..inputs import Signals
 
-#: Eigenvalues of the reduced stiffness below this share of the largest stiffness of a coordinate count as zero.
-NEUTRAL = 1e-9
+#: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
+NEUTRAL = 1e-11
+#: A row of forces counts as no softer than this share of the stiffness that is typical of the mechanism.
+SOFTEST = 1e-3
 #: Imaginary parts above this share of the same belong to forces without potential, not to rounding.
 CIRCULATORY = 1e-7
 
@@ -45,12 +47,14 @@ class Stiffness:
     force : numpy.ndarray
         Unbalanced force along the basis (k,), N.
     scale : float
-        Largest stiffness of a coordinate: what rounding is measured by.
+        Stiffness that is typical of the mechanism: what rounding is measured by.
     stable : bool
         Whether every free direction is held: all eigenvalues above zero. Where
         forces have no potential (a load that follows a rod) the matrix is not
         symmetric, and small undamped motions decide: the squares of their
-        frequencies must be real and above zero, else there is flutter.
+        frequencies must be real and above zero.
+    flutters : bool
+        Whether such squares are complex, so that small motions grow.
     """
 
     values: np.ndarray
@@ -60,6 +64,7 @@ class Stiffness:
     force: np.ndarray
     scale: float
     stable: bool
+    flutters: bool
 
     @property
     def least(self) -> float:
@@ -70,6 +75,27 @@ class Stiffness:
     def negative(self) -> int:
         """Number of directions in which the mechanism gives way."""
         return int(np.sum(self.values.real < -NEUTRAL * self.scale))
+
+    @property
+    def falling(self) -> int:
+        """Number of directions in which the mechanism gives way without turning about: real eigenvalues below zero.
+
+        Only these change their number where the stiffness is singular; a complex pair, of forces
+        without potential, may pass the imaginary axis and nothing happens.
+        """
+        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
+        return int(np.sum(real & (self.values.real < -NEUTRAL * self.scale)))
+
+    @property
+    def singularity(self) -> float:
+        """Eigenvalue nearest to zero, with the sign of the determinant."""
+        sign = np.linalg.slogdet(self.matrix)[0]
+        return float(sign * np.min(np.abs(self.values), initial=np.inf))
+
+    @property
+    def is_real(self) -> bool:
+        """Whether all eigenvalues are real, as they are where forces have a potential."""
+        return not np.iscomplexobj(self.values)
 
 
 class Statics:
@@ -149,9 +175,13 @@ class Statics:
         The rows keep the scale they have at `x`.
         """
         c = self.numeric.column_scale
-        jacobian = self.rows(x)[1]
-        size = np.maximum(np.max(np.abs(jacobian[:, : self.n] * c), axis=1, initial=0.0), 1.0)
-        force = largest(size[: self.n])
+        values, jacobian = self.rows(x)
+        size = np.max(np.abs(jacobian[:, : self.n] * c), axis=1, initial=0.0)
+        least = SOFTEST * self._typical(x, values, jacobian) or 1.0
+        size[: self.n] = np.maximum(size[: self.n], least / c)
+        size[self.n :] = np.maximum(size[self.n :], 1.0)
+        # the largest would make columns so large beside soft springs that these were taken for none
+        force = float(np.min(size[: self.n], initial=np.inf))
 
         def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             values, slope = self.rows(x)
@@ -159,6 +189,17 @@ class Statics:
 
         given = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
         return equations, np.concatenate(given)
+
+    def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
+        """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
+
+        Forces are those that act, reactions, and those that states and unknowns of the size they have would bring.
+        """
+        c, n = self.numeric.column_scale, self.n
+        _, z, lam, y = self.split(x)
+        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), np.maximum(1.0, np.abs(y))])
+        force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
+        return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
 
     # --- moving ------------------------------------------------------------------------------
     @property
@@ -200,24 +241,31 @@ class Statics:
         held = np.concatenate([c * values[: self.n], np.zeros(self.k)])
         answer = np.linalg.lstsq(left, np.column_stack([moved, held]), rcond=1e-12)[0][self.k + self.m :]
         matrix, force = -answer[:, :-1], answer[:, -1]
-        scale = largest(c[:, None] * jacobian[: self.n, : self.n] * c)
+        scale = self._typical(x, values, jacobian)
         if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
             values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-            stable = bool(np.all(values > NEUTRAL * scale))
+            stable, flutters = bool(np.all(values > NEUTRAL * scale)), False
         else:
             values, vectors = np.linalg.eig(matrix)
             order = np.argsort(values.real)
             values, vectors = values[order], vectors[:, order]
-            stable = self._oscillates(matrix, basis, x)
-        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable)
+            squares = self._squares(matrix, basis, x)[0]
+            size = largest(squares)
+            flutters = bool(np.any(np.abs(squares.imag) > CIRCULATORY * size))
+            stable = not flutters and bool(np.all(squares.real > NEUTRAL * size))
+        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable, flutters)
 
-    def _oscillates(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> bool:
-        """Whether small undamped motions have real frequencies."""
+    def _squares(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the frequencies of small undamped motions, and their shapes in the basis."""
         inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
         least = float(np.min(np.linalg.eigvalsh(inertia)))
-        squares = np.linalg.eigvals(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
-        size = largest(squares)
-        return bool(np.all(squares.real > NEUTRAL * size) and np.all(np.abs(squares.imag) <= CIRCULATORY * size))
+        return np.linalg.eig(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
+
+    def flutter(self, x: np.ndarray) -> np.ndarray:
+        """Displacement over q of the small motion whose frequency is farthest from real (n,)."""
+        here = self.stiffness(x)
+        squares, shapes = self._squares(here.matrix, here.basis, x)
+        return here.basis @ shapes[:, np.argmax(np.abs(squares.imag))].real
 
     def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""

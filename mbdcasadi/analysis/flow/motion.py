@@ -84,6 +84,11 @@ class Flow:
         self._recovery = Recovery(numeric, redundant=redundant)
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
+        if method == "idas" and self.integrals and self.signals.is_sampled:
+            # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples
+            # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
+            # more steps than the motion it ended the process. Each interval is an integration of its own.
+            self.pieces = grid.size - 1
 
     @property
     def channel_size(self) -> tuple[int, int]:
@@ -168,9 +173,8 @@ class Flow:
         drift = max(
             largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, states[:n].T, strict=True)
         )
-        self.pieces = int(
-            np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(CHUNKS, self.grid.size - 1))
-        )
+        needed = np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(CHUNKS, self.grid.size - 1))
+        self.pieces = max(self.pieces, int(needed))
 
     def reached(self, states: np.ndarray, first: int = 0) -> bool:
         """Whether an integration got to its end: its clock tells, and that all is finite."""

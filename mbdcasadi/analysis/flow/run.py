@@ -12,6 +12,7 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...model.mechanism import Mechanism
+from ...model.symbols import number
 from ...numerics.console import call
 from ...results.state import State
 from ..inputs import read_signals
@@ -48,6 +49,9 @@ class Problem:
         **settings: Any,
     ):
         self.mechanism, self.initial, self.settings = mechanism, initial, settings
+        for name in ("reltol", "abstol"):
+            if number(settings.get(name, 1e-8), "the integrator", name) < 0:
+                raise SimulationError(f"{name} must not be negative, got {settings[name]!r}")
         self.eom = equations(mechanism)
         self.grid = time_grid(times)
         own = carried_by(initial, mechanism)
@@ -146,22 +150,28 @@ class CompiledRun:
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
-        return self._call(self._derivative("reverse", 1), d, self.guess, y, weights)[0].full().ravel()
+        remedy = (
+            'take method="erk", or larger tolerances' if self.problem.settings.get("method", "idas") == "idas" else None
+        )
+        return self._call(self._derivative("reverse", 1), d, self.guess, y, weights, remedy=remedy)[0].full().ravel()
 
     def _derivative(self, kind: str, count: int) -> ca.Function:
         if (kind, count) not in self._derivatives:
             self._derivatives[kind, count] = getattr(self._values, kind)(count)
         return self._derivatives[kind, count]
 
-    def _call(self, function: ca.Function, *arguments: Any) -> Any:
+    def _call(self, function: ca.Function, *arguments: Any, remedy: str | None = None) -> Any:
         try:
             return call(function, *arguments)
         except RuntimeError as error:
             lines = [line for line in str(error).splitlines() if line.strip()]
-            raise SimulationError(self._stopped(arguments[0], lines[-1] if lines else "no reason given")) from None
+            raise SimulationError(
+                self._stopped(arguments[0], lines[-1] if lines else "no reason given", remedy)
+            ) from None
 
-    def _stopped(self, d: np.ndarray, why: str) -> str:
-        return f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why"
+    def _stopped(self, d: np.ndarray, why: str, remedy: str | None = None) -> str:
+        remedy = remedy or "simulate with these values says where and why"
+        return f"the integrator stopped at {self._where(d)}: {why}; {remedy}"
 
     def _where(self, d: np.ndarray) -> str:
         parts = [

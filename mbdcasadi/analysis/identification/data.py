@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import casadi as ca
@@ -86,7 +86,10 @@ class Experiment(Immutable):
             rows = self.rows_of(key)
             if rows is None:
                 raise ModelError(f"{what}: weights= holds {key!r}, which is not among data=")
-            given = np.asarray(value, float)
+            try:
+                given = np.asarray(value, float)
+            except (TypeError, ValueError):
+                raise ModelError(f"{what}: weights must be numbers, got {value!r}") from None
             if given.ndim > 1 or (given.ndim == 1 and given.size != self.times.size):
                 raise ModelError(f"{what}: a weight is a number or one for each of {self.times.size} times")
             if not np.all(np.isfinite(given)) or np.any(given < 0):
@@ -125,7 +128,7 @@ def read_experiments(times: Any, data: Any, experiments: Any, **given: Any) -> t
         return (Experiment(times, data, **given),)
     if times is not None or data is not None or any(v not in (None, ()) for v in given.values()):
         raise ModelError("identify: with experiments= the times, data, starts, inputs and weights stand in these")
-    if isinstance(experiments, Experiment | Mapping):
+    if isinstance(experiments, Experiment | Mapping) or not isinstance(experiments, Iterable):
         raise ModelError("identify: experiments= takes a list of Experiment")
     found = tuple(experiments)
     if not found or not all(isinstance(e, Experiment) for e in found):

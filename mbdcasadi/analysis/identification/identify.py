@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import MechanismWarning, ModelError
 from ...model.mechanism import Mechanism
-from ...model.symbols import Parameter, listed
+from ...model.symbols import Parameter, listed, refuse_twice
 from ..flow.run import Problem
 from ..mappings import pairs_of, position_in
 from .data import Experiment, IdentificationError, read_experiments
@@ -123,8 +123,11 @@ def identify(
         )
         for e in motions
     ]
+    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 0:
+        raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
     theta = shootings[0].problem.numeric.p[places]
     _refuse_few(motions, wanted)
+    refuse_twice(wanted, "unknowns=")
     limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])
     for shooting in shootings:
         shooting.prepare(theta)

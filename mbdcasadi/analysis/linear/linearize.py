@@ -12,7 +12,7 @@ from ...equations import Equations, equations
 from ...equations.numeric import NumericEquations
 from ...errors import ModelError
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, as_expression, entries
+from ...model.symbols import Input, Parameter, as_expression, entries, refuse_twice
 from ...printing import to_text
 from ...results.state import State
 from ..inputs import Signals, read_signals
@@ -96,6 +96,7 @@ def linearize(
     _ = point[eom.a]  # raises where there are no accelerations
     changed = _read_wrt(mechanism, wrt)
     names, expressions = read_outputs(outputs)
+    eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
     chosen = independent(numeric, point, coordinates)
     held = _feedback(eom, signals, changed)
     directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
@@ -125,6 +126,7 @@ def _read_wrt(mechanism: Mechanism, wrt: Any) -> tuple[Any, ...]:
         if not isinstance(symbol, Input | Parameter):
             raise ModelError(f"wrt= takes inputs and parameters, got {symbol!r}")
         position_in(mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters, symbol, "wrt=")
+    refuse_twice(found, "wrt=")
     return found
 
 

@@ -49,7 +49,8 @@ class LinearModel:
         self.A, self.B, self.C, self.D = A, B, C, D
         self.state_names, self.input_names, self.output_names = state_names, input_names, output_names
         self.state, self.rate, self.directions = state, rate, directions
-        self._positions = speeds
+        #: how many of the states are positions
+        self.speeds = speeds
 
     @property
     def eigenvalues(self) -> np.ndarray:
@@ -60,8 +61,8 @@ class LinearModel:
     @property
     def is_steady(self) -> bool:
         """Whether the state rests or moves steadily: velocities and first-order states do not change."""
-        rates = self.rate[self._positions :]
-        scale = 1 + np.max(np.abs(self.A[self._positions :]), initial=0.0)
+        rates = self.rate[self.speeds :]
+        scale = 1 + np.max(np.abs(self.A[self.speeds :]), initial=0.0)
         return bool(np.all(np.abs(rates) <= 1e-6 * scale))
 
     def modes(self) -> tuple[Mode, ...]:
@@ -100,7 +101,7 @@ class LinearModel:
         MechanismError
             At a pole.
         """
-        points = np.atleast_1d(np.asarray(s, complex))
+        points = _points(s, "transfer_function: s")
         matrices = points[:, None, None] * np.eye(len(self.A)) - self.A
         try:
             inner = np.linalg.solve(matrices, np.broadcast_to(self.B, (points.size, *self.B.shape)))
@@ -111,7 +112,7 @@ class LinearModel:
 
     def frequency_response(self, frequencies: Any) -> np.ndarray:
         """``G(2 π i f)`` at frequencies in Hz: (n_f, n_y, n_u), complex."""
-        return self.transfer_function(2j * np.pi * np.atleast_1d(np.asarray(frequencies, float)))
+        return self.transfer_function(2j * np.pi * _points(frequencies, "frequency_response: frequencies").real)
 
     def to_control(self) -> Any:
         """Return a ``control.StateSpace`` with the names of states, inputs and outputs."""
@@ -135,6 +136,17 @@ class LinearModel:
         text += f"; inputs {', '.join(self.input_names)}" if self.input_names else ""
         text += f"; outputs {', '.join(self.output_names)}" if self.output_names else ""
         return text + f"\n  eigenvalues {np.array2string(self.eigenvalues, precision=5, separator=', ')}"
+
+
+def _points(values: Any, what: str) -> np.ndarray:
+    """Finite complex numbers (k,)."""
+    try:
+        points = np.atleast_1d(np.asarray(values, complex))
+    except (TypeError, ValueError):
+        points = np.array([np.nan])
+    if points.ndim > 1 or not np.all(np.isfinite(points)):
+        raise MechanismError(f"{what} must be a finite number or a sequence of them, got {values!r}")
+    return points
 
 
 def _plain(names: tuple[str, ...]) -> list[str]:

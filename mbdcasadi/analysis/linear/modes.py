@@ -104,10 +104,11 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     """Modes of a model, slowest first."""
     if not model.is_steady:
         warnings.warn(
-            "modes: the state is neither an equilibrium nor in steady motion; its eigenvalues "
-            "say little of what follows",
+            "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
+            f"({', '.join(model.state_names[: model.speeds])}) tell it; its eigenvalues say little of what follows. "
+            "Of a steady turn give linearize coordinates= that do not see it, such as an angle or a slide",
             MechanismWarning,
-            stacklevel=4,
+            stacklevel=3,
         )
     if not model.A.size:
         return ()

@@ -31,9 +31,14 @@ class SweepFile:
     def __init__(self, path: str | Path, fingerprint: str):
         self.path = Path(path)
         self._fingerprint = fingerprint
-        if not self.path.exists():
-            with open(self.path, "wb") as file:
-                np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
+        try:
+            if not self.path.exists():
+                with open(self.path, "wb") as file:
+                    np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
+            with open(self.path, "r+b"):
+                pass
+        except OSError as error:
+            raise FileError(f"sweep: the file {self.path} cannot be written: {error.strerror}") from None
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""

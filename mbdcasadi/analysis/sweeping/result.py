@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from ...errors import MechanismError, ModelError
+from ...model.mechanism import Mechanism
 from ...model.symbols import Parameter
 from ..flow.design import same
 
@@ -30,12 +32,18 @@ class Sweep:
         Which cases were run; all of them, unless the sweep was interrupted.
     seconds : float
         Wall-clock time of the runs, s.
+
+    Notes
+    -----
+    A sweep can be pickled. Symbols belong to the model in memory and stay
+    behind: one that was read back knows parameters, inputs and outputs by name.
     """
 
     def __init__(self, t: np.ndarray, cases: dict[Any, np.ndarray], outputs: list[tuple[Any, ca.SX]]):
         self.t, self.cases = t, cases
-        self._outputs = outputs
-        self._rows = sum(e.numel() for _, e in outputs)
+        self._kinds = {key.label: "parameters" if isinstance(key, Parameter) else "inputs" for key in cases}
+        self._outputs = [(name if isinstance(name, str) else str(e), e.numel(), e) for name, e in outputs]
+        self._rows = sum(size for _, size, _ in self._outputs)
         count = len(next(iter(cases.values())))
         self._values = np.full((count, t.size, self._rows), np.nan)
         self.done = np.zeros(count, bool)
@@ -44,6 +52,23 @@ class Sweep:
 
     def __len__(self) -> int:
         return self.done.size
+
+    def __getstate__(self) -> dict[str, Any]:
+        cases = {_label(key): values for key, values in self.cases.items()}
+        outputs = [(name, size, None) for name, size, _ in self._outputs]
+        return self.__dict__ | {"cases": cases, "_outputs": outputs}
+
+    def __copy__(self) -> Sweep:
+        new = object.__new__(type(self))
+        new.__dict__.update(self.__dict__)
+        return new
+
+    def __deepcopy__(self, memo: dict) -> Sweep:
+        new = copy(self)
+        new.cases = {key: values.copy() for key, values in self.cases.items()}
+        new.t, new._values, new.done = self.t.copy(), self._values.copy(), self.done.copy()
+        new.failures = dict(self.failures)
+        return new
 
     def take(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
         """Enter a batch of finished cases."""
@@ -54,26 +79,41 @@ class Sweep:
     def __getitem__(self, key: Any) -> np.ndarray:
         """Values of an output, by its name or by the expression."""
         first = 0
-        for name, expression in self._outputs:
-            size = expression.numel()
-            if name == key if isinstance(key, str) else same(expression, ca.SX(key)):
+        for name, size, expression in self._outputs:
+            if name == key if isinstance(key, str) else expression is not None and same(expression, key):
                 return self._values[:, :, first] if size == 1 else self._values[:, :, first : first + size]
             first += size
-        raise ModelError(f"{key!r} is not among the outputs: {', '.join(map(str, self.names))}")
+        raise ModelError(f"{key!r} is not among the outputs: {', '.join(self.names)}")
 
     @property
     def names(self) -> list[str]:
         """Names of the outputs."""
-        return [name if isinstance(name, str) else str(expression) for name, expression in self._outputs]
+        return [name for name, _, _ in self._outputs]
 
-    def case(self, index: int) -> dict[str, dict[Any, float]]:
-        """Values of one case as ``simulate(mechanism, …, **swept.case(3))`` takes them."""
-        if not -len(self) <= index < len(self):
+    def case(self, index: int, mechanism: Mechanism | None = None) -> dict[str, dict[Any, float]]:
+        """Values of one case as ``simulate(mechanism, …, **swept.case(3))`` takes them.
+
+        A sweep that was pickled knows names only and needs the mechanism: ``swept.case(3, mechanism)``.
+        """
+        if not isinstance(index, int | np.integer) or not -len(self) <= index < len(self):
             raise ModelError(f"the sweep has {len(self)} cases, and none of index {index}")
         given: dict[str, dict[Any, float]] = {"parameters": {}, "inputs": {}}
         for key, values in self.cases.items():
-            given["parameters" if isinstance(key, Parameter) else "inputs"][key] = float(values[index])
+            kind = self._kinds[_label(key)]
+            given[kind][self._symbol(key, kind, mechanism)] = float(values[index])
         return given
+
+    @staticmethod
+    def _symbol(key: Any, kind: str, mechanism: Mechanism | None) -> Any:
+        if not isinstance(key, str):
+            return key
+        if mechanism is None:
+            raise ModelError("a sweep that was pickled knows names only; give the mechanism: swept.case(3, mechanism)")
+        symbols = mechanism.parameters if kind == "parameters" else mechanism.inputs
+        found = [symbol for symbol in symbols if symbol.label == key]
+        if len(found) != 1:
+            raise ModelError(f"the mechanism has {len(found)} {kind} named '{key}', which the sweep varies")
+        return found[0]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over ``case`` and ``t``; the values of the cases are coordinates of ``case``.
@@ -87,20 +127,28 @@ class Sweep:
         coordinates: dict[str, Any] = {"t": ("t", self.t, {"units": "s"}), "case": np.arange(len(self))}
         taken = {*self.names, "t", "case", "axis", "failure"}
         for key, values in self.cases.items():
-            coordinates[f"{key.label}.value" if key.label in taken else key.label] = ("case", values)
+            label = _label(key)
+            coordinates[f"{label}.value" if label in taken else label] = ("case", values)
         coordinates["failure"] = ("case", [self.failures.get(k, "") for k in range(len(self))])
         variables: dict[str, Any] = {}
-        for name, (key, expression) in zip(self.names, self._outputs, strict=True):
-            size = expression.numel()
+        first = 0
+        for name, size, _ in self._outputs:
             last = () if size == 1 else ("axis",) if size == 2 else (f"{name}_0",)
-            variables[name] = (("case", "t", *last), self[key])
+            columns = first if size == 1 else slice(first, first + size)
+            variables[name] = (("case", "t", *last), self._values[:, :, columns])
+            first += size
             if size == 2:
                 coordinates["axis"] = ["x", "y"]
         return xr.Dataset(variables, coords=coordinates)
 
     def __repr__(self) -> str:
-        text = f"Sweep over {', '.join(key.label for key in self.cases)}: {len(self)} cases, {self.t.size} times"
+        text = f"Sweep over {', '.join(map(_label, self.cases))}: {len(self)} cases, {self.t.size} times"
         text += f", {int(np.sum(~self.done))} not run" if not np.all(self.done) else ""
         text += f", {len(self.failures)} failed" if self.failures else ""
         shown = [f"  case {k}: {m}" for k, m in list(self.failures.items())[:3]]
         return "\n".join([f"{text}, {self.seconds:.3g} s", *shown])
+
+
+def _label(key: Any) -> str:
+    """Name of a parameter or input, which it is itself in a sweep that was pickled."""
+    return key if isinstance(key, str) else str(key.label)

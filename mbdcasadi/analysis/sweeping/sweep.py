@@ -103,6 +103,8 @@ def sweep(
     >>> np.round(swept["y"][:, -1], 3)
     array([-0.81 , -1.855, -4.905])
     """
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)

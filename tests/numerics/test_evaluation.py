@@ -1,0 +1,53 @@
+"""Compiled functions through buffers, against CasADi's own calls."""
+
+import threading
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mbdcasadi.numerics.evaluation import Evaluator
+
+x, y = ca.SX.sym("x", 3), ca.SX.sym("y", 2)
+RESULTS = [x * ca.sum1(y), ca.jacobian(ca.vertcat(x[0] ** 2 * y[1], x[2]), x), ca.SX(0, 1), ca.SX(2, 3), ca.dot(x, x)]
+FUNCTION = ca.Function("f", [x, y], RESULTS)
+
+
+def test_values_and_shapes():
+    """Dense, sparse, empty and structurally zero results."""
+    at = [0.3, -1.2, 2.0], [0.7, 5.0]
+    for found, wanted in zip(Evaluator(FUNCTION)(*at), FUNCTION(*at), strict=True):
+        np.testing.assert_array_equal(found, wanted.full())
+
+
+def test_results_are_kept():
+    """A later call does not write into what an earlier one returned."""
+    evaluate = Evaluator(FUNCTION)
+    first = evaluate([1, 2, 3], [1, 1])[0]
+    evaluate([5, 5, 5], [1, 1])
+    np.testing.assert_array_equal(first.ravel(), [2, 4, 6])
+
+
+def test_each_thread_has_its_own_buffers():
+    """Threads that share a function do not see each other's arguments."""
+    evaluate, wrong = Evaluator(FUNCTION), []
+
+    def run(number: int) -> None:
+        for k in range(3000):
+            found = evaluate([number, k, -k], [1, 1])[0].ravel()
+            if not np.array_equal(found, [2 * number, 2 * k, -2 * k]):
+                wrong.append((number, k, found))
+
+    threads = [threading.Thread(target=run, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+@pytest.mark.parametrize("arguments", [([1, 2], [3, 4]), ([1, 2, 3],), ([1, 2, 3], [4, 5], [6])])
+def test_arguments_that_do_not_fit_are_refused(arguments):
+    """Wrong lengths, too few, too many."""
+    with pytest.raises(ValueError):
+        Evaluator(FUNCTION)(*arguments)
