@@ -108,4 +108,4 @@ from .visual.fits import plot_residuals
 from .visual.modes import plot_modes
 from .visual.optimum import plot_solution
 from .visual.plots import plot
-from .visual.symbols import symbol
+from .visual.symbols import symbol as glyph

@@ -74,7 +74,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
 
     # sliders last: rails fit to what other symbols draw of the body
     joints = sorted(mechanism.joints, key=lambda joint: isinstance(joint, Translational))
-    for element in (*joints, *mechanism.drivers, *mechanism.forces):
+    for element in (*mechanism.drivers, *joints, *mechanism.forces):
         pen.item = item(element)
         symbol(element, pen)
     for body in mechanism.bodies:

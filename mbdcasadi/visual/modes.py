@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ def plot_modes(model: Any, count: int | None = None) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    modes = list(model.modes() if hasattr(model, "modes") else model)
+    modes = list(model.modes() if hasattr(model, "modes") else model if isinstance(model, Sequence) else ())
     if not modes or not all(hasattr(mode, "shape") and hasattr(mode, "at") for mode in modes):
         raise MechanismError(f"plot_modes: takes what linearize returns, or some of its modes, got {model!r}")
     shown = modes[: min(len(modes), 6) if count is None else whole(count, "plot_modes", "count", 1)]
@@ -59,7 +60,7 @@ def _draw(axes: Any, mode: Any) -> None:
     sample = Sample(motion)
     scene, _ = compose(sample, Options())
     poses = scene.poses(sample)
-    # quarters of the period: rest, one end, rest, the other end; a shape that only decays has one end
+    # the motion begins at one end, and is at the other one half a period later
     rest = scene.poses(Sample(mode.model.state))
     for pose, strength in ((poses[4], 0.25), (poses[0], 1.0)):
         Canvas(axes, replace(scene, labels=[]), strength, still=strength == 1.0).show(pose)
@@ -72,7 +73,7 @@ def _draw(axes: Any, mode: Any) -> None:
 
 def _thin(mark: Any) -> Any:
     """A mark as a dashed outline."""
-    return replace(mark, style="tie", frame=mark.frame)
+    return replace(mark, style="tie")
 
 
 def _amplitude(mode: Any) -> float:

@@ -78,6 +78,7 @@ def test_wrong_input_is_named(pendulum):
         (mbd.plot_path, (motion, {"x": arm.x}), "what equilibrium_path returns"),
         (mbd.plot_path, (motion, {}), "nothing to draw"),
         (mbd.plot_modes, ([],), "what linearize returns"),
+        (mbd.plot_modes, (3,), "what linearize returns"),
         (mbd.plot_modes, ([motion],), "what linearize returns"),
         (mbd.plot_solution, (motion,), "what optimize returns"),
     ):

@@ -168,6 +168,23 @@ def test_arrows_are_to_scale_and_along_the_force():
     assert poses[0, couples[1].frame, 3] * scale["N m"] == pytest.approx(-0.5 * 40)
 
 
+@pytest.mark.parametrize("rate", [2.0, -2.0])
+def test_arrows_of_drivers_point_the_way_they_go(rate):
+    """Curved about the bearing of the crank; straight along the guide of a slider."""
+    model = mbd.library.slider_crank()
+    crank = mbd.kinematics(model.driven(crank=0.3 + rate * mbd.t), [0, 0.1])
+    scene, poses, _ = scene_of(crank)
+    (shaft,) = (m for m in of_item(scene, "crank drive") if m.style == "motion")
+    x, y = where(shaft, poses).T
+    turned = np.unwrap(np.arctan2(y, x))
+    assert np.sign(turned[-1] - turned[0]) == np.sign(rate)
+    slider = mbd.kinematics(model.driven(slider=0.15 + 0.1 * rate * mbd.t), [0, 0.1])
+    scene, poses, _ = scene_of(slider)
+    (shaft,) = (m for m in of_item(scene, "slider drive") if m.style == "motion")
+    start, end = where(shaft, poses)
+    assert np.sign(end[0] - start[0]) == np.sign(rate) and end[1] == pytest.approx(start[1])
+
+
 def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length():
     """A mechanism a thousand times as large gives the same picture."""
     small, large = (mbd.library.four_bar(*(s * x for x in (0.2, 0.5, 0.4, 0.55))) for s in (1.0, 1000.0))
@@ -228,7 +245,7 @@ def test_elements_of_ones_own():
         def glyph(self, pen):
             pen.pin(pen.ground(), 2.0)
 
-    @mbd.symbol.register
+    @mbd.glyph.register
     def _(element: Slot, pen):
         pen.dot(pen.on(element.b))
 
@@ -306,3 +323,88 @@ def test_hatching_lies_on_the_right():
 def test_nice_numbers():
     """1, 2 or 5 times a power of ten."""
     assert [nice(x) for x in (1.0, 1.99, 2.0, 4.9, 5.0, 99, 0.037)] == pytest.approx([1, 1, 2, 2, 5, 50, 0.02])
+
+
+# --- joints and forces that stand in no machine of the list above ------------------------------
+def simple_elements():
+    """Each between two bodies, or on one, far enough apart to be seen."""
+    p = mbd.Body("p", 1.0, 0.1, pose=(0, 0, 0))
+    q = mbd.Body("q", 1.0, 0.1, pose=(1.0, 0.3, 0.4))
+    ground, law = mbd.ground, mbd.HuntCrossley(1e4)
+    a, b, fixed = p.at(0.2, 0), q.at(-0.1, 0), ground.at(0.5, 0.5)
+    found = [
+        mbd.Revolute("x", p.at(1, 0), q.at(0, -0.3)),
+        mbd.Translational("x", a, q.at(0, 0, -0.4)),
+        mbd.Translational("x", a, ground.at(0.6, 0)),
+        mbd.Weld("x", p.at(1, 0.3), b),
+        mbd.Weld("x", ground.at(0, 0), p.at(0, 0)),
+        mbd.Distance("x", a, b, 0.7),
+        mbd.Distance("x", fixed, b, 0.5),
+        mbd.PointOnLine("x", a, b),
+        mbd.PointOnLine("x", ground.at(0, 0.3, 0.1), b, 0.05),
+        mbd.AbsoluteX("x", b, 0.9),
+        mbd.AbsoluteY("x", b, 0.3),
+        mbd.AbsoluteAngle("x", b, 0.4),
+        mbd.AbsoluteDistance("x", b, (0.5, 1.0), 0.8),
+        mbd.RelativeX("x", a, b, 0.7),
+        mbd.RelativeY("x", a, b, 0.3),
+        mbd.RelativeAngle("x", a, b, 0.4),
+        mbd.Constraint("x", q.x - p.y - 1),
+        mbd.Belt("x", a, b, 0.1, 0.2, crossed=True),
+        mbd.Rolling("x", q.at(0, 0), p.at(0, 0), 0.3),
+        mbd.RackAndPinion("x", ground.at(0, 0), q.at(0, 0), 0.3),
+    ]
+    forces = [
+        mbd.Torque("x", q, -2.0, opposite=p),
+        mbd.Force("x", a, (1, 2), opposite=q),
+        mbd.RSDA("x", a, b, stiffness=1),
+        mbd.TSDA("x", a, b, actuator=3),
+        mbd.TSDA("x", a, fixed, stiffness=3, damping=1),
+        mbd.TSDA("x", a, fixed, damping=1),
+        mbd.HydraulicCylinder("x", a, b, 0.05, 0.02, 0.8, 1e-3, 0.0),
+        mbd.Contact("x", mbd.Segment(a, 0.3, 0.05), mbd.Point(b), law),
+        mbd.Contact("x", mbd.PolygonEdges(b, [(0, 0), (0.2, 0), (0, 0.2)]), mbd.HalfPlane(p.at(0, 0)), law),
+    ]
+    return [p, q], [(e, True) for e in found] + [(e, False) for e in forces]
+
+
+BODIES, SIMPLE = simple_elements()
+
+
+@pytest.mark.parametrize("number", range(len(SIMPLE)), ids=lambda k: f"{type(SIMPLE[k][0]).__name__}-{k}")
+def test_simple_elements_are_drawn(number):
+    """A symbol near the element's bodies, of a reasonable size; the whole figure is drawn."""
+    element, is_joint = SIMPLE[number]
+    both = [element] if is_joint else []
+    model = mbd.Mechanism(BODIES, both, forces=[] if is_joint else [element])
+    state = mbd.assemble(model)
+    scene, poses, _ = scene_of(state)
+    points = np.vstack([where(m, poses) for m in of_item(scene, "x")])
+    assert np.all(np.isfinite(points)) and np.all(np.abs(points - [0.5, 0.3]) < 3)
+    mbd.draw(state, forces=True, names=True).figure.draw_without_rendering()
+
+
+def test_springs_between_the_same_points_lie_side_by_side():
+    """As far apart as they are wide, and no longer than the way between the points."""
+    block = mbd.Body("block", 1, 1, pose=(1, 0, 0))
+    ends = mbd.ground.at(0, 0), block.at(0, 0)
+    forces = [mbd.TSDA("s", *ends, stiffness=1), mbd.TSDA("d", *ends, damping=1)]
+    scene, poses, _ = scene_of(mbd.Mechanism([block], forces=forces))
+    heights = [
+        np.mean([where(m, poses)[:, 1].mean() for m in of_item(scene, n) if m.style in ("spring", "damper")])
+        for n in "sd"
+    ]
+    assert abs(heights[0] - heights[1]) > 0.7 * scene.unit
+
+
+def test_two_coordinates_held_are_a_pin_on_a_stand():
+    """As models of the course write their pins; with the angle, a block on a rail."""
+    body = mbd.Body("body", 1, 1, pose=(0.5, 0, 0))
+    corner = body.at(-0.5, 0)
+    pinned = mbd.Mechanism([body], [mbd.AbsoluteX("x", corner), mbd.AbsoluteY("y", corner)])
+    scene, _, _ = scene_of(pinned)
+    styles = [m.style for m in of_item(scene, "x") + of_item(scene, "y")]
+    assert styles.count("ground") == 1 and styles.count("pin") == 2  # the stand once; no rollers
+    slides = mbd.Mechanism([body], [mbd.AbsoluteY("y", corner), mbd.AbsoluteAngle("a", corner)])
+    scene, _, _ = scene_of(slides)
+    assert "hatch" in [m.style for m in of_item(scene, "y")] and of_item(scene, "a") == []

@@ -1,7 +1,7 @@
 """One symbol for each kind of element: found by its class, as methods are.
 
 A new kind of element brings one function here; one of a user's own may bring a
-method ``glyph(pen)`` instead, or register a function with :data:`symbol`.
+method ``glyph(pen)`` instead, or register a function with :data:`mbdcasadi.glyph`, which is :func:`symbol`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def symbol(element: Any, pen: Pen) -> None:
     --------
     A symbol for a class of one's own::
 
-        @mbd.symbol.register
+        @mbd.glyph.register
         def _(element: MyJoint, pen):
             pen.pin(pen.on(element.a))
     """

@@ -13,6 +13,7 @@ from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.joints.coordinates import AbsoluteAngle, AbsoluteDistance, AbsoluteX, AbsoluteY
 from ...model.joints.lower_pairs import Revolute
 from ...model.joints.nonholonomic import KnifeEdge
+from ...model.symbols import t
 from .. import lines, scene
 from ..pen import Pen
 from .base import nothing, symbol
@@ -100,27 +101,32 @@ def knife_edge(joint: KnifeEdge, pen: Pen) -> None:
 # --- what moves or is moved -----------------------------------------------------------------
 @symbol.register
 def driver(element: Driver, pen: Pen) -> None:
-    """An arrow along the motion that is prescribed."""
-    motion_arrow(pen, element.expression, element.bodies)
+    """An arrow along the motion that is prescribed, the way it mostly goes."""
+    motion_arrow(pen, element.expression, element.bodies, sense(pen, ca.jacobian(element.value, t)))
 
 
 @symbol.register
 def generalized_force(element: GeneralizedForce, pen: Pen) -> None:
     """An arrow along the displacement of each pair."""
-    for displacement, _ in element.virtual_work:
-        motion_arrow(pen, displacement, element.bodies)
+    for displacement, force in element.virtual_work:
+        motion_arrow(pen, displacement, element.bodies, sense(pen, ca.sum1(force)))
 
 
-def motion_arrow(pen: Pen, expression: Any, bodies: Any) -> None:
+def sense(pen: Pen, value: Any) -> float:
+    """1, or -1 where a scalar is negative for the most part."""
+    return -1.0 if np.mean(pen.over(value)) < 0 else 1.0
+
+
+def motion_arrow(pen: Pen, expression: Any, bodies: Any, way: float) -> None:
     """An arrow along what an expression moves first: straight for a place, curved for an angle."""
     moving = [body for body in bodies if not body.is_ground]
-    for body in reversed(moving):
-        slope = ca.jacobian(ca.sum1(ca.vec(ca.SX(expression))), body.q)
+    slopes = [ca.jacobian(ca.sum1(ca.vec(ca.SX(expression))), body.q) for body in moving]
+    for body, slope in zip(reversed(moving), reversed(slopes), strict=True):
         if slope[:2].nnz():
-            _straight(pen, body, slope)
+            _straight(pen, body, way * slope)
             return
     if moving:
-        turning(pen, moving[-1], moving)
+        turning(pen, moving[-1], moving, way * sense(pen, slopes[-1][2]))
 
 
 def _straight(pen: Pen, body: Any, slope: Any) -> None:
@@ -132,7 +138,7 @@ def _straight(pen: Pen, body: Any, slope: Any) -> None:
     frame.area("motion head", head + beside, layer=scene.ARROW)
 
 
-def turning(pen: Pen, body: Any, bodies: Any) -> None:
+def turning(pen: Pen, body: Any, bodies: Any, way: float) -> None:
     """A curved arrow about the pin that connects the bodies, else about the centre of mass; once at a place."""
     u = pen.unit
     place = pivot_of(pen, body, bodies)
@@ -140,7 +146,7 @@ def turning(pen: Pen, body: Any, bodies: Any) -> None:
     if key in pen.arrows:
         return
     pen.arrows.add(key)
-    shaft, head = lines.arc_arrow(1.9 * u, 1.1 * u)
+    shaft, head = (points * [way, 1.0] for points in lines.arc_arrow(1.9 * u, 1.1 * u))
     frame = pen.at(place)
     frame.draw("motion", shaft, layer=scene.ARROW)
     frame.area("motion head", head, layer=scene.ARROW)

@@ -19,7 +19,7 @@ from ...model.forces.stops import EndStop
 from .. import lines, scene
 from ..pen import Frame, Pen
 from .base import nothing, symbol
-from .constraints import turning
+from .constraints import sense, turning
 
 for kind in (Gravity, FieldForce, EndStop):
     symbol.register(kind, nothing)
@@ -34,13 +34,13 @@ def force(element: Force, pen: Pen) -> None:
 @symbol.register
 def torque(element: Torque, pen: Pen) -> None:
     """A curved arrow about the pin that it turns."""
-    turning(pen, element.body, element.bodies)
+    turning(pen, element.body, element.bodies, sense(pen, element.torque))
 
 
 @symbol.register
 def motor(element: DCMotor, pen: Pen) -> None:
     """A curved arrow about the pin that it turns."""
-    turning(pen, element.body, element.bodies)
+    turning(pen, element.body, element.bodies, sense(pen, element.torque))
 
 
 # --- between two points --------------------------------------------------------------------

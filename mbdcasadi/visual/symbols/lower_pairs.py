@@ -98,7 +98,11 @@ def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top
     if upright or np.cos(direction) <= 0:
         pen.wall(frame, (high, top), (low, top))
     if frame.body is not None:
-        frame.area("body", lines.rectangle((min(low, 0), bottom - 0.5 * pen.unit), (max(high, 0), bottom)))
+        u = pen.unit
+        bar = lines.rectangle((min(low, -0.6 * u), bottom - 0.6 * u), (max(high, 0.6 * u), bottom))
+        # the rail lies beside the marker, and is held by a post there
+        post = lines.rectangle((-0.6 * u, bottom - 0.6 * u), (0.6 * u, max(0.6 * u, bottom)))
+        frame.area("body", bar, post)
 
 
 def _sleeve(frame: Frame, pen: Pen, common: tuple[float, float], bottom: float, top: float) -> None:
