@@ -135,7 +135,7 @@ def rewrite(page: Path) -> None:
 
 
 if __name__ == "__main__":
-    chosen = [Path(argument).resolve() for argument in sys.argv[1:]] or PAGES
+    chosen = [Path(argument).resolve() for argument in sys.argv[1:]] or PAGES[1:]
     FIGURES.mkdir(exist_ok=True)
     for page in chosen:
         with contextlib.chdir(FIGURES):
