@@ -70,6 +70,18 @@ def skip_casadi(app, what, name, member, skip, options):
     return True if (getattr(function, "__module__", None) or "").startswith("casadi") else None
 
 
+def remove_stale_stubs(app, config):
+    """Delete generated pages of what the reference lists no longer; Sphinx would build them for ever."""
+    reference = HERE / "reference"
+    listed = {
+        line.strip() for page in reference.glob("*.rst") for line in page.read_text(encoding="utf-8").splitlines()
+    }
+    for stub in (reference / "generated").glob("*.rst"):
+        if not {stub.stem, stub.stem.removeprefix("mbdcasadi.")} & listed:
+            stub.unlink()
+
+
 def setup(app):
     """What is no setting."""
+    app.connect("config-inited", remove_stale_stubs)
     app.connect("autodoc-skip-member", skip_casadi)
