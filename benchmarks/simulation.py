@@ -107,11 +107,12 @@ def _timing(name: str, runs: dict[float, list[Run]], goal: float) -> Timing:
     seconds = [min(run.seconds for run in repeated) for repeated in runs.values()]
     errors = [max(run.error for run in repeated) for repeated in runs.values()]
     set_up = max((run.set_up for repeated in runs.values() for run in repeated), default=0.0)
-    at_goal, how = _at_goal(seconds, errors, goal)
-    return Timing(name, list(runs), seconds, errors, at_goal, set_up, how)
+    reached, how = at_goal(seconds, errors, goal)
+    return Timing(name, list(runs), seconds, errors, reached, set_up, how)
 
 
-def _at_goal(seconds: list[float], errors: list[float], goal: float) -> tuple[float, str]:
+def at_goal(seconds: list[float], errors: list[float], goal: float) -> tuple[float, str]:
+    """Time at the goal, read off between the settings on either side of it, and how."""
     if not seconds:
         return math.inf, "not reached"
     if len(seconds) == 1:

@@ -27,7 +27,7 @@ GROUPS = {
     "First steps": ("first_mechanism", "slider_crank", "four_bar_output"),
     "Machine elements": ("walking_leg", "planetary_train", "cam", "dc_motor"),
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
-    "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking"),
+    "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
 }
 

@@ -53,7 +53,7 @@ from .model.forces.applied import Force, GeneralizedForce, Torque
 from .model.forces.bushing import Bushing
 from .model.forces.contact_laws import HuntCrossley
 from .model.forces.contacts.contact import Contact
-from .model.forces.contacts.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
+from .model.forces.contacts.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
 from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.data_laws import DataLaw

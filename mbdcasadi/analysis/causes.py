@@ -7,6 +7,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from .monitors import broken_at_pose
 from .singular import describe_singularity
+from .tolerances import narrowest_friction
 
 _FLAGS = {
     "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
@@ -21,6 +22,8 @@ _FLAGS = {
 
 #: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
 NEAR = 0.02
+#: Velocity (m/s) or deflection (m) over which friction is smoothed, from which it may be what stops an integrator.
+NARROW_FRICTION = 1e-6
 
 
 def cause_of_failure(
@@ -57,6 +60,9 @@ def cause_of_failure(
         return f"the pose is singular or nearly so, {pose.text} ({said})"
     if flag.startswith("the constraints"):
         return said + remarks
+    narrow = narrowest_friction(numeric)
+    if narrow is not None and narrow[0] < NARROW_FRICTION:
+        remarks += f"; or {narrow[1].what} is too steep: {narrow[2]} is very narrow, widen it"
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "

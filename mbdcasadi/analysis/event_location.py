@@ -68,11 +68,19 @@ class EventWatch:
         self.instant = 1e-12
         self._behind: dict[int, float] = {}
         self._rates = ca.vertcat(ca.SX(0, 1), *[self._rate(eom, e) for e in self.events])
-        self._values = eom.function(ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events]))
+        expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events])
+        self._values = eom.function(expressions)
+        #: sizes of what a state need not be completed by, where no event asks for accelerations, reactions or inputs
+        needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
+        self._left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
 
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
         """Expressions of all events at outputs (k, n_events)."""
-        t, q, v, a, z, lam, u = outputs.block(times, x, channel)
+        if self._left_out is None:
+            t, q, v, a, z, lam, u = outputs.block(times, x, channel)
+        else:
+            t, (q, v, z) = times, outputs.split(x)
+            a, lam, u = (np.zeros((times.size, size)) for size in self._left_out)
         return self._values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
 
     @staticmethod

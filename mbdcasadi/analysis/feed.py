@@ -8,7 +8,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 from ..results.state import State
-from .inputs import Signals
+from .inputs import SampledController, Signals
 from .mappings import pairs_of, position_in
 from .schedule import Chunk
 
@@ -79,17 +79,19 @@ class InputFeed:
 
     def ask(self, state: State) -> None:
         """Ask the controller; its answer is held until it is asked again."""
-        controller = self.signals.controller
-        if controller is None:
-            return
-        inputs = self._numeric.eom.mechanism.inputs
-        values = self._numeric.eom.input_values.copy()
-        for key, value in pairs_of(controller.function(state.t, state), "the controller's answer"):
-            k = position_in(inputs, key, "the controller's answer")
-            values[k] = float(value)
-            if not np.isfinite(values[k]):
-                raise SimulationError(
-                    f"the controller gives {values[k]} for input '{inputs[k].label}' at t = {state.t:.6g} s",
-                    time=state.t,
-                )
-        self._held = values
+        if self.signals.controller is not None:
+            self._held = read_answer(self.signals.controller, state)
+
+
+def read_answer(controller: SampledController, state: State) -> np.ndarray:
+    """Values of all inputs that a controller gives at a state (n_u,)."""
+    eom = state.equations
+    inputs, values = eom.mechanism.inputs, eom.input_values.copy()
+    for key, value in pairs_of(controller.function(state.t, state), "the controller's answer"):
+        k = position_in(inputs, key, "the controller's answer")
+        values[k] = float(value)
+        if not np.isfinite(values[k]):
+            raise SimulationError(
+                f"the controller gives {values[k]} for input '{inputs[k].label}' at t = {state.t:.6g} s", time=state.t
+            )
+    return values

@@ -48,8 +48,13 @@ class Formulation:
         """Whether accelerations and multipliers are unknowns of the integrator."""
         return self.name == "KKT"
 
-    def dae(self, numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None) -> Dae:
-        """The system in time counted from the start of a chunk, ``x = (q, v, z)`` and integrals of expressions."""
+    def dae(
+        self, numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None, watched: ca.SX | None = None
+    ) -> Dae:
+        """The system in time counted from the start of a chunk, ``x = (q, v, z)`` and integrals of expressions.
+
+        What is watched is integrated along too, outside the state and its error test.
+        """
         eom = numeric.eom
         since, start = ca.SX.sym("since"), ca.SX.sym("start")
         u = ca.substitute(signals.expressions, eom.t, start + since)
@@ -67,10 +72,11 @@ class Formulation:
         else:
             a, lam = eom.a, eom.lam
             unknowns, residual = ca.vertcat(a, lam), self._residual(eom)(*inner, a, lam)
-        rates = ca.Function("z_rate", [*eom.symbols], [ca.vertcat(eom.z_rate, integrands)])
-        z_rate = rates(inner[0], eom.q, eom.v, a, eom.z, lam, u, eom.p)
+        watched = ca.SX(0, 1) if watched is None else watched
+        rates = ca.Function("z_rate", [*eom.symbols], [ca.vertcat(eom.z_rate, integrands), watched])
+        z_rate, quad = rates(inner[0], eom.q, eom.v, a, eom.z, lam, u, eom.p)
         ode = ca.vertcat(eom.v, a, z_rate)
-        return Dae(since, x, unknowns, parameters, signals.channel, ode, residual)
+        return Dae(since, x, unknowns, parameters, signals.channel, ode, residual, quad)
 
     @staticmethod
     def _residual(eom) -> ca.Function:

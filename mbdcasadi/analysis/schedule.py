@@ -56,6 +56,12 @@ class Chunk:
             return None
         return Chunk(time, self.times[count:], self.wanted[count:])
 
+    def cut(self, time: float) -> tuple[Chunk, Chunk]:
+        """Two chunks, of which the first ends at a time between its outputs."""
+        count = int(np.searchsorted(self.times, time))
+        first = Chunk(self.start, np.r_[self.times[:count], time], np.r_[self.wanted[:count], False])
+        return first, Chunk(time, self.times[count:], self.wanted[count:])
+
     def joined(self, following: Chunk) -> Chunk:
         """This chunk and the one that follows, as one."""
         times, wanted = np.r_[self.times, following.times], np.r_[self.wanted, following.wanted]

@@ -23,7 +23,8 @@ from .mappings import pairs_of, parameter_vector, time_grid
 from .monitors import tell_monitors
 from .run import Run
 from .starting import carried_by, start_state
-from .stick_slip import StickSlip, switching
+from .stick_slip.modes import switching
+from .stick_slip.run import StickSlip
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
@@ -76,8 +77,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator. Where friction has a velocity tolerance, the absolute one is
-        a thousandth of it at the most.
+        Tolerances of the integrator. Where friction has a velocity tolerance (or bristles), the
+        absolute one is a thousandth of it (of their largest deflection) at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -97,6 +98,12 @@ def simulate(
     Interrupted
         On Ctrl-C, with ``.partial``.
 
+    Warns
+    -----
+    MechanismWarning
+        Where the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
+        where inputs pass their limits, and where an element leaves what it is made for.
+
     Examples
     --------
     >>> import mbdcasadi as mbd
@@ -110,7 +117,40 @@ def simulate(
     grid = _grid(times, duration)
     if switching(mechanism):
         settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
-        return StickSlip(mechanism, inputs, parameters, events, settings, simulate).over(grid, initial)
+        motion, unresolved = StickSlip(mechanism, inputs, parameters, events, settings, smooth_motion, grid).over(
+            initial
+        )
+    else:
+        motion, unresolved = smooth_motion(
+            mechanism, grid, initial, inputs, parameters, events, method, reltol, abstol, jit, options, progress
+        )
+    for sentence in unresolved:
+        motion.statistics.notes.append(sentence)
+        warnings.warn(sentence, MechanismWarning, stacklevel=2)
+    _tell_exceeded_limits(mechanism, motion)
+    tell_monitors(motion)
+    return motion
+
+
+def smooth_motion(
+    mechanism: Mechanism,
+    grid: np.ndarray,
+    initial: Any,
+    inputs: Any,
+    parameters: Any,
+    events: Sequence[Event],
+    method: str,
+    reltol: float,
+    abstol: float,
+    jit: bool,
+    options: dict[str, Any] | None,
+    progress: bool = False,
+    after_reset: bool = False,
+) -> tuple[Trajectory, list[str]]:
+    """Motion of a mechanism whose friction does not switch, and what was not resolved; see :func:`simulate`.
+
+    With `after_reset` the start is the state just after an event, which does not take place again there.
+    """
     eom = equations(mechanism)
     tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
     if method not in METHODS:
@@ -136,12 +176,11 @@ def simulate(
     absolute = absolute_tolerance(numeric, tolerances[1])
     settings = {"reltol": tolerances[0], "abstol": absolute, "jit": jit, "options": options}
     run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
-    motion = run.over(grid, start, redundant=redundant)
+    motion = run.over(grid, start, redundant=redundant, after_reset=after_reset)
     if absolute < tolerances[1]:
-        motion.statistics.notes.append(f"abstol = {absolute:.1e}, for the velocity tolerance of the friction")
-    _tell_exceeded_limits(mechanism, motion)
-    tell_monitors(motion)
-    return motion
+        motion.statistics.notes.append(f"abstol = {absolute:.1e}, as the friction asks for")
+    used = {"reltol": tolerances[0], "abstol": absolute} | (options or {})
+    return motion, run.resolution.sentences(used["reltol"], used["abstol"])
 
 
 def _grid(times: Any, duration: float | None) -> np.ndarray:

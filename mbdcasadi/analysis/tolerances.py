@@ -10,11 +10,31 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 
-#: Largest absolute tolerance, as a share of the velocity over which friction is smoothed: with tolerances near to
+#: What friction is spread over, by attribute, in words.
+NARROW = {
+    "velocity_tolerance": "the velocity tolerance {:.3g} m/s",
+    "deflection_tolerance": "the largest deflection of the bristles, {:.3g} m,",
+}
+#: Largest absolute tolerance, as a share of the velocity over which friction is smoothed, or
+#: of the way over which bristles bend: with tolerances near to
 #: that velocity every integrator steps over the change of sign and gives wrong motions without a word.
 SHARE = 1e-3
 #: Smallest absolute tolerance that an integrator can keep to.
 SMALLEST = 1e-13
+
+
+def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
+    """What friction is spread over the least: how far, the element, and words for it; None without any."""
+    found: list[tuple[float, Any, str]] = []
+    eom = numeric.eom
+    for element in eom.mechanism.elements:
+        for name, words in NARROW.items():
+            width = getattr(element, name, None)
+            if width is None or ca.depends_on(ca.SX(width), ca.vertcat(*eom.symbols[:-1])):
+                continue
+            value = float(ca.Function("width", [eom.p], [ca.SX(width)])(numeric.p))
+            found.append((value, element, words.format(value)))
+    return min(found, key=lambda entry: entry[0], default=None)
 
 
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
@@ -25,20 +45,13 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     SimulationError
         For a velocity tolerance that no integrator resolves.
     """
-    found: list[tuple[float, Any]] = []
-    eom = numeric.eom
-    for element in eom.mechanism.elements:
-        tolerance = getattr(element, "velocity_tolerance", None)
-        if tolerance is None or ca.depends_on(ca.SX(tolerance), ca.vertcat(*eom.symbols[:-1])):
-            continue
-        value = float(ca.Function("tolerance", [eom.p], [ca.SX(tolerance)])(numeric.p))
-        found.append((value, element))
-    if not found:
+    found = narrowest_friction(numeric)
+    if found is None:
         return asked
-    narrowest, element = min(found, key=lambda pair: pair[0])
+    narrowest, element, words = found
     if not np.isfinite(narrowest) or narrowest * SHARE < SMALLEST:
         raise SimulationError(
-            f"{element.what}: the velocity tolerance {narrowest:.3g} m/s is too narrow for an integrator, which keeps "
-            f"to {SMALLEST:.0e} at best; take at least {SMALLEST / SHARE:.0e}, or DryFriction, which needs none"
+            f"{element.what}: {words} is too narrow for an integrator, which keeps to "
+            f"{SMALLEST:.0e} at best; take at least {SMALLEST / SHARE:.0e}, or DryFriction, which needs none"
         )
     return min(asked, SHARE * narrowest)

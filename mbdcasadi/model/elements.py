@@ -17,6 +17,7 @@ from .bodies import Body, Marker, ground
 from .immutable import Immutable
 from .monitors import Monitor
 from .quantities import Limit
+from .smoothing import Smoothing
 from .symbols import check_name, register, role_of, symbols_of
 
 
@@ -49,6 +50,9 @@ class Element(Immutable):
         What its quantities must keep to at any value of the parameters.
     monitors : tuple of Monitor
         What must hold along a motion for the element to mean what it says (a cam that only presses).
+    smoothings : tuple of Smoothing
+        What changes within a short time, so that a simulation tells where its steps jump over it; with a scalar
+        ``gap`` besides, a simulation does not pass through where it is closed for a short time.
     """
 
     word: ClassVar[str] = "element"
@@ -72,6 +76,11 @@ class Element(Immutable):
     def what(self) -> str:
         """The element in words, as messages name it."""
         return f"{self.word} '{self.name}'"
+
+    @property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What changes within a short time."""
+        return ()
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -166,6 +175,11 @@ class ConstraintElement(Element):
         """Name of each row: the element and what the row holds."""
         labels = self.row_labels or tuple(str(k) for k in range(self.multipliers.numel()))
         return (self.name,) if len(labels) == 1 and not self.row_labels else tuple(f"{self.name}.{x}" for x in labels)
+
+    @property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What changes within a short time."""
+        return ()
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:

@@ -7,8 +7,7 @@ fails is repeated output by output to keep what can be had.
 
 from __future__ import annotations
 
-import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
@@ -16,14 +15,14 @@ import numpy as np
 
 from ..errors import SimulationError
 from .console import quiet
+from .plugins import compiler_options, flag_of, last_line, plugin_options
 
 #: Steps that an integrator may take between two outputs, at first and at the most.
 FEW_STEPS, MAX_STEPS = 5_000, 200_000
 #: Bisections by which the place of a failure is narrowed down.
 APPROACHES = 16
-#: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
-#: methods (measured: the energy of a four-bar over 100 s then stays within 2e-5 at 1e-8).
-TIGHTER = 30.0
+#: Size of integrals, as a share of the tolerance, below which no integrator adapts its steps to them.
+QUAD_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -37,6 +36,8 @@ class Dae:
         parameters (the start of the chunk first), values by interval.
     ode, alg : casadi.SX or casadi.MX
         Rates and residuals.
+    quad : casadi.SX or casadi.MX
+        Rates of integrals that take no part in the error test.
     """
 
     t: Any
@@ -46,6 +47,7 @@ class Dae:
     u: Any
     ode: Any
     alg: Any
+    quad: Any = field(default_factory=lambda: ca.SX(0, 1))
 
 
 class IntegrationFailure(Exception):
@@ -97,12 +99,20 @@ class Integrator:
             self._system |= {"z": dae.z, "alg": dae.alg}
         if dae.u.numel():
             self._system["u"] = dae.u
-        self._options = _plugin_options(method, reltol, abstol, bool(dae.z.numel())) | _compiler(jit) | (options or {})
+        # all but IDAS count integrals in their error test: so small they do not matter there
+        self._quad_scale = 1.0 if method == "idas" else QUAD_SHARE * abstol
+        if dae.quad.numel():
+            self._system["quad"] = self._quad_scale * dae.quad
+        self._options = (
+            plugin_options(method, reltol, abstol, bool(dae.z.numel())) | compiler_options(jit) | (options or {})
+        )
         self._functions: dict[tuple[Any, ...], ca.Function] = {}
         self._stretched: ca.Function | None = None
         self.starts = 0
         #: steps of the last call, where the plugin counts them
         self.steps = 0
+        #: integrals at the outputs of the last call (k, n), since its start
+        self.integrals = np.zeros((0, 0))
 
     def function(self, offsets: np.ndarray, steps: int) -> ca.Function:
         """The compiled integrator for outputs at times after the start; the last state is a clock."""
@@ -113,7 +123,7 @@ class Integrator:
             try:
                 self._functions[key] = ca.integrator("motion", self.method, self._system, 0.0, offsets, options)
             except RuntimeError as error:
-                raise SimulationError(f"method '{self.method}' refuses the options: {_last_line(error)}") from None
+                raise SimulationError(f"method '{self.method}' refuses the options: {last_line(error)}") from None
         return self._functions[key]
 
     def advance(
@@ -174,7 +184,7 @@ class Integrator:
             with quiet():
                 reached = self._stretched(**arguments)["xf"].full().ravel()
         except RuntimeError as error:
-            raise IntegrationFailure(_flag(error), np.zeros((0, x.size)), np.zeros((0, z.size))) from None
+            raise IntegrationFailure(flag_of(error), np.zeros((0, x.size)), np.zeros((0, z.size))) from None
         return reached[:-1]
 
     def _attempt(
@@ -200,12 +210,13 @@ class Integrator:
             with quiet():
                 result = function(**arguments)
         except RuntimeError as error:
-            return _flag(error)
+            return flag_of(error)
         self.steps = int(function.stats().get("nsteps", 0))
         states = result["xf"].full().T
         clock_is_right = np.abs(states[:, -1] - offsets) <= 1e-6 * offsets[-1]
         if not np.all(clock_is_right) or not np.all(np.isfinite(states)):
             return "the step size became too small, or a value was not finite"
+        self.integrals = result["qf"].full().T / self._quad_scale
         return states[:, :-1], result["zf"].full().T
 
     def rescue(
@@ -246,6 +257,8 @@ class Integrator:
         low, high = start, end
         for _ in range(APPROACHES):
             middle = (low + high) / 2
+            if not low < middle < high:
+                break
             found = self._attempt(x, z, low, np.array([middle]), p, u, FEW_STEPS // 5)
             if isinstance(found, str):
                 high = middle
@@ -257,57 +270,10 @@ class Integrator:
 def _stretched(system: dict[str, Any]) -> dict[str, Any]:
     """The system over a step of unit length: time and rates scaled by the last parameter."""
     length = ca.SX.sym("length")
-    scaled = dict(system)
+    scaled = {name: part for name, part in system.items() if name != "quad"}
     for name in ("ode", "alg"):
         if name in system:
             scaled[name] = ca.substitute(system[name], system["t"], length * system["t"])
     scaled["ode"] = length * scaled["ode"]
     scaled["p"] = ca.vertcat(system["p"], length)
     return scaled
-
-
-def _plugin_options(method: str, reltol: float, abstol: float, algebraic: bool) -> dict[str, Any]:
-    """Options that were measured best, by plugin."""
-    if method != "idas":
-        return {"reltol": reltol, "abstol": abstol, "show_eval_warnings": False, "error_on_fail": False}
-    idas: dict[str, Any] = {
-        "reltol": _tightened(reltol),
-        "abstol": _tightened(abstol),
-        "linear_solver": "csparse",
-        "disable_internal_warnings": True,
-        "show_eval_warnings": False,
-        "print_time": False,
-    }
-    # multipliers left out of the error test at a tighter tolerance: faster at equal error
-    return idas | {"suppress_algebraic": True} if algebraic else idas
-
-
-def _tightened(tolerance: float) -> float:
-    """Local tolerance of the multistep method, whose global error is well above it."""
-    return max(tolerance / TIGHTER, min(tolerance, 1e-12))
-
-
-def _compiler(jit: bool) -> dict[str, Any]:
-    if not jit:
-        return {}
-    name = next((c for c in ("gcc", "clang", "cc") if shutil.which(c)), None)
-    if name is None:
-        raise SimulationError(
-            "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"
-        )
-    flags = {"compiler": name, "flags": ["-O2"], "verbose": False}
-    return {"jit": True, "compiler": "shell", "jit_options": flags}
-
-
-def _last_line(error: Exception) -> str:
-    lines = [line for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else "no reason given"
-
-
-def _flag(error: Exception) -> str:
-    """The plugin's own word for a failure."""
-    text = str(error)
-    for word in text.replace('"', " ").split():
-        if word.startswith("IDA_"):
-            return word
-    return _last_line(error)

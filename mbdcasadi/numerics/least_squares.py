@@ -12,6 +12,8 @@ Equations = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 #: Residuals below this times ``1 + max|x|`` count as zero.
 ACCURACY = 1e-13
+#: Size of a row, relative to the largest one, below which it has no scale of its own.
+FLAT = 1e-9
 #: Rounding of one operation.
 EPSILON = float(np.finfo(float).eps)
 
@@ -40,15 +42,25 @@ def largest(values: np.ndarray) -> float:
     return float(np.max(np.abs(values), initial=0.0))
 
 
+def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Inverse of the size of each row in the metric of the weights: rows in metres and in radians then compare (m,)."""
+    size = np.sqrt(np.einsum("ij,ij,j->i", jacobian, jacobian, 1 / weights))
+    most = np.max(size, initial=0.0)
+    if most**2 < np.finfo(float).tiny / EPSILON:
+        return np.zeros(size.size)  # no row has a slope: no step is better than another
+    return 1 / np.where(size > FLAT * most, size, most)
+
+
 def least_norm_step(jacobian: np.ndarray, residual: np.ndarray, weights: np.ndarray, damping: float) -> np.ndarray:
-    """Step that minimises ``|J d + r|² + damping |d|²`` in the metric of the weights."""
-    scaled = jacobian / weights
-    normal = scaled @ jacobian.T
-    size = np.trace(normal) / max(len(residual), 1)
-    if size < np.finfo(float).tiny / EPSILON:  # no row has a slope: no step is better than another
+    """Step that minimises ``|J d + r|² + damping |d|²``, rows of unit size, in the metric of the weights."""
+    scale = row_scale(jacobian, weights)
+    if not np.any(scale):
         return np.zeros(weights.size)
-    normal[np.diag_indices_from(normal)] += max(damping, 1e-13) * size
-    return -scaled.T @ np.linalg.solve(normal, residual)
+    unit = jacobian * scale[:, None]
+    over = unit / weights
+    normal = over @ unit.T
+    normal[np.diag_indices_from(normal)] += max(damping, 1e-13)
+    return -over.T @ np.linalg.solve(normal, scale * residual)
 
 
 def solve(
@@ -79,7 +91,6 @@ def solve(
     """
     x = np.array(start, float)
     residual, jacobian = equations(x)
-    size = float(residual @ residual)
     damping = 0.0
     for _ in range(iterations):
         goal = ACCURACY * (1 + largest(x))
@@ -88,10 +99,11 @@ def solve(
         step = least_norm_step(jacobian, residual, weights, damping)
         step *= 1.0 / max(largest(step / step_limit), 1.0)
         new_residual, new_jacobian = equations(x + step)
-        new_size = float(new_residual @ new_residual)
+        scale = row_scale(jacobian, weights)
+        size, new_size = (float(np.sum((scale * r) ** 2)) for r in (residual, new_residual))
         if np.isfinite(new_size) and new_size < size:
             stalled = new_size > (1 - 1e-12) * size and damping > 0
-            x, residual, jacobian, size = x + step, new_residual, new_jacobian, new_size
+            x, residual, jacobian = x + step, new_residual, new_jacobian
             damping = 0.0 if damping < 1e-6 else damping / 10
             if stalled:
                 break

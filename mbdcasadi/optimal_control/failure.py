@@ -74,7 +74,11 @@ class OptimizationError(MechanismError):
         Sorted, the largest first.
     partial : Solution
         The last iterate; it is no solution.
+    reached : Solution or None
+        The last solution of a continuation that could not be finished.
     """
+
+    reached: Any = None
 
     def __init__(self, message: str, *, largest_violations: list[Violation], partial: Any, time: float | None):
         super().__init__(message, time=time, partial=partial)

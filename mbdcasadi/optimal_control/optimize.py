@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from ..analysis.mappings import pairs_of
 from ..analysis.monitors import tell_monitors
 from ..errors import ModelError
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
+from .continuation import by_continuation, read_continuation
 from .mesh import Mesh
 from .preparation import TRANSCRIPTIONS, Settings
 from .problem import OptimalControlProblem
@@ -30,6 +32,7 @@ def optimize(
     starts: Any = None,
     initial: Any = None,
     parameters: Any = None,
+    continuation: Any = None,
     transcription: str | type[Transcription] = "gauss-legendre",
     control: str = "polynomial",
     progress: bool = False,
@@ -58,6 +61,11 @@ def optimize(
         Instead of the problem's own; what was compiled is used again.
     parameters : mapping, optional
         Parameter to number.
+    continuation : mapping, optional
+        Parameter to a sequence of values: the problem is solved for each in turn, from the last solution, and that of
+        the last values is returned: ``{v_t: [0.1, 1e-2, 1e-3]}`` sharpens smoothed friction, ``{k: [1e3, 1e5]}``
+        hardens a contact. Several parameters change together. Where the solver fails at a value, one between is
+        tried first; ``statistics.steps`` has all, and only the last mesh is refined to `tolerance`.
     transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
         A scheme of the package by name, or one of the user's own; see
         :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
@@ -92,6 +100,17 @@ def optimize(
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
     if initial is not None:
         problem = problem.started_from(initial)
+    if continuation is not None:
+        steps = read_continuation(problem, continuation, parameters)
+        common: dict[str, Any] = {"intervals": intervals, "degree": degree, "transcription": transcription}
+        common |= {"control": control, "progress": progress, "options": options}
+
+        def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
+            pairs = [*pairs_of(parameters, "parameters="), *values.items()]
+            own: dict[str, Any] = {"starts": starts if first else None, "tolerance": tolerance if last else None}
+            return optimize(problem, guess=near, parameters=pairs, **common, **own)
+
+        return by_continuation(steps, solve, guess)
     accuracy = None if tolerance is None else _tolerance(tolerance)
     settings = _settings(transcription, degree, control, options, progress)
     solver = Solver(problem, settings, parameters)

@@ -55,6 +55,28 @@ class Pass:
 
 
 @dataclass(frozen=True)
+class Step:
+    """One step of a continuation.
+
+    Attributes
+    ----------
+    values : dict of str to float
+        Parameter, by name, to its value.
+    cost : float
+        Minimum there.
+    iterations : int
+        Of the solver.
+    seconds : float
+        Building and solving, s.
+    """
+
+    values: dict[str, float]
+    cost: float
+    iterations: int
+    seconds: float
+
+
+@dataclass(frozen=True)
 class SolveStatistics:
     """How a solution was found.
 
@@ -72,6 +94,8 @@ class SolveStatistics:
         What each start led to, where there were several.
     passes : list of Pass
         Meshes of the refinement.
+    steps : list of Step
+        Values of a continuation, those between that were found necessary included.
     """
 
     iterations: int
@@ -82,6 +106,7 @@ class SolveStatistics:
     rows: int
     starts: list[Start] = field(default_factory=list)
     passes: list[Pass] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -229,8 +229,8 @@ def _check_names(path: str | Path, kind: str, found: Sequence[str], expected: Se
 
 def _refine(eom: Equations, content: dict[str, np.ndarray]) -> Callable[..., tuple[np.ndarray, ...]] | None:
     """How values between the times return onto the constraints, as in the run that was saved."""
-    if not content["t"].size:
-        return None
+    if not content["t"].size or any(getattr(element, "modes", ()) for element in eom.mechanism.elements):
+        return None  # the constraints of exact friction change along the motion
     numeric = NumericEquations(eom, content["parameters"])
     redundant = numeric.rank(float(content["t"][0]), content["q"][0]).rank < eom.lam.numel()
     return Recovery(numeric, redundant=redundant).refine()

@@ -131,6 +131,35 @@ def test_impact_of_two_degrees_of_freedom():
     assert lost == pytest.approx(0.75 / 2 * (along @ rates) ** 2 / (along @ response), rel=1e-7)
 
 
+def test_a_stiff_contact_meets_the_impulse():
+    """An elastic blow of a double pendulum: by a reset, and by contacts that are ever stiffer."""
+    m, length, wall = 1.3, 0.7, 0.4
+
+    def run(forces_of, events_of):
+        first = mbd.Body("first", mass=m, inertia=m * length**2 / 12, pose=(length / 2, 0, 0))
+        second = mbd.Body("second", mass=m, inertia=m * length**2 / 12, pose=(1.5 * length, 0, 0))
+        pins = [
+            mbd.Revolute("upper", mbd.ground.at(0, 0), first.at(-length / 2, 0)),
+            mbd.Revolute("lower", first.at(length / 2, 0), second.at(-length / 2, 0)),
+        ]
+        tip = second.at(length / 2, 0)
+        mechanism = mbd.Mechanism([first, second], pins, forces=[mbd.Gravity(), *forces_of(tip)])
+        motion = mbd.simulate(mechanism, np.linspace(0, 0.65, 66), events=events_of(tip))
+        return motion, np.array([motion[first.phi][-1], motion[second.phi][-1]])
+
+    hard, wanted = run(
+        lambda tip: [], lambda tip: [mbd.Event("wall", tip.x - wall, direction=-1, reset=[(tip.vx, -tip.vx)])]
+    )
+    assert [event.name for event in hard.events] == ["wall"] and hard.events[0].t < 0.6
+    solid, errors = mbd.HalfPlane(mbd.ground.at(wall, 0, angle=-np.pi / 2)), []
+    for stiffness in (1e6, 1e8, 1e10):
+        law = mbd.HuntCrossley(stiffness, exponent=1.0)
+        _, found = run(lambda tip, law=law: [mbd.Contact("wall", mbd.Point(tip), solid, law)], lambda tip: [])
+        errors.append(np.abs(found - wanted).max())
+    # what is left falls with the time of contact, which goes with the root of the stiffness
+    assert errors[2] < 5e-4 and errors[1] < errors[0] / 5 and errors[2] < errors[1] / 5
+
+
 @pytest.mark.parametrize("clearance", [0.0, 1e-4])
 def test_newtons_cradle(clearance):
     """Five pendulums, touching or nearly so: one comes, the last one leaves with its speed; and back."""

@@ -191,6 +191,8 @@ def test_with_user_events_inputs_and_states():
     assert [e.name for e in motion.events] == ["half", "there"]
     assert motion.t[-1] == pytest.approx(np.sqrt(2 / pull), abs=1e-8)
     assert motion[guide.displacement][-1] == pytest.approx(1, abs=1e-9)
+    onward = mbd.simulate(mechanism, np.linspace(0, 0.5, 6), initial=motion.final)  # a state brings its inputs along
+    assert onward[guide.displacement][-1] == pytest.approx(1 + np.sqrt(2 * pull) * 0.5 + pull / 8, abs=1e-7)
     rest = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=motion.final, inputs={tau: 0.0})
     assert rest[guide.displacement][-1] == pytest.approx(1 + 2 * pull / (2 * 0.3 * G), abs=1e-8)
     assert rest[guide.speed][-1] == pytest.approx(0, abs=1e-12)
@@ -215,14 +217,149 @@ def test_refuses():
             mbd.HuntCrossley(1e5),
             mbd.DryFriction(0.3),
         )
-    with pytest.raises(mbd.SimulationError, match=r"'kick' resets"):
-        mbd.simulate(mechanism, [0, 1], events=[mbd.Event("kick", block.x - 1, reset={block.vx: 0})])
+    with pytest.raises(mbd.SimulationError, match=r"'rub stops' has the name"):
+        mbd.simulate(mechanism, [0, 1], events=[mbd.Event("rub stops", block.x - 1)])
     tau = mbd.Input("tau")
     _, _guide, _, mechanism = sledge(
         mbd.DryFriction(0.3), forces=lambda b: [mbd.Force("push", b.at(0, 0), (tau, 0))], inputs=[tau]
     )
-    with pytest.raises(mbd.SimulationError, match="spline"):
-        mbd.simulate(mechanism, [0, 1], inputs={tau: [1, 2]})
+    with pytest.raises(mbd.ModelError, match=r"3 samples are given for 2 times"):
+        mbd.simulate(mechanism, [0, 1], inputs={tau: [1, 2, 3]})
+
+
+def test_rebound_from_a_wall():
+    """A sliding block is thrown back by a wall and comes to rest before it gets home."""
+    mu, speed, wall, restitution = 0.2, 2.0, 0.5, 0.6
+    _block, guide, _, mechanism = sledge(mbd.DryFriction(mu))
+    hit = mbd.Event("hit", guide.displacement - wall, direction=1, reset={guide.speed: -restitution * guide.speed})
+    start = [guide.displacement == 0, guide.speed == speed]
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 41), initial=start, events=[hit])
+    arrives = np.sqrt(speed**2 - 2 * mu * G * wall)
+    leaves = restitution * arrives
+    first, second = (speed - arrives) / (mu * G), leaves / (mu * G)
+    assert [e.name for e in motion.events] == ["hit", "rub stops"]
+    np.testing.assert_allclose([e.t for e in motion.events], [first, first + second], atol=1e-8)
+    event = motion.events[0]
+    assert event.state[guide.speed] == pytest.approx(arrives, abs=1e-7)
+    assert event.after[guide.speed] == pytest.approx(-leaves, abs=1e-7)
+    assert motion[guide.displacement][-1] == pytest.approx(wall - leaves**2 / (2 * mu * G), abs=1e-7)
+    assert motion[guide.speed][-1] == pytest.approx(0, abs=1e-12)
+
+
+def test_a_kick_sets_a_resting_block_in_motion():
+    """A clock of blows against a block that sticks: each moves it by ``v²/(2 μ g)``."""
+    mu, blow = 0.3, 0.9
+    _, guide, _, mechanism = sledge(mbd.DryFriction(mu, 0.5))
+    kick = mbd.Event("kick", mbd.sin(2 * np.pi * (mbd.t - 0.25)), direction=1, reset={guide.speed: guide.speed + blow})
+    start = [guide.displacement == 0, guide.speed == 0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=start, events=[kick])
+    assert [e.name for e in motion.events] == ["kick", "rub stops"] * 3
+    np.testing.assert_allclose([e.t for e in motion.events[::2]], [0.25, 1.25, 2.25], atol=1e-8)
+    assert motion[guide.displacement][-1] == pytest.approx(3 * blow**2 / (2 * mu * G), abs=1e-7)
+
+
+def test_friction_takes_no_part_in_an_impulse():
+    """A pin that sticks is no obstacle to a blow: the velocity after it is that without friction."""
+    rod = mbd.Body("rod", mass=1.5, inertia=0.08)
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.4, 0))
+    bush = mbd.JointFriction("bush", hinge, mbd.DryFriction(0.9), radius=0.05)
+    mechanism = mbd.Mechanism([rod], [hinge], forces=[bush])
+    blow = mbd.Event("blow", mbd.t - 0.1, direction=1, reset={rod.at(0.4, 0).vy: 2.0})
+    motion = mbd.simulate(mechanism, np.linspace(0, 0.2, 3), initial=[hinge.angle == 0, rod.omega == 0], events=[blow])
+    assert motion.events[0].after[rod.omega] == pytest.approx(2.0 / 0.8, rel=1e-12)
+
+
+def test_samples_and_a_ramp():
+    """A force that grows in samples: break-away at ``μ_s m g``, then ``ẍ = (F - μ m g)/m``."""
+    tau, mu, static, rate = mbd.Input("tau"), 0.3, 0.4, 8.0
+    _, guide, _, mechanism = sledge(
+        mbd.DryFriction(mu, static), forces=lambda b: [mbd.Force("push", b.at(0, 0), (tau, 0))], inputs=[tau]
+    )
+    times = np.linspace(0, 2, 9)
+    start = [guide.displacement == 0, guide.speed == 0]
+    motion = mbd.simulate(mechanism, times, initial=start, inputs={tau: rate * times})
+    mass = 3.0
+    breaks = static * mass * G / rate
+    (event,) = motion.events
+    assert event.name == "rub breaks away" and event.t == pytest.approx(breaks, abs=1e-8)
+    s = np.maximum(times - breaks, 0)
+    exact = rate / mass * s**3 / 6 + (static - mu) * G * s**2 / 2
+    np.testing.assert_allclose(motion[guide.displacement], exact, atol=1e-7)
+    np.testing.assert_allclose(motion.inputs[:, 0], rate * times, atol=1e-12)
+
+
+def test_a_controller():
+    """Pushed for the first of every two periods; asked once a period, with the whole mechanism's state."""
+    tau, mu, mass = mbd.Input("tau"), 0.3, 3.0
+    _, guide, rub, mechanism = sledge(
+        mbd.DryFriction(mu), forces=lambda b: [mbd.Force("push", b.at(0, 0), (tau, 0))], inputs=[tau]
+    )
+    asked = []
+
+    def control(time, state):
+        asked.append((time, state[rub.force]))
+        return {tau: 15.0 if len(asked) % 2 else 0.0}
+
+    start = [guide.displacement == 0, guide.speed == 0]
+    inputs = mbd.SampledController(control, 0.5)
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 11), initial=start, inputs=inputs)
+    np.testing.assert_allclose([time for time, _ in asked], [0, 0.5, 1.0, 1.5], atol=1e-12)
+    pull = 15 / mass - mu * G
+    speed = 0.5 * pull
+    way = speed**2 / (2 * pull) + speed**2 / (2 * mu * G)
+    assert speed / (mu * G) < 0.5
+    assert motion[guide.displacement][-1] == pytest.approx(2 * way, abs=1e-7)
+    assert [e.name for e in motion.events] == ["rub stops"] * 2
+
+
+def test_redundant_guides_are_told():
+    """Friction by a load that is not unique has no answer; by a given load it has."""
+    for friction, fails in ((mbd.JointFriction, True), (mbd.LoadIndependentFriction, False)):
+        block = mbd.Body("block", mass=1, inertia=1)
+        guides = [mbd.Translational(f"g{k}", mbd.ground.at(0, 0), block.at(0.1 * k, 0)) for k in range(2)]
+        load = {} if fails else {"load": 5.0}
+        rub = friction("rub", guides[0], mbd.DryFriction(0.3), **load)
+        mechanism = mbd.Mechanism([block], guides, forces=[mbd.Gravity(), rub])
+        start = [block.x == 0, block.vx == 1.0]
+        if fails:
+            with pytest.raises(mbd.SimulationError, match=r"'rub' depends on reactions.*LoadIndependentFriction"):
+                mbd.simulate(mechanism, [0, 1], initial=start)
+        else:
+            motion = mbd.simulate(mechanism, [0, 1], initial=start)
+            assert motion[block.x][-1] == pytest.approx(1 / (2 * 0.3 * 5), abs=1e-7)
+
+
+def test_survives_a_file(tmp_path):
+    """Values at outputs and events come back; between outputs the file knows no modes, and says so."""
+    _, guide, rub, mechanism = sledge(mbd.DryFriction(0.3))
+    start = [guide.displacement == 0, guide.speed == 1.0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 101), initial=start)
+    motion.save(tmp_path / "run.npz")
+    again = mbd.read_trajectory(tmp_path / "run.npz", mechanism)
+    np.testing.assert_array_equal(again[rub.force], motion[rub.force])
+    assert [e.name for e in again.events] == ["rub stops"]
+    with pytest.raises(mbd.MechanismError, match="interpolate"):
+        again.at([0.123])
+
+
+def test_with_a_compliant_contact():
+    """A block on a dry guide thrown against a spring-like wall: work of friction and nothing else is lost."""
+    mu, speed = 0.2, 2.0
+    block, guide, _rub, mechanism = sledge(mbd.DryFriction(mu))
+    wall = mbd.Contact(
+        "wall", mbd.Circle(block.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0.6, 0, angle=np.pi / 2)),
+        mbd.HuntCrossley(1e7),
+    )  # fmt: skip
+    mechanism = mechanism.replace(forces=[*mechanism.forces, wall])
+    start = [guide.displacement == 0, guide.speed == speed]
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 401), initial=start)
+    deep = motion[guide.displacement].max() - 0.5
+    way = speed**2 / (2 * mu * G)
+    assert 0 < deep < 5e-3
+    assert [e.name for e in motion.events][-1] == "rub stops"
+    # it goes there and back as far as friction lets it; the turn is known to the depth alone
+    assert motion[guide.displacement][-1] == pytest.approx(1.0 - way, abs=4 * deep)
+    assert motion[guide.speed][-1] == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("push", [10.0, -10.0])

@@ -218,6 +218,53 @@ def test_energy_never_grows(seed):
         assert motion[rub.power].max() <= 1e-12
 
 
+def lugre_dissipation(speed, pull, mu, static, stribeck, damping):
+    """Power that LuGre takes for each newton of load, at a speed and ``u = σ0 z``, from its definition."""
+    near = np.exp(-((speed / stribeck) ** 2))
+    g = mu + (static - mu) * near
+    rate = speed - np.abs(speed) * pull / g  # of the deflection
+    return speed * (pull + damping * near * rate) - pull * rate
+
+
+@pytest.mark.parametrize("share, passive", [(0.99, True), (1.2, False)])
+def test_where_bristles_are_passive(share, passive):
+    """``σ1 v_s <= 4 √(2e) μ`` takes energy at every speed and deflection; above it some give it (μ_s = μ)."""
+    mu, stribeck = 0.3, 0.02
+    damping = share * 4 * np.sqrt(2 * np.e) * mu / stribeck
+    speed, pull = np.meshgrid(np.linspace(-0.1, 0.1, 801), np.linspace(-3 * mu, 3 * mu, 801))
+    least = lugre_dissipation(speed, pull, mu, mu, stribeck, damping).min()
+    assert (least >= -1e-15) == passive
+    # with a larger static friction there is more room, and the condition is enough
+    if passive:
+        assert lugre_dissipation(speed, pull, mu, 0.5, stribeck, damping).min() >= -1e-15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_energy_never_grows_with_bristles(seed):
+    """A double pendulum with brakes of constant load: energy and that of the bent bristles fall together."""
+    random = np.random.default_rng(seed)
+    mu, static, stribeck = 0.3, 0.45, random.uniform(0.005, 0.02)
+    stiffness, load, radius = random.uniform(1e3, 1e5), random.uniform(5, 40), 0.03
+    damping = random.uniform(0, 1) * 4 * np.sqrt(2 * np.e) * mu / stribeck
+    law = mbd.LuGre(mu, static, stribeck, stiffness, damping=damping)
+    first = mbd.Body("first", mass=1.0, inertia=0.02, pose=(0.25, 0, 0))
+    second = mbd.Body("second", mass=0.7, inertia=0.01, pose=(0.7, 0, 0))
+    pins = [
+        mbd.Revolute("upper", mbd.ground.at(0, 0), first.at(-0.25, 0)),
+        mbd.Revolute("lower", first.at(0.25, 0), second.at(-0.2, 0)),
+    ]
+    brakes = [mbd.LoadIndependentFriction(f"brake {p.name}", p, law, load, radius=radius) for p in pins]
+    mechanism = mbd.Mechanism(bodies=[first, second], joints=pins, forces=[mbd.Gravity(), *brakes])
+    start = [first.phi == random.uniform(-1, 1), second.phi == random.uniform(-1, 1)]
+    start += [first.omega == random.uniform(-5, 5), second.omega == random.uniform(-5, 5)]
+    motion = mbd.simulate(mechanism, np.linspace(0, 2, 401), initial=start)
+    bent = sum(load * stiffness * motion[z] ** 2 / 2 for z in mechanism.states)
+    energy = motion.energy.total + bent
+    size = np.ptp(motion.energy.total) + motion.energy.kinetic.max()
+    assert np.diff(energy).max() <= 2e-7 * size
+    assert energy[-1] < energy[0] - 1e-3 * size
+
+
 def test_effort_of_a_driven_slide():
     """What drives a rough block: its inertia and friction under its weight and a preload."""
     block, guide, _, mechanism = sledge(mbd.Coulomb(0.2, 1e-4), preload=5.0)

@@ -33,11 +33,12 @@ def test_push_against_friction_by_continuation():
         running_cost=force**2,
     )
     exact = 12 * (mass * way) ** 2 / duration**3 + (mu * mass * G) ** 2 * duration
-    solution, errors = None, []
-    for value in (1e-1, 1e-2, 1e-3):
-        guess = {} if solution is None else {"guess": solution}
-        solution = mbd.optimize(problem, intervals=30, parameters={tolerance: value}, **guess)
-        errors.append(abs(solution.cost - exact) / exact)
+    values = [1e-1, 1e-2, 1e-3]
+    solution = mbd.optimize(problem, intervals=30, continuation={tolerance: values})
+    steps = solution.statistics.steps
+    assert [step.values["v_t"] for step in steps] == values and steps[-1].cost == solution.cost
+    assert all(step.iterations > 0 for step in steps)
+    errors = [abs(step.cost - exact) / exact for step in steps]
     assert errors[2] < 1e-4 and errors[0] > 5 * errors[1] > 50 * errors[2]
     assert solution.verify().final_error < 1e-3
 
@@ -73,10 +74,7 @@ def test_hop_by_continuation():
         path=[mbd.bounded(0.1, leg.displacement, 0.6)],
         running_cost=push**2,
     )
-    solution = None
-    for value in (1e3, 1e4):
-        guess = {} if solution is None else {"guess": solution}
-        solution = mbd.optimize(problem, intervals=40, parameters={stiffness: value}, **guess)
+    solution = mbd.optimize(problem, intervals=40, continuation={stiffness: [1e3, 1e4]})
     motion = solution.trajectory
     assert motion[trunk.y][-1] == pytest.approx(0.8, abs=1e-6)
     assert motion[floor.gap][-1] >= 0.1 - 1e-6
@@ -86,3 +84,55 @@ def test_hop_by_continuation():
     # momentum: the floor's impulse alone lifts the whole against gravity
     check = solution.verify()
     assert check.final_error < 1e-2
+
+
+def swing(limit):
+    """A pendulum that is to be held at an angle by a torque that has a limit, under a growing weight."""
+    weight, torque = mbd.Parameter("g", 1.0), mbd.Input("torque", lower=-limit, upper=limit)
+    arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0, -0.5, -np.pi / 2))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    forces = [mbd.Gravity((0, -weight)), mbd.Torque("motor", arm, torque)]
+    mechanism = mbd.Mechanism([arm], [hinge], forces=forces, inputs=[torque], parameters=[weight])
+    rest = [arm.omega == 0]
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.0,
+        initial=[hinge.angle == -np.pi / 2, *rest],
+        final=[hinge.angle == 0, *rest],
+        running_cost=torque**2,
+    )
+    return problem, weight
+
+
+def test_continuation_that_cannot_be_finished_tells_how_far_it_came():
+    """Values between are tried; the error names the value, and brings the last solution."""
+    problem, weight = swing(limit=9.0)
+    with pytest.raises(mbd.OptimizationError, match=r"continuation stopped at g = ") as caught:
+        mbd.optimize(problem, intervals=10, continuation={weight: [1.0, 400.0]}, options={"ipopt.max_iter": 60})
+    reached = caught.value.reached
+    assert reached.statistics.status == "Solve_Succeeded"
+    assert 1.0 <= reached.trajectory.parameters[0] < 400.0
+
+
+def test_continuation_refines_the_last_mesh_alone():
+    """The tolerance holds at the end; several parameters go together."""
+    problem, weight = swing(limit=20.0)
+    solution = mbd.optimize(problem, intervals=6, continuation={weight: [1.0, 5.0, 9.81]}, tolerance=1e-6)
+    direct = mbd.optimize(problem, intervals=6, parameters={weight: 9.81}, tolerance=1e-6)
+    assert solution.mesh_error <= 1e-6 and len(solution.statistics.passes) > 1
+    assert solution.cost == pytest.approx(direct.cost, rel=1e-5)
+
+
+def test_continuation_refuses():
+    """What is no parameter, is given twice, does not go together, or is empty."""
+    problem, weight = swing(limit=9.0)
+    for continuation, more, said in (
+        ({mbd.Parameter("other", 1.0): [1, 2]}, {}, "no parameter of the mechanism"),
+        ({weight: [1, np.nan]}, {}, "finite"),
+        ({weight: []}, {}, "finite"),
+        ({weight: "soft"}, {}, "one after another"),
+        ({}, {}, "empty"),
+        ({weight: [1, 2]}, {"parameters": {weight: 3.0}}, "also given by parameters="),
+    ):
+        with pytest.raises(mbd.ModelError, match=said):
+            mbd.optimize(problem, continuation=continuation, **more)

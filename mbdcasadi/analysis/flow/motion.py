@@ -22,8 +22,10 @@ from ...numerics.integration import MAX_STEPS, Integrator
 from ...numerics.least_squares import largest
 from ..formulations import METHODS, choose
 from ..inputs import Signals
-from ..run import DECAY
-from ..schedule import CHUNKS
+from ..resolution import has_gaps
+from ..schedule import CHUNKS, WATCH_POINTS
+from ..stepping import DECAY
+from ..tolerances import absolute_tolerance
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
@@ -79,8 +81,10 @@ class Flow:
         self._dae = replace(dae, p=ca.vertcat(dae.p, self.shifts))
         # gradients by parameters are quadratures of the adjoint: outside the error test they were off by a quarter
         # where the adjoint itself is so simple that IDAS takes steps as long as the motion
-        options = {"quad_err_con": True} if method == "idas" else {}
-        self._integrator = Integrator(self._dae, method, reltol, abstol, options=options)
+        options: dict[str, Any] = {"quad_err_con": True} if method == "idas" else {}
+        if method == "idas" and has_gaps(numeric.eom.mechanism):  # free flight has steps that jump over short contacts
+            options["max_step_size"] = float(grid[-1] - grid[0]) / WATCH_POINTS
+        self._integrator = Integrator(self._dae, method, reltol, absolute_tolerance(numeric, abstol), options=options)
         self._recovery = Recovery(numeric, redundant=redundant)
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1

@@ -13,6 +13,7 @@ from ..bodies import ground
 from ..elements import Element, owners, refuse_kinds
 from ..expressions import if_else
 from ..quantities import function_of, quantity
+from ..smoothing import Smoothing
 from ..symbols import time_derivative
 
 
@@ -70,6 +71,11 @@ class EndStop(Element):
         # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
         depth, speed = if_else(closed, -self.gap, 0), if_else(closed, -self.rate, 0)
         return if_else(closed, ca.SX(quantity(self.law(depth, speed), self.what, "law")), 0)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What a run must follow in several steps."""
+        return (Smoothing(self.force, 1.0, f"{self.what}: its force", "or soften the law", self.force),)
 
     @cached_property
     def potential(self) -> ca.SX:

@@ -12,10 +12,12 @@ from ....errors import ModelError
 from ...elements import Element, cross
 from ...expressions import if_else
 from ...markers import Marker
-from ...quantities import quantity
+from ...quantities import function_of, quantity
+from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
 from .outlines import Outline
-from .touching import Touch, touches
+from .places import Touch
+from .touching import touches
 
 
 class Contact(Element):
@@ -29,7 +31,7 @@ class Contact(Element):
     ----------
     name : str
         Its name.
-    a, b : Circle, Point, Segment, HalfPlane or PolygonEdges
+    a, b : Circle, Point, Segment, HalfPlane, PolygonEdges or HollowCircle
         The outlines, on two bodies; the ground may be one.
     law : callable
         ``law(penetration, rate)`` returns the normal force, N: :class:`HuntCrossley`.
@@ -58,7 +60,12 @@ class Contact(Element):
 
     Notes
     -----
-    The stiffer the contact, the smaller the steps. Where exact stick or impact without
+    Two polygons touch by the edges that face each other, with a place at each of their four
+    ends: a block on an equal one stands on two corners. Where the edges change, as when a
+    corner slips off, the forces jump; so they do where the centre of a circle is deep inside.
+
+    The stiffer the contact, the smaller the steps. ``simulate`` does not pass over a contact that is
+    closed for a short time, and warns where its steps did not resolve the forces. Where exact stick or impact without
     a stiffness is wanted, see ``DryFriction`` and ``Event(reset=)``.
 
     Examples
@@ -82,9 +89,11 @@ class Contact(Element):
             raise ModelError(
                 f"{self.what}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
             )
-        if not callable(law) or isinstance(law, FrictionLaw):
-            raise ModelError(f"{self.what}: law must be a function of penetration and rate, got {law!r}")
-        self.a, self.b, self.law = a, b, law
+        if isinstance(law, FrictionLaw):
+            raise ModelError(
+                f"{self.what}: law must be a function of penetration and rate, got {law!r}; friction= is it"
+            )
+        self.a, self.b, self.law = a, b, function_of(law, self.what, "law", "penetration", "rate")
         self.markers = (a.marker, b.marker)
         self.friction = None if friction is None else as_law(friction, self.what)
         if self.friction is not None and self.friction.exact:
@@ -95,6 +104,7 @@ class Contact(Element):
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
         self.velocity_tolerance = None if self.friction is None else self.friction.velocity_tolerance
+        self.deflection_tolerance = None if self.friction is None else self.friction.deflection_tolerance
         self._places = [
             Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.what)
             for k, touch in enumerate(touches(a, b, self.what))
@@ -126,6 +136,20 @@ class Contact(Element):
     def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
         """By place the point (2,), m, and the force on a there (2,), N; b gets the opposite."""
         return tuple((place.touch.point, place.force) for place in self._places)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What a run must follow in several steps: the normal force, and what smooths the friction, times that.
+
+        Sums over the places, since places hand over to each other.
+        """
+        load = self.normal_force
+        found = [Smoothing(load, 1.0, f"{self.what}: its normal force", "or soften the law", load)]
+        if self.friction is not None:
+            turn = f"{self.what}: its friction's change of direction"
+            for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
+                found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
+        return tuple(found)
 
     @property
     def gap(self) -> ca.SX:
@@ -175,9 +199,11 @@ class Place:
         self.normal_force = if_else(closed, ca.SX(quantity(law(depth, rate), what, "law")), 0)
         self.sliding_speed = ca.dot(tangent, relative)
         self.friction_force, self.rates = ca.SX(0), {}
+        self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
             found = friction.resistance(name, self.sliding_speed, self.normal_force)
             self.friction_force, self.rates = if_else(closed, found.force, 0), dict(found.rates)
+            self.smoothed = found.smoothed
         self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(
             pair

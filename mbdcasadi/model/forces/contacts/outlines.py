@@ -41,6 +41,24 @@ class Circle(Outline):
         self.limits = tuple(limits)
 
 
+class HollowCircle(Outline):
+    """A round hole, touched from inside: a bore, a drum.
+
+    Parameters
+    ----------
+    marker : Marker
+        Its centre.
+    radius : float or expression
+        m, above 0.
+    """
+
+    def __init__(self, marker: Any, radius: Any):
+        self.marker = as_marker(marker, "HollowCircle", "marker")
+        limits: list[Limit] = []
+        self.radius = quantity(radius, f"HollowCircle on '{self.marker.body.name}'", "radius", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+
+
 class Point(Outline):
     """A point: a corner, a foot.
 
@@ -115,6 +133,9 @@ class PolygonEdges(Outline):
             raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")
         sides = np.roll(self.points, -1, axis=0) - self.points
         turns = sides[:, 0] * np.roll(sides[:, 1], -1) - sides[:, 1] * np.roll(sides[:, 0], -1)
+        angles = np.arctan2(turns, np.sum(sides * np.roll(sides, -1, axis=0), axis=1))
+        if np.all(turns > 0) and not np.isclose(np.sum(angles), 2 * np.pi):
+            raise ModelError(f"{what}: the outline goes round {np.sum(angles) / (2 * np.pi):.0f} times and cuts itself")
         if np.any(turns <= 0):
             corner = self.points[(int(np.argmin(turns)) + 1) % len(self.points)]
             raise ModelError(
@@ -127,3 +148,9 @@ class PolygonEdges(Outline):
     def corners(self) -> list[ca.SX]:
         """Positions of the corners, each (2,), m."""
         return [self.marker.position + self.marker.axes @ ca.DM(point) for point in self.points]
+
+    @property
+    def normals(self) -> list[ca.SX]:
+        """Outward unit normals of the edges, each from a corner to the next (2,)."""
+        sides = np.roll(self.points, -1, axis=0) - self.points
+        return [self.marker.axes @ ca.DM([s[1], -s[0]]) / float(np.hypot(*s)) for s in sides]

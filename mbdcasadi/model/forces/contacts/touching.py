@@ -3,61 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from ....errors import ModelError
-from ...expressions import if_else, norm
-from .outlines import Circle, HalfPlane, Outline, Point, PolygonEdges, Segment
-
-
-@dataclass(frozen=True, eq=False)
-class Touch:
-    """One place where two outlines may touch.
-
-    Attributes
-    ----------
-    gap : casadi.SX
-        Distance of the surfaces, m; negative where they penetrate.
-    normal : casadi.SX
-        Unit vector (2,) from the second to the first outline.
-    point : casadi.SX
-        Where the force acts (2,), m.
-    """
-
-    gap: ca.SX
-    normal: ca.SX
-    point: ca.SX
-
-    def reversed(self) -> Touch:
-        """The same with the outlines exchanged."""
-        return Touch(self.gap, -self.normal, self.point)
+from ...quantities import known_value
+from .edges import disc_beside_polygon, polygon_polygon, segment_polygon, segment_segment
+from .outlines import Circle, HalfPlane, HollowCircle, Outline, Point, PolygonEdges, Segment
+from .places import Touch, between_discs, nearest_point
 
 
 def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane) -> Touch:
     normal = plane.marker.y_axis
     height = ca.dot(normal, centre - plane.marker.position)
     return Touch(height - radius, normal, centre - radius * normal)
-
-
-def _between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -> Touch:
-    apart = centre - other
-    distance = norm(apart)
-    # concentric discs have no normal: any will do, and no division by zero
-    together = distance == 0
-    normal = if_else(together, ca.DM([0, 1]), apart / if_else(together, 1, distance))
-    return Touch(distance - radius - other_radius, normal, other + normal * other_radius)
-
-
-def _nearest(point: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
-    """Nearest point of a segment."""
-    along = second - first
-    share = ca.dot(point - first, along) / ca.sumsqr(along)
-    share = if_else(share > 0, if_else(share < 1, share, 1), 0)
-    return first + share * along
 
 
 def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
@@ -69,7 +29,7 @@ def disc_disc(a: Any, b: Any) -> list[Touch]:
     """Two circles, or a circle and a point."""
     if isinstance(a, Point) and isinstance(b, Point):
         raise ModelError("two points never touch; give one of them a radius: Circle(marker, radius)")
-    return [_between_discs(a.marker.position, a.radius, b.marker.position, b.radius)]
+    return [between_discs(a.marker.position, a.radius, b.marker.position, b.radius)]
 
 
 def disc_segment(a: Any, b: Segment) -> list[Touch]:
@@ -77,7 +37,7 @@ def disc_segment(a: Any, b: Segment) -> list[Touch]:
     if isinstance(a, Point) and b.radius is not None and ca.SX(b.radius).is_zero():
         raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or take a Circle")
     centre = a.marker.position
-    return [_between_discs(centre, a.radius, _nearest(centre, *b.ends), b.radius)]
+    return [between_discs(centre, a.radius, nearest_point(centre, *b.ends), b.radius)]
 
 
 def segment_plane(a: Segment, b: HalfPlane) -> list[Touch]:
@@ -91,27 +51,32 @@ def polygon_plane(a: PolygonEdges, b: HalfPlane) -> list[Touch]:
 
 
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
-    """A circle or a point beside a polygon: the nearest edge or corner; inside, the edge that is nearest."""
-    centre, corners = a.marker.position, b.corners
-    sides = np.roll(b.points, -1, axis=0) - b.points
-    outward = [b.marker.axes @ ca.DM([s[1], -s[0]]) / float(np.hypot(*s)) for s in sides]
-    heights = [ca.dot(n, centre - c) for n, c in zip(outward, corners, strict=True)]
-    # of the edges whose outer side the centre is on, the nearest one; within all, the one with the least depth
-    height, edge_normal = heights[0], outward[0]
-    for other, normal in zip(heights[1:], outward[1:], strict=True):
-        more = other > height
-        height, edge_normal = if_else(more, other, height), if_else(more, normal, edge_normal)
-    nearest = _nearest(centre, corners[0], corners[1])
-    for first, second in zip(corners[1:], [*corners[2:], corners[0]], strict=True):
-        point = _nearest(centre, first, second)
-        closer = ca.sumsqr(centre - point) < ca.sumsqr(centre - nearest)
-        nearest = if_else(closer, point, nearest)
-    outside = _between_discs(centre, a.radius, nearest, 0.0)
-    inside = height <= 0
-    gap = if_else(inside, height - a.radius, outside.gap)
-    normal = if_else(inside, edge_normal, outside.normal)
-    point = if_else(inside, centre - height * edge_normal, nearest)
-    return [Touch(gap, normal, point)]
+    """A circle or a point beside a polygon."""
+    return [disc_beside_polygon(a.marker.position, a.radius, b)]
+
+
+def disc_hollow(a: Any, b: HollowCircle) -> list[Touch]:
+    """A circle or a point in a hole."""
+    return [_disc_in_hole(a.marker.position, a.radius, b)]
+
+
+def segment_hollow(a: Segment, b: HollowCircle) -> list[Touch]:
+    """Both ends of a bar in a hole."""
+    return [_disc_in_hole(end, a.radius, b) for end in a.ends]
+
+
+def polygon_hollow(a: PolygonEdges, b: HollowCircle) -> list[Touch]:
+    """Each corner of a polygon in a hole."""
+    return [_disc_in_hole(corner, 0.0, b) for corner in a.corners]
+
+
+def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle) -> Touch:
+    middle = hole.marker.position
+    known, disc = known_value(hole.radius), known_value(radius)
+    if known is not None and disc is not None and disc >= known:
+        raise ModelError(f"a circle of radius {disc:g} m does not go into a hole of radius {known:g} m")
+    inward = between_discs(middle, 0.0, centre, 0.0)
+    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal)
 
 
 _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], list[Touch]]]] = (
@@ -121,6 +86,12 @@ _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], 
     ((Segment,), (HalfPlane,), segment_plane),
     ((PolygonEdges,), (HalfPlane,), polygon_plane),
     ((Circle, Point), (PolygonEdges,), disc_polygon),
+    ((Segment,), (Segment,), segment_segment),
+    ((Segment,), (PolygonEdges,), segment_polygon),
+    ((PolygonEdges,), (PolygonEdges,), polygon_polygon),
+    ((Circle, Point), (HollowCircle,), disc_hollow),
+    ((Segment,), (HollowCircle,), segment_hollow),
+    ((PolygonEdges,), (HollowCircle,), polygon_hollow),
 )
 
 

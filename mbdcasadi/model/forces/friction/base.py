@@ -23,10 +23,13 @@ class Resistance:
         Force along the sliding speed, N: against it, so that a passive law has ``force · speed <= 0``.
     rates : dict of StateVariable to casadi.SX
         Rates of the bristles' deflections, where the law has them.
+    smoothed : tuple of casadi.SX
+        Quantities from -1 to 1 that change fast where the law is smoothed; a run tells where its steps jump over them.
     """
 
     force: ca.SX
     rates: Mapping[Any, ca.SX] = field(default_factory=dict)
+    smoothed: tuple[ca.SX, ...] = ()
 
 
 class FrictionLaw(Immutable):
@@ -38,6 +41,8 @@ class FrictionLaw(Immutable):
     ----------
     velocity_tolerance : float, expression or None
         Speed over which the jump at zero is spread, m/s; None where there is none.
+    deflection_tolerance : float, expression or None
+        Way over which bristles bend before they slide, m; None where there are none.
     limits : tuple of Limit
         What its quantities must keep to.
     exact : bool
@@ -45,8 +50,11 @@ class FrictionLaw(Immutable):
     """
 
     velocity_tolerance: Any = None
+    deflection_tolerance: Any = None
     limits: tuple[Limit, ...] = ()
     exact: bool = False
+    #: what to do where a run does not resolve the law
+    remedy: str = "or widen velocity_tolerance"
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force at a sliding speed (m/s) under a load (N, not negative).
@@ -73,13 +81,15 @@ class SumOfLaws(FrictionLaw):
                 raise ModelError(f"{law!r} switches between sticking and sliding and cannot be added to another law")
         self.parts = (first, second)
         self.limits = (*first.limits, *second.limits)
-        tolerances = [law.velocity_tolerance for law in self.parts if law.velocity_tolerance is not None]
-        self.velocity_tolerance = min(tolerances, key=_size, default=None)
+        for name in ("velocity_tolerance", "deflection_tolerance"):
+            widths = [getattr(law, name) for law in self.parts if getattr(law, name) is not None]
+            setattr(self, name, min(widths, key=_size, default=None))
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Sum of both."""
         first, second = (part.resistance(f"{name}.{k}", speed, load) for k, part in enumerate(self.parts))
-        return Resistance(first.force + second.force, {**first.rates, **second.rates})
+        rates = {**first.rates, **second.rates}
+        return Resistance(first.force + second.force, rates, (*first.smoothed, *second.smoothed))
 
     def __repr__(self) -> str:
         return " + ".join(repr(part) for part in self.parts)

@@ -43,7 +43,8 @@ class Coulomb(FrictionLaw):
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Force against the motion."""
-        return Resistance(-self.coefficient * load * ca.tanh(speed / self.velocity_tolerance))
+        sign = ca.tanh(speed / self.velocity_tolerance)
+        return Resistance(-self.coefficient * load * sign, smoothed=(sign,))
 
     def __repr__(self) -> str:
         return f"Coulomb({self.coefficient}, velocity_tolerance={self.velocity_tolerance})"

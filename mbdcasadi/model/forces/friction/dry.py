@@ -15,7 +15,8 @@ class DryFriction(FrictionLaw):
     In :func:`simulate` alone. The run switches between sticking, where the sliding speed
     is held at zero by a multiplier, and sliding, at instants that are located to
     rounding: they are in ``motion.events`` as "<name> stops" and "<name> breaks away".
-    Nothing creeps, and no velocity tolerance is needed.
+    Nothing creeps, and no velocity tolerance is needed. Events that reset velocities act as
+    without friction: it takes no part in an impulse.
 
     Parameters
     ----------

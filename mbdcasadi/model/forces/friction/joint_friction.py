@@ -13,6 +13,7 @@ from ...elements import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
 from ...quantities import Limit, quantity
+from ...smoothing import Smoothing
 from ...symbols import register
 from .base import FrictionLaw, Resistance, as_law
 
@@ -108,6 +109,11 @@ class FrictionInJoint(Element):
         """Speed over which the jump at rest is spread, m/s; None where the law has none."""
         return self.law.velocity_tolerance
 
+    @property
+    def deflection_tolerance(self) -> Any:
+        """Way over which the law's bristles bend, m; None where it has none."""
+        return self.law.deflection_tolerance
+
     @cached_property
     def sliding_speed(self) -> ca.SX:
         """Speed of the second body's surface on the first one's, m/s."""
@@ -121,6 +127,13 @@ class FrictionInJoint(Element):
         if self.modes:
             return Resistance(-self.multipliers)
         return self.law.resistance(self.name, self.sliding_speed, self.load)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What a run must follow in several steps."""
+        subject = f"{self.what}: its change of direction"
+        remedy = f"{self.law.remedy}, or take DryFriction, which needs no smoothing"
+        return tuple(Smoothing(s, 2.0, subject, remedy) for s in self.resistance.smoothed)
 
     @property
     def friction_force(self) -> ca.SX:

@@ -51,7 +51,8 @@ class Stribeck(FrictionLaw):
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Force against the motion."""
         excess = (self.static_coefficient - self.coefficient) * ca.exp(-((speed / self.stribeck_velocity) ** 2))
-        return Resistance(-load * (self.coefficient + excess) * ca.tanh(speed / self.velocity_tolerance))
+        sign = ca.tanh(speed / self.velocity_tolerance)
+        return Resistance(-load * (self.coefficient + excess) * sign, smoothed=(sign,))
 
     def __repr__(self) -> str:
         return (

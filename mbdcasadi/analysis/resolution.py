@@ -1,0 +1,221 @@
+"""Whether the steps of an integrator resolved what is smoothed: friction at rest, contacts.
+
+The rate of a smoothed quantity w, as ``tanh(v/v_t)``, is integrated along with
+the motion, outside the error test: over each output interval the integral is
+made of the same steps as the motion. Where the steps follow w it is ``w_end -
+w_start``; where they jump over the smoothing it misses that by the height of
+the jump. A contact that is closed between two steps alone leaves no trace in
+them; it is found on the interpolated path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+from ..model.mechanism import Mechanism
+from ..model.smoothing import Smoothing
+from ..model.symbols import time_derivative
+
+#: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
+#: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
+MISSED = 0.5
+#: Loads below this share of the largest one of a run do not count.
+SMALL = 1e-3
+#: Points within an output interval at which gaps are looked at.
+POINTS = 9
+#: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
+SHALLOW = 1e-9
+#: Ways at the speeds of approach at both ends of an interval, beyond which a gap cannot close within it.
+REACH = 2.0
+#: Depth, as a share of the change of a gap over an interval, from which an interpolated path counts as a touch.
+DEPTH = 1e-2
+
+
+@dataclass
+class _Finding:
+    """Where something was missed: times, shares of the span (or depths, m), and the shortest time that it lasts."""
+
+    times: list[float] = field(default_factory=list)
+    sizes: list[float] = field(default_factory=list)
+    spell: float = np.inf
+
+    def add(self, time: float, size: float, spell: float = np.inf) -> None:
+        self.times.append(time)
+        self.sizes.append(size)
+        self.spell = min(self.spell, spell)
+
+    @property
+    def when(self) -> str:
+        """Times in words."""
+        more = len(self.times) - 1
+        also = "" if not more else f" and at {more} more instant{'s' if more > 1 else ''}"
+        return f"at t = {self.times[0]:.6g} s{also}"
+
+
+@dataclass(frozen=True)
+class Path:
+    """What an integrator found over a chunk.
+
+    Attributes
+    ----------
+    times, x : numpy.ndarray
+        Start and outputs (k + 1,), (k + 1, n_x).
+    integrals : numpy.ndarray
+        What was integrated along, by interval (k, n).
+    """
+
+    times: np.ndarray
+    x: np.ndarray
+    integrals: np.ndarray
+
+    def until(self, time: float) -> Path:
+        """The part of it up to a time."""
+        count = int(np.searchsorted(self.times, time, side="right"))
+        return Path(self.times[:count], self.x[:count], self.integrals[: max(count - 1, 0)])
+
+
+class Resolution:
+    """Watches over the smoothed elements of a mechanism along a run.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+
+    Attributes
+    ----------
+    rates : casadi.SX
+        What the integrator is to integrate along (n,).
+    """
+
+    def __init__(self, numeric: NumericEquations):
+        self._numeric = numeric
+        eom = numeric.eom
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        elements = eom.mechanism.elements
+        offered = [s for element in elements for s in getattr(element, "smoothings", ())]
+        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+        self._smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
+        self._owner = [e for e in elements if _has_gap(e) and not ca.depends_on(e.gap, unknown)]
+        self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self._owner])
+        courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
+        scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
+        self._spans = np.array([s.span for s in self._smoothings])
+        self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
+        self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
+        slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
+        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0)))
+        if self.rates.numel():
+            self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
+            self._gaps_at = ca.Function("gaps", known, [ca.densify(self._gaps)])
+            approach = ca.vertcat(self._gaps, time_derivative(self._gaps, eom.mechanism))
+            self._approach = ca.Function("approach", known, [ca.densify(approach)])
+        self._blocks: list[tuple[np.ndarray, ...]] = []
+        self._passed: dict[int, _Finding] = {}
+
+    def first_pass(self, chunk: Path) -> float | None:
+        """Time at which outlines first meet on the path of a chunk though no step found them closed."""
+        return min((float(start) for _, start, _, _ in self._passes(chunk)), default=None) if self._owner else None
+
+    def note(self, chunk: Path) -> None:
+        """Take note of a chunk that counts."""
+        if not self.rates.numel() or chunk.times.size < 2:
+            return
+        knots, states, steps = chunk.times, chunk.x, chunk.integrals
+        n = len(self._smoothings)
+        if n:
+            courses = self._at(self._courses, knots, states)
+            missed = np.abs(np.diff(courses[:, :n], axis=0) - steps[:, :n])
+            size = np.abs(courses[:, n:])
+            seen = np.maximum(np.maximum(size[:-1], size[1:]), steps[:, n : 2 * n] / 2)
+            self._blocks.append((knots[1:], np.diff(knots), missed, seen))
+        for k, start, depth, spell in self._passes(chunk) if self._owner else ():
+            self._passed.setdefault(k, _Finding()).add(start, depth, spell)
+
+    def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
+        n = self._numeric.eom.q.numel()
+        q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
+        return function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
+
+    def _passes(self, chunk: Path) -> Iterator[tuple[int, float, float, float]]:
+        """Outlines that meet on the interpolated path, though never at a step: gap, time, depth, for how long."""
+        lengths, n = np.diff(chunk.times), len(self._owner)
+        closed = np.abs(chunk.integrals[:, 2 * len(self._smoothings) :])
+        knots = self._at(self._approach, chunk.times, chunk.x)
+        gaps, speeds = knots[:, :n], np.abs(knots[:, n:])
+        within = REACH * lengths[:, None] * np.maximum(speeds[:-1], speeds[1:])
+        near = (np.minimum(gaps[:-1], gaps[1:]) <= within) & (closed < DEPTH * lengths[:, None])
+        rows = np.flatnonzero(np.any(near, axis=1))
+        if not rows.size:
+            return
+        share = np.linspace(0, 1, POINTS + 2)
+        between = chunk.times[rows, None] + lengths[rows, None] * share
+        path = _interpolated(lengths[rows], chunk.x[rows], chunk.x[rows + 1], self._numeric.eom.q.numel(), share)
+        gaps = self._at(self._gaps_at, between.ravel(), path).reshape(*between.shape, -1)
+        depth, inside = -np.min(gaps, axis=1), gaps < 0
+        spell = np.mean(inside, axis=1) * lengths[rows, None]
+        way = np.max(gaps, axis=1) - np.min(gaps, axis=1)
+        for row, k in np.argwhere((depth > DEPTH * way) & (depth > SHALLOW) & (closed[rows] < DEPTH * spell)):
+            entry = max(int(np.argmax(inside[row, :, k])) - 1, 0)
+            yield int(k), float(between[row, entry]), float(depth[row, k]), float(spell[row, k])
+
+    def sentences(self, reltol: float, abstol: float) -> list[str]:
+        """What is to be told after a run, with the tolerances of the integrator; one sentence for each element."""
+        found = self._missed(reltol, abstol)
+        for k, finding in self._passed.items():
+            owner = self._owner[k].what
+            found.setdefault(
+                owner,
+                f"{owner}: the surfaces pass through each other, {max(finding.sizes):.2g} m deep, between two steps of "
+                f"the integrator, which never found them touching, {finding.when}; limit the steps of IDAS, "
+                f"options={{'max_step_size': {finding.spell / 3:.1g}}}",
+            )
+        return list(found.values())
+
+    def _missed(self, reltol: float, abstol: float) -> dict[str, str]:
+        if not self._blocks:
+            return {}
+        times, lengths, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
+        largest = np.max(seen, axis=0)
+        spans = self._spans * seen
+        # a load that could not change a velocity by more than the tolerance does not matter
+        matters = missed * lengths[:, None] > abstol * self._lightest
+        counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
+        share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
+        found: dict[str, str] = {}
+        for smoothing, course in zip(self._smoothings, share.T, strict=True):
+            bad = course > MISSED
+            if not np.any(bad):
+                continue
+            finding = _Finding([float(t) for t in times[bad]], [float(x) for x in course[bad]])
+            found.setdefault(
+                smoothing.subject,
+                f"{smoothing.subject} was not resolved {finding.when}: the steps of the integrator jump over up to "
+                f"{min(max(finding.sizes), 1):.0%} of its change, and the motion from there on may be wrong; tighten "
+                f"reltol and abstol (they were {reltol:.0e} and {abstol:.0e}), {smoothing.remedy}",
+            )
+        return found
+
+
+def has_gaps(mechanism: Mechanism) -> bool:
+    """Whether a mechanism has contacts or stops, which an integrator may jump over."""
+    return any(_has_gap(element) for element in mechanism.elements)
+
+
+def _has_gap(element: Any) -> bool:
+    return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
+
+
+def _interpolated(lengths: np.ndarray, begin: np.ndarray, end: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:
+    """States on the cubic Hermite path from one output to the next, at shares of each interval, by row."""
+    h, s = lengths[:, None, None], share[None, :, None]
+    q0, q1, v0, v1 = begin[:, None, :n], end[:, None, :n], begin[:, None, n : 2 * n], end[:, None, n : 2 * n]
+    q = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * h * v0 + s**2 * (3 - 2 * s) * q1 - s**2 * (1 - s) * h * v1
+    rest = (1 - s) * begin[:, None, n:] + s * end[:, None, n:]
+    return np.concatenate([q, rest], axis=2).reshape(-1, begin.shape[1])

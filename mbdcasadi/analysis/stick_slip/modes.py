@@ -1,0 +1,171 @@
+"""Mechanisms with exact friction in one mode, and which mode holds at a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...equations import equations
+from ...equations.numeric import NumericEquations
+from ...errors import SimulationError, SingularityError
+from ...model.mechanism import Mechanism
+from ...model.symbols import time_derivative
+from ...results.state import State
+from ..assemble import complete_state
+from ..impact import velocity_after
+from ..inputs import read_signals
+from ..mappings import parameter_vector
+
+#: Sliding speed, relative to the largest velocity, that counts as rest where a piece begins.
+REST = 1e-9
+#: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
+ROUNDING = 1e-7
+#: Modes of the frictions at rest that are tried at one instant, at the most.
+TRIALS = 729
+
+Modes = tuple[str, ...]
+SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
+
+
+def switching(mechanism: Mechanism) -> list[Any]:
+    """Elements with exact dry friction."""
+    elements = getattr(mechanism, "elements", ())  # what is no mechanism is refused by the caller
+    return [element for element in elements if getattr(element, "modes", ())]
+
+
+class ModesOfFriction:
+    """The modes of a mechanism with exact friction.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With joints that have exact dry friction.
+    parameters : mapping or None
+        Parameter to number.
+    inputs_at : callable
+        ``inputs_at(time) -> {input: number or expression}``.
+    """
+
+    def __init__(self, mechanism: Mechanism, parameters: Any, inputs_at: Callable[[float], dict[Any, Any]]):
+        self.mechanism, self.parameters, self._inputs_at = mechanism, parameters, inputs_at
+        self.frictions = switching(mechanism)
+        self.free: Modes = ("free",) * len(self.frictions)
+
+    # --- mechanisms in one mode ------------------------------------------------------------------
+    def variant(self, modes: Modes) -> Mechanism:
+        """The mechanism with every friction in a mode; made once."""
+        key = ("stick and slip", modes)
+        memory = self.mechanism.memory
+        if key not in memory:
+            place = {id(f): f.in_mode(mode) for f, mode in zip(self.frictions, modes, strict=True)}
+            memory[key] = self.mechanism.replace(forces=[place.get(id(f), f) for f in self.mechanism.forces])
+        return memory[key]
+
+    def numeric(self, modes: Modes) -> NumericEquations:
+        """Equations in a mode, at the parameters of the run."""
+        eom = equations(self.variant(modes))
+        return NumericEquations(eom, parameter_vector(eom, self.parameters))
+
+    def row(self, modes: Modes, friction: Any) -> int:
+        """Row of a friction that sticks."""
+        return equations(self.variant(modes)).row_names.index(friction.name)
+
+    def multipliers(self, modes: Modes, motion: Any) -> np.ndarray:
+        """Multipliers in the order of the mechanism, of a trajectory or state in one mode (k, m)."""
+        eom, own = equations(self.mechanism), equations(self.variant(modes))
+        lam = np.atleast_2d(motion.lam)
+        columns = np.zeros((len(lam), eom.lam.numel()))
+        sliding = {f.name: (f, SENSE[mode]) for f, mode in zip(self.frictions, modes, strict=True) if mode != "sticks"}
+        for k, name in enumerate(eom.row_names):
+            if name in sliding and eom.row_elements[k] is sliding[name][0]:
+                friction, sense = sliding[name]
+                columns[:, k] = motion[ca.SX(sense * friction.law.coefficient * friction.load)]
+            else:
+                columns[:, k] = lam[:, own.row_names.index(name)]
+        return columns
+
+    def whole(self, modes: Modes, s: State) -> State:
+        """A state in one mode as one of the mechanism."""
+        lam = self.multipliers(modes, s)[0]
+        return State(self.mechanism, s.t, s.q, s.v, s.a, s.z, lam, s.inputs, s.parameters)
+
+    def at(self, modes: Modes, time: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> State:
+        """A pose and velocity in some modes, with the accelerations and multipliers there."""
+        numeric = self.numeric(modes)
+        return complete_state(numeric, read_signals(numeric.eom, self._inputs_at(time)), time, q, v, z)
+
+    # --- which mode holds -----------------------------------------------------------------------------
+    def pull(self, index: int, state: State) -> float:
+        """Sense in which what sticks is pulled."""
+        eom = state.equations
+        return float(np.sign(state.lam[eom.row_names.index(self.frictions[index].name)]))
+
+    def decided(self, state: State, broken: dict[int, float]) -> tuple[Modes, State] | None:
+        """Modes that meet the laws of friction at a pose and velocity, and the state in them; None where none do.
+
+        Parameters
+        ----------
+        state : State
+            In any mode.
+        broken : dict of int to float
+            Frictions that break away just there, and the sense in which they were pulled.
+        """
+        speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
+        limit = REST * (1 + float(np.max(np.abs(state.v))))
+        resting = [i for i, speed in enumerate(speeds) if abs(speed) <= limit]
+        if 3 ** len(resting) > TRIALS:
+            raise SimulationError(
+                f"{len(resting)} frictions come to rest together at t = {state.t:.6g} s, more than are sorted out at "
+                "once; take a smoothed law for some of them",
+                time=state.t,
+            )
+        v = self._at_rest(state, resting)
+        choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
+        for modes in product(*choices):
+            try:
+                trial = self.at(modes, state.t, state.q, v, state.z)
+                if self._is_met(modes, trial, resting, broken):
+                    return modes, trial
+            except SingularityError:
+                continue
+        return None
+
+    @staticmethod
+    def _choices(i: int, speed: float, rests: bool, broken: dict[int, float]) -> list[str]:
+        if not rests:
+            return ["forth" if speed > 0 else "back"]
+        if i in broken:
+            return ["forth" if broken[i] > 0 else "back"]
+        return ["sticks", "forth", "back"]
+
+    def _is_met(self, modes: Modes, trial: State, resting: Sequence[int], broken: dict[int, float]) -> bool:
+        """Whether friction at rest is below its limit, and what starts to slide does so in its sense."""
+        for i in resting:
+            friction, mode = self.frictions[i], modes[i]
+            if mode == "sticks":
+                pull = abs(trial.lam[self.row(modes, friction)])
+                limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
+                if not pull <= limit * (1 + ROUNDING):
+                    return False
+                continue
+            onset = SENSE[mode] * trial[time_derivative(friction.sliding_speed)]
+            slack = ROUNDING * (1 + float(np.max(np.abs(trial.a)))) if i in broken else 0.0
+            if not onset > -slack:
+                return False
+        return True
+
+    def _at_rest(self, state: State, resting: Sequence[int]) -> np.ndarray:
+        """Velocities with the speeds of what rests at zero exactly."""
+        if not resting:
+            return state.v
+        eom = state.equations
+        numeric = NumericEquations(eom, state.parameters)
+        speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
+        rows, nu = numeric.velocity(state.t, state.q)
+        along = np.reshape(state[ca.jacobian(speeds, eom.v)], (len(resting), -1))
+        rest = np.atleast_1d(state[ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))])
+        return velocity_after(numeric.mass, np.vstack([rows, along]), np.r_[nu, -rest], state.v)
