@@ -71,6 +71,10 @@ def assemble(
     >>> float(np.round(state[arm.vx], 9))
     -1.5
     """
+    if any(getattr(element, "modes", ()) for element in getattr(mechanism, "elements", ())):
+        from .stick_slip.start import assembled  # which assembles the mechanism without its friction
+
+        return assembled(mechanism, conditions, t, inputs, parameters)
     eom = equations(mechanism)
     p = parameter_vector(eom, parameters)
     signals = read_signals(eom, inputs)

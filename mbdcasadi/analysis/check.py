@@ -18,6 +18,7 @@ from .mappings import parameter_vector
 from .monitors import broken_at_pose, not_still
 from .pose import OPEN, PoseProblem
 from .singular import describe_singularity
+from .stick_slip.modes import without_exact_friction
 
 #: How far a pose is moved along the free motions to see whether a loss of rank is particular to it.
 EXCURSION = 0.03
@@ -128,7 +129,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     ----------
     Haug 1989, sections 3.7 (singular configurations) and 4.4 (redundant constraints).
     """
-    eom = equations(mechanism)
+    eom = equations(without_exact_friction(mechanism))
     numeric = NumericEquations(eom, parameter_vector(eom, parameters) if state is None else state.parameters)
     t = 0.0 if state is None else state.t
     n, m = eom.q.numel(), eom.lam.numel()

@@ -198,11 +198,26 @@ def test_with_user_events_inputs_and_states():
     assert rest[guide.speed][-1] == pytest.approx(0, abs=1e-12)
 
 
+def test_assembled_as_it_sticks_or_slides():
+    """Accelerations and friction at the start; check counts the joints alone."""
+    block, guide, rub, mechanism = sledge(
+        mbd.DryFriction(0.3), forces=lambda b: [mbd.Force("push", b.at(0, 0), (6, 0))]
+    )
+    for speed in (0.0, 2.0, -2.0):
+        state = mbd.assemble(mechanism, [guide.displacement == 0, guide.speed == speed])
+        friction = -6.0 if speed == 0 else -np.sign(speed) * 0.3 * 3 * G
+        assert state[rub.friction_force] == pytest.approx(friction, abs=1e-9)
+        assert state[block.ax] == pytest.approx((6 + friction) / 3, abs=1e-9)
+        motion = mbd.simulate(mechanism, [0, 0.1], initial=state)
+        assert motion[block.ax][0] == pytest.approx(state[block.ax], abs=1e-9)
+    report = mbd.check(mechanism)
+    assert report.degrees_of_freedom == 1 and not report.redundant_rows
+    assert mbd.check(mechanism, state).degrees_of_freedom == 1
+
+
 def test_refuses():
     """Other analyses, sums, contacts, resets, samples; each says what to do."""
     block, _, _, mechanism = sledge(mbd.DryFriction(0.3))
-    with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
-        mbd.assemble(mechanism)
     with pytest.raises(mbd.ModelError, match=r"'rub'.*simulate alone"):
         mbd.equilibrium(mechanism)
     with pytest.raises(mbd.ModelError, match="added"):

@@ -35,7 +35,7 @@ def value(condition) -> float:
         (a.phi == 0, True, 3.0, "a.phi == 0"),
         (a.x == b.x, True, -3.0, "a.x == b.x"),
         (a.x - b.x == 0, True, -3.0, "a.x - b.x == 0"),
-        (a.x == k, True, 6.0, "k == a.x"),  # Python asks the subclass Parameter first
+        (a.x == k, True, -6.0, "a.x == k"),  # though Python asks the subclass Parameter first
         (a.x <= 4, False, -3.0, "a.x <= 4"),
         (a.x < 4, False, -3.0, "a.x <= 4"),
         (a.x >= 4, False, 3.0, "4 <= a.x"),

@@ -37,6 +37,16 @@ def switching(mechanism: Mechanism) -> list[Any]:
     return [element for element in elements if getattr(element, "modes", ())]
 
 
+def without_exact_friction(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with nothing that sticks or slides; itself where there is no exact friction."""
+    return _free(mechanism) if switching(mechanism) else mechanism
+
+
+def _free(mechanism: Mechanism) -> Mechanism:
+    modes = ModesOfFriction(mechanism, None, lambda _: {})
+    return modes.variant(modes.free)
+
+
 class ModesOfFriction:
     """The modes of a mechanism with exact friction.
 
