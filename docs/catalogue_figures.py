@@ -277,7 +277,6 @@ def draw(name: str) -> Figure:
         axes.annotate("", (0.85, 0), (0.65, 0), arrowprops={"arrowstyle": "<->", "color": "#444b52"})
         axes.text(0.75, 0.02, "gap", ha="center", size="small")
         axes.set_xlim(0.2, 0.95)
-    axes.set_aspect("equal", adjustable="box")  # nothing is cut off in a frame of any shape
     axes.set_axis_off()
     return figure
 
