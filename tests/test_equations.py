@@ -461,3 +461,13 @@ def test_an_element_may_own_states():
     state = mbd.assemble(model)
     assert state[rotor.alpha] == pytest.approx(2.0 * 0.5 / 0.25)
     assert state[mbd.time_derivative(motor.current, model)] == pytest.approx((12 - 6 - 0.5) / 0.1)
+
+
+def test_equations_without_constraints():
+    """A free body has no rows, and none are printed."""
+    body = mbd.Body("stone", mass=2.0, inertia=0.5)
+    eom = mbd.equations(mbd.Mechanism(bodies=[body], forces=[mbd.Gravity()]))
+    lines = str(eom).splitlines()
+    assert lines[:2] == ["Equations of motion, without constraints", "  M a = Q        n = 3 coordinates"]
+    assert "  stone.y    -19.62" in lines and not {"Phi", "Phi_q", "nu", "gamma"} & set(lines)
+    assert "-19.62" in eom._repr_latex_() and "Phi" not in eom._repr_latex_()

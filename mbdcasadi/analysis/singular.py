@@ -9,8 +9,9 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from .monitors import broken_at_pose
 
-#: Components of a null vector that count as taking part.
-TAKES_PART = 0.05
+#: Components of a null vector that count as taking part; and those of rows that prescribe a velocity, which lock
+#: however little their row weighs beside the joints'.
+TAKES_PART, PRESCRIBES = 0.05, 1e-4
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray) -> 
     left, values, _ = np.linalg.svd(scaled / size[:, None])
     smallest = left[:, min(len(values), left.shape[1]) - 1]
     order = np.argsort(-np.abs(smallest))
-    rows = tuple(eom.row_names[k] for k in order if abs(smallest[k]) > TAKES_PART)
+    counts = np.where(np.abs(nu) > 1e-12, PRESCRIBES, TAKES_PART)
+    rows = tuple(eom.row_names[k] for k in order if abs(smallest[k]) > counts[k])
     along = abs(float(smallest @ (nu / size)))
     kind = "lock-up" if along > 1e-4 * max(float(np.linalg.norm(nu / size)), 1e-300) else "bifurcation"
     meaning = (

@@ -44,7 +44,7 @@ class GaussLegendre(Transcription):
     name = "gauss-legendre"
 
     def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis, degree: int):
-        super().__init__(constraints, weights, inputs)
+        super().__init__(constraints, weights, inputs, degree)
         eom = self.eom
         self.coefficients = gauss(degree)
         self.stages, self.quadrature = self.coefficients.points, self.coefficients.weights

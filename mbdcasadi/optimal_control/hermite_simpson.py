@@ -41,8 +41,8 @@ class HermiteSimpson(Transcription):
     stages = np.array([0.0, 0.5, 1.0])
     quadrature = np.array([1.0, 4.0, 1.0]) / 6
 
-    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis):
-        super().__init__(constraints, weights, inputs)
+    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis, degree: int):
+        super().__init__(constraints, weights, inputs, degree)
         eom = self.eom
         self.block_parts = {
             "a": (eom.q.numel(), self.stages[[0, 2]]),
@@ -52,7 +52,7 @@ class HermiteSimpson(Transcription):
         }
 
     @staticmethod
-    def input_points() -> tuple[tuple[float, ...], bool]:
+    def input_points(degree: int) -> tuple[tuple[float, ...], bool]:
         """Where the values of polynomial inputs are given: at the ends and in the middle."""
         return (0.5,), True
 

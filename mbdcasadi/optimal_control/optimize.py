@@ -19,6 +19,7 @@ from .refine import refine
 from .solution import Shifted, Solution
 from .solver import Solver
 from .starts import best_of, guesses
+from .transcription import Transcription
 
 
 def optimize(
@@ -32,7 +33,7 @@ def optimize(
     initial: Any = None,
     parameters: Any = None,
     continuation: Any = None,
-    transcription: str = "gauss-legendre",
+    transcription: str | type[Transcription] = "gauss-legendre",
     control: str = "polynomial",
     progress: bool = False,
     options: dict[str, Any] | None = None,
@@ -65,8 +66,9 @@ def optimize(
         the last values is returned: ``{v_t: [0.1, 1e-2, 1e-3]}`` sharpens smoothed friction, ``{k: [1e3, 1e5]}``
         hardens a contact. Several parameters change together. Where the solver fails at a value, one between is
         tried first; ``statistics.steps`` has all, and only the last mesh is refined to `tolerance`.
-    transcription : {"gauss-legendre", "hermite-simpson"}
-        See :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
+    transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
+        A scheme of the package by name, or one of the user's own; see
+        :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
         :class:`~mbdcasadi.optimal_control.hermite_simpson.HermiteSimpson`.
     control : {"polynomial", "linear", "constant"}
         How inputs vary on the intervals. Limits of polynomials hold at the
@@ -123,8 +125,12 @@ def optimize(
 
 
 def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
-    if transcription not in TRANSCRIPTIONS:
-        raise ModelError(f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)}, got {transcription!r}")
+    own = isinstance(transcription, type) and issubclass(transcription, Transcription)
+    if not own and not (isinstance(transcription, str) and transcription in TRANSCRIPTIONS):
+        raise ModelError(
+            f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)} or a subclass of Transcription, "
+            f"got {transcription!r}"
+        )
     if isinstance(degree, bool) or degree not in (1, 2, 3, 4, 5):
         raise ModelError(f"optimize: degree must be 1 to 5, got {degree!r}")
     if not isinstance(progress, bool):

@@ -26,8 +26,8 @@ from .problem import OptimalControlProblem
 from .scaling import scales_of
 from .transcription import Transcription
 
-#: What ``transcription=`` may say.
-TRANSCRIPTIONS = (GaussLegendre.name, HermiteSimpson.name)
+#: What ``transcription=`` may say, besides a class.
+TRANSCRIPTIONS: dict[str, type[Transcription]] = {scheme.name: scheme for scheme in (GaussLegendre, HermiteSimpson)}
 #: Share of its typical change within which an implied condition must stay while the solver runs.
 WINDOW = 0.05
 #: By how much a start may miss a path condition that prescribes the motion.
@@ -38,7 +38,7 @@ OFF = 1e-6
 class Settings:
     """What a user chose for a solve."""
 
-    transcription: str
+    transcription: str | type[Transcription]
     degree: int
     control: str
     options: dict[str, Any]
@@ -46,7 +46,7 @@ class Settings:
 
     @property
     def plain(self) -> dict[str, Any]:
-        """What decides the program, as a file holds it."""
+        """What decides the program; names and numbers, unless the transcription is the user's own."""
         return {"transcription": self.transcription, "degree": self.degree, "control": self.control}
 
     @property
@@ -164,12 +164,11 @@ class Preparation:
         problem = self.problem
         constraints = MotionConstraints(self.numeric, self._independent_rows(), self.held)
         weights, rates = self.numeric.weights, problem.has_input_rates
-        if settings.transcription == GaussLegendre.name:
-            inner, joined = GaussLegendre.input_points(settings.degree)
-            basis = input_basis(settings.control, inner, joined, rates=rates)
-            return GaussLegendre(constraints, weights, basis, settings.degree)
-        inner, joined = HermiteSimpson.input_points()
-        return HermiteSimpson(constraints, weights, input_basis(settings.control, inner, joined, rates=rates))
+        chosen = settings.transcription
+        scheme = TRANSCRIPTIONS[chosen] if isinstance(chosen, str) else chosen
+        inner, joined = scheme.input_points(settings.degree)
+        basis = input_basis(settings.control, inner, joined, rates=rates)
+        return scheme(constraints, weights, basis, settings.degree)
 
     def check_start(self, start: State) -> None:
         """Refuse a state given as the start off the motion that path conditions prescribe."""

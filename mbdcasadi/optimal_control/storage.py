@@ -30,6 +30,11 @@ SAME = 1e-6
 def save(solution: Solution, path: str | Path) -> None:
     """Write a solution; see :func:`read_solution`."""
     program = solution.program
+    if not isinstance(solution.settings["transcription"], str):
+        raise ModelError(
+            f"save: the solution was found by the transcription {program.scheme.name!r}, which is no part of the "
+            "package and so is not known where the file is read; save solution.trajectory, which can be a guess too"
+        )
     content: dict[str, Any] = {
         "format": _FORMAT,
         "settings": json.dumps(solution.settings),

@@ -67,8 +67,9 @@ class Interval:
 class Transcription(ABC):
     """Base class of transcriptions.
 
-    A subclass sets :attr:`block_parts` and :attr:`stages`, and writes
-    :meth:`equations` and :meth:`point`.
+    A subclass sets :attr:`name`, :attr:`order`, :attr:`stages`, :attr:`quadrature`
+    and :attr:`block_parts`, and writes :meth:`input_points`, :meth:`point` and
+    :meth:`equations`; ``optimize(problem, transcription=Subclass)`` uses it.
 
     Parameters
     ----------
@@ -78,6 +79,8 @@ class Transcription(ABC):
         Metric W in which states are moved onto the constraints (n,).
     inputs : InputBasis
         How the inputs vary.
+    degree : int
+        ``degree=`` of ``optimize``, for schemes that have a choice of stages.
 
     Attributes
     ----------
@@ -98,7 +101,7 @@ class Transcription(ABC):
     order: int
     block_parts: dict[str, tuple[int, np.ndarray]]
 
-    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis):
+    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis, degree: int):
         eom = self.eom = constraints.eom
         self.constraints = constraints
         self.weights = weights
@@ -173,6 +176,11 @@ class Transcription(ABC):
         return np.concatenate(node), np.concatenate([np.zeros(0), *block])
 
     # --- the motion between the mesh points ---------------------------------------------------
+    @staticmethod
+    @abstractmethod
+    def input_points(degree: int) -> tuple[tuple[float, ...], bool]:
+        """Where the values of polynomial inputs are given: shares inside the interval, and whether at both ends too."""
+
     @abstractmethod
     def point(self, interval: Interval, share: Any) -> Point:
         """State at a share of the interval by the polynomials of the scheme."""
