@@ -10,7 +10,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 from ..model.mechanism import Mechanism
 from ..results.state import State
-from .assemble import assemble_at, complete_state
+from .assembly import assemble_at, complete_state
 from .inputs import Signals
 
 #: A start given as a State may miss the constraints by this much (m, rad, and their rates).

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..analysis.assemble import assemble_at
+from ..analysis.assembly import assemble_at
 from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError

@@ -15,7 +15,7 @@ from ...model.mechanism import Mechanism
 from ...model.symbols import Input, Parameter, entries, number, refuse_twice
 from ...numerics.least_squares import largest
 from ...results.state import State
-from ..assemble import assemble_at
+from ..assembly import assemble_at
 from ..inputs import Signals, read_signals
 from ..mappings import pairs_of, parameter_vector, position_in
 from ..starting import carried_by

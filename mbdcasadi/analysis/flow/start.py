@@ -23,7 +23,7 @@ from ...model.conditions import Condition, read_conditions
 from ...numerics.least_squares import largest
 from ...numerics.rank import dependent_rows
 from ...results.state import State
-from ..assemble import levels_of
+from ..assembly import levels_of
 from ..inputs import Signals
 from ..starting import start_state
 

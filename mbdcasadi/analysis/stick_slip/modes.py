@@ -15,7 +15,7 @@ from ...errors import SimulationError, SingularityError
 from ...model.mechanism import Mechanism
 from ...model.symbols import time_derivative
 from ...results.state import State
-from ..assemble import complete_state
+from ..assembly import complete_state
 from ..impact import velocity_after
 from ..inputs import read_signals
 from ..mappings import parameter_vector

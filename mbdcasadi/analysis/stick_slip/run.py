@@ -14,7 +14,7 @@ from ...model.events import Event
 from ...model.mechanism import Mechanism
 from ...results.state import State
 from ...results.trajectory import EventOccurrence, Trajectory
-from ..assemble import assemble
+from ..assembly import assemble_mechanism
 from ..event_location import EventWatch
 from ..impact import Impacts
 from ..mappings import pairs_of
@@ -86,7 +86,7 @@ class StickSlip:
         state = initial
         if not isinstance(initial, State):
             given = {"inputs": self.inputs.at(begin), "parameters": self.modes.parameters}
-            state = assemble(self.modes.variant(free), initial, t=begin, **given)
+            state = assemble_mechanism(self.modes.variant(free), initial, begin, **given)
         state = self.modes.at(free, begin, state.q, state.v, state.z)
         self._refuse_redundant(state)
         self._impacts = Impacts(self.modes.numeric(free), self._watch, float(grid[-1] - grid[0]))

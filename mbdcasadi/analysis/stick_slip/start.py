@@ -7,14 +7,14 @@ from typing import Any
 from ...errors import SingularityError
 from ...model.mechanism import Mechanism
 from ...results.state import State
-from ..assemble import assemble
+from ..assembly import assemble_mechanism
 from .modes import ModesOfFriction
 
 
-def assembled(mechanism: Mechanism, conditions: Any, t: float, inputs: Any, parameters: Any) -> State:
+def assemble_with_friction(mechanism: Mechanism, conditions: Any, t: float, inputs: Any, parameters: Any) -> State:
     """As :func:`~mbdcasadi.assemble`; accelerations and reactions belong to the friction that the laws allow there."""
     modes = ModesOfFriction(mechanism, parameters, lambda _: inputs)
-    state = assemble(modes.variant(modes.free), conditions, t, inputs, parameters)
+    state = assemble_mechanism(modes.variant(modes.free), conditions, t, inputs, parameters)
     found = modes.decided(state, {})
     if found is not None:
         return modes.whole(*found)
