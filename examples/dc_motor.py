@@ -41,7 +41,7 @@ problem = mbd.OptimalControlProblem(
     path=[mbd.bounded(-24, volts, 24)],
     running_cost=free_motor.heat,
 )
-solution = mbd.optimize(problem, intervals=30)
+solution = mbd.optimize(problem, intervals=60)
 until = run.at([0.8])[heat.energy][0]
 print(f"least heat in 0.8 s: {solution.cost:.3f} J, where the controller took {until:.3f} J")
 print(f"  replayed by IDAS: off by {solution.verify().final_error:.1e} rad")

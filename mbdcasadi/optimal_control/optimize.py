@@ -12,6 +12,7 @@ from ..errors import ModelError
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
 from .continuation import by_continuation, read_continuation
+from .local_error import tell_coarse_mesh
 from .mesh import Mesh
 from .preparation import TRANSCRIPTIONS, Settings
 from .problem import OptimalControlProblem
@@ -94,7 +95,8 @@ def optimize(
     Warns
     -----
     MechanismWarning
-        Where a contact of the solution would have to pull, or an element leaves what it is made for.
+        Where a contact of the solution would have to pull, or an element leaves what it is made for; where the mesh is
+        too coarse for the motion that was found (not looked at where ``guess=`` is a solution).
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -119,6 +121,8 @@ def optimize(
     solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution | Shifted) and starts is None)
     if accuracy is not None:
         solution = refine(solver, solution, accuracy)
+    elif not isinstance(guess, Solution | Shifted):
+        tell_coarse_mesh(solution, solver.prepared.scales.q)
     if any(getattr(element, "monitors", ()) for element in problem.mechanism.elements):
         tell_monitors(solution.trajectory)
     return solution

@@ -178,3 +178,15 @@ def test_a_trajectory_evaluates_and_interpolates():
     assert np.allclose(energy - energy[0], work, atol=1e-4)
     assert solution.trajectory.t.size == 40 * 4 + 1
     assert set(solution.mesh) <= set(solution.trajectory.t)
+
+
+def test_a_mesh_too_coarse_is_told():
+    """The cart-pole on ten intervals does not replay, and the warning says so; on thirty it does, without one."""
+    problem = swing_up()
+    with pytest.warns(mbd.MechanismWarning, match=r"mesh of 10 intervals is too coarse.*so do \d others.*intervals="):
+        coarse = mbd.optimize(problem, intervals=10)
+    assert coarse.verify().final_error > 0.1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fine = mbd.optimize(problem, intervals=30)
+    assert fine.verify().final_error < 1e-3
