@@ -215,7 +215,16 @@ class Equations:
     @cached_property
     def saddle_point(self) -> SaddlePoint:
         """The linear system for (a, lam) as expressions."""
-        return SaddlePoint(self.mass_diagonal, self.Phi_q, self.Q, self.gamma)
+        return SaddlePoint(self.mass_diagonal, self.Phi_q, self.Q, self.gamma, self.angular_rows)
+
+    @cached_property
+    def angular_rows(self) -> np.ndarray:
+        """Which constraint rows speak of angles of bodies alone, and so are in rad (m,)."""
+        rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
+        lengths = rows[(columns % 3 != 2) | (columns >= 3 * len(self.mechanism.bodies))]
+        found = np.ones(self.lam.numel(), bool)
+        found[lengths] = False
+        return found
 
     @cached_property
     def forward_dynamics(self) -> ca.Function:

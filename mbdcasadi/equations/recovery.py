@@ -45,7 +45,8 @@ class Recovery:
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
         jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-        step, quality = self._towards(jacobian, eom.Phi, weights)
+        angular = eom.angular_rows[eom.position_rows]
+        step, quality = _towards(jacobian, eom.Phi, weights, angular)
         arguments = [eom.t, eom.q, eom.p, weights]
         results = [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi)), quality]
         return self._keep("position step", arguments, results)
@@ -55,7 +56,7 @@ class Recovery:
         """``(t, q, v, p, weights) -> v``: one step towards ``Phi_q v = nu``."""
         eom = self.numeric.eom
         weights = ca.SX.sym("w", eom.q.numel())
-        step, _ = self._towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights)
+        step, _ = _towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights, eom.angular_rows)
         return self._keep("velocity step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
 
     def _keep(self, key: str, arguments: list, results: list) -> ca.Function:
@@ -63,20 +64,6 @@ class Recovery:
         if key not in memory:
             memory[key] = ca.Function(key.replace(" ", "_"), arguments, results)
         return memory[key]
-
-    @staticmethod
-    def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
-
-        The shift keeps the step short where the pose is nearly singular: there
-        a residual of rounding size would else throw the state onto another
-        branch. Repeated steps converge all the same.
-        """
-        over = ca.diag(1 / weights) @ jacobian.T
-        schur = jacobian @ over
-        pivots, lower, order = shifted(schur)
-        smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
-        return over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
@@ -128,3 +115,17 @@ class Recovery:
             return q, v, a, lam, u
 
         return back_onto_constraints
+
+
+def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:
+    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
+
+    The shift keeps the step short where the pose is nearly singular: there
+    a residual of rounding size would else throw the state onto another
+    branch. Repeated steps converge all the same.
+    """
+    over = ca.diag(1 / weights) @ jacobian.T
+    schur = jacobian @ over
+    pivots, lower, order = shifted(schur, angular)
+    smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
+    return over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest

@@ -17,6 +17,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import casadi as ca
+import numpy as np
 
 if TYPE_CHECKING:
     from .derivation import Equations
@@ -47,13 +48,16 @@ class SaddlePoint:
         ``Phi_q`` (m, n).
     force, gamma : casadi.SX
         Right sides (n,), (m,).
+    angular : numpy.ndarray
+        Which rows are in rad (m,).
     """
 
-    def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX):
+    def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX, angular: np.ndarray):
         self.mass_diagonal = mass_diagonal
         self.jacobian = jacobian
         self.force = force
         self.gamma = gamma
+        self.angular = angular
 
     def solution(
         self, *, massless: bool = False, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
@@ -88,22 +92,26 @@ class SaddlePoint:
             return over_mass(force), ca.SX(0, 1)
         schur = jacobian @ over_mass(jacobian.T)
         right = jacobian @ over_mass(force) - self.gamma
-        lam = solve_symmetric(schur, right, redundant=redundant, refinements=refinements)
+        if redundant:
+            lam = solve_redundant(schur, right, self.angular, refinements)
+        else:
+            lam = ca.ldl_solve(right, *ca.ldl(schur))
         return over_mass(force - jacobian.T @ lam), lam
 
 
-def shifted(matrix: ca.SX) -> tuple[ca.SX, ca.SX, list[int]]:
-    """LDL factors of ``S + epsilon I``, epsilon relative to the mean of the diagonal."""
-    size = matrix.size1()
-    epsilon = REGULARISATION * ca.trace(matrix) / size
-    return ca.ldl(matrix + epsilon * ca.SX.eye(size))
+def shifted(matrix: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX, list[int]]:
+    """LDL factors of ``S + epsilon I``, epsilon relative to the mean of the diagonal, in m and in rad apart."""
+    diagonal, shift = ca.diag(matrix), ca.SX(matrix.size1(), 1)
+    for unit in (angular, ~angular):
+        rows = np.flatnonzero(unit).tolist()
+        if rows:
+            shift[rows] = REGULARISATION * ca.sum1(diagonal[rows]) / len(rows)
+    return ca.ldl(matrix + ca.diag(shift))
 
 
-def solve_symmetric(matrix: ca.SX, right: ca.SX, *, redundant: bool, refinements: int) -> ca.SX:
-    """Solve a symmetric positive (semi-)definite system by LDL, regularised where rows are redundant."""
-    if not redundant:
-        return ca.ldl_solve(right, *ca.ldl(matrix))
-    factors = shifted(matrix)
+def solve_redundant(matrix: ca.SX, right: ca.SX, angular: np.ndarray, refinements: int) -> ca.SX:
+    """Solve a symmetric positive semi-definite system by LDL, regularised."""
+    factors = shifted(matrix, angular)
     solution = ca.ldl_solve(right, *factors)
     for _ in range(refinements):
         solution += ca.ldl_solve(right - matrix @ solution, *factors)
@@ -126,7 +134,7 @@ def stabilised_dynamics(eom: Equations, *, massless: bool) -> ca.Function:
     drift = ca.SX(eom.lam.numel(), 1)
     drift[[int(k) for k in eom.position_rows]] = eom.Phi
     gamma = eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, eom.Q, gamma)
+    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, eom.Q, gamma, eom.angular_rows)
     a, lam = system.solution(massless=massless, redundant=True, refinements=REFINEMENTS)
     return ca.Function("stabilised_dynamics", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate], [a, lam])
 

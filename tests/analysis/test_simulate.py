@@ -1007,3 +1007,35 @@ def test_prints():
     p = pendulum(name="clock")
     text = repr(mbd.simulate(p.mechanism, np.linspace(0, 1, 11)))
     assert "clock" in text and "11 times" in text and "idas" in text and "drift" in text
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3, 1e-5, 1e4])
+def test_drift_does_not_depend_on_the_unit_of_length(unit):
+    """A slider-crank of a micrometre or a kilometre: rows in m and in rad are brought back alike; same motion."""
+    motions = []
+    for k in (1.0, unit):
+        f = slider_crank_of_length(k)
+        motions.append((mbd.simulate(f[0], duration=0.5, initial=[f[1].angle == 0.3, f[2].omega == 20]), f))
+    (plain, one), (scaled, other) = motions
+    assert scaled.drift.velocity < 1e-12 * unit * 20
+    assert scaled.drift.position < max(1e-13, 1e-12 * unit)
+    np.testing.assert_allclose(scaled[other[2].phi], plain[one[2].phi], atol=1e-6)
+
+
+def slider_crank_of_length(k):
+    """Mechanism, main bearing and crank; lengths times k, masses as they are."""
+    crank = mbd.Body("crank", mass=0.12, inertia=1.0e-4 * k**2, pose=(0.05 * k, 0.0, 0.0))
+    rod = mbd.Body("rod", mass=0.50, inertia=4.0e-3 * k**2, pose=(0.25 * k, 0.0, 0.0))
+    slider = mbd.Body("slider", mass=2.00, inertia=1.0e-3 * k**2, pose=(0.40 * k, 0.0, 0.0))
+    bearing = mbd.Revolute("main bearing", mbd.ground.at(0, 0), crank.at(-0.05 * k, 0))
+    joints = [
+        bearing,
+        mbd.Revolute("crank pin", crank.at(0.05 * k, 0), rod.at(-0.15 * k, 0)),
+        mbd.Revolute("wrist pin", rod.at(0.15 * k, 0), slider.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0)),
+    ]
+    return (
+        mbd.Mechanism(bodies=[crank, rod, slider], joints=joints, forces=[mbd.Gravity((0, -9.81 * k))]),
+        bearing,
+        crank,
+    )
