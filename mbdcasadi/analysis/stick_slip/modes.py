@@ -24,6 +24,9 @@ from ..mappings import parameter_vector
 REST = 1e-9
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 ROUNDING = 1e-7
+#: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
+#: alone makes a joint turn: the guide of a crank at its dead centre.
+TURNS = 1e-6
 #: Modes of the frictions at rest that are tried at one instant, at the most.
 TRIALS = 729
 
@@ -108,6 +111,11 @@ class ModesOfFriction:
         numeric = self.numeric(modes)
         return complete_state(numeric, read_signals(numeric.eom, self._inputs_at(time)), time, q, v, z)
 
+    @property
+    def rest(self) -> ca.SX:
+        """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
+        return 2 * REST * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
         """Sense in which what sticks is pulled."""
@@ -133,12 +141,15 @@ class ModesOfFriction:
                 "once; take a smoothed law for some of them",
                 time=state.t,
             )
-        v = self._at_rest(state, resting)
+        turning = self._turning(state, resting)
+        v = self._at_rest(state, [i for i in resting if i not in turning])
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
+        for i in turning:
+            choices[i] = ["forth", "back", "free"]
         for modes in product(*choices):
             try:
                 trial = self.at(modes, state.t, state.q, v, state.z)
-                if self._is_met(modes, trial, resting, broken):
+                if self._is_met(modes, trial, resting, turning, broken):
                     return modes, trial
             except SingularityError:
                 continue
@@ -152,10 +163,27 @@ class ModesOfFriction:
             return ["forth" if broken[i] > 0 else "back"]
         return ["sticks", "forth", "back"]
 
-    def _is_met(self, modes: Modes, trial: State, resting: Sequence[int], broken: dict[int, float]) -> bool:
+    def _turning(self, state: State, resting: Sequence[int]) -> list[int]:
+        """Frictions at rest because of the pose: no motion that the joints leave free slides there, and none is held."""
+        if not resting:
+            return []
+        numeric = self.numeric(self.free)
+        free = numeric.rank(state.t, state.q).null_columns * numeric.column_scale[:, None]
+        found = []
+        for i in resting:
+            along = np.reshape(state[ca.jacobian(self.frictions[i].sliding_speed, numeric.eom.v)], -1)
+            if np.linalg.norm(along @ free) <= TURNS * np.linalg.norm(along * numeric.column_scale):
+                found.append(i)
+        return found
+
+    def _is_met(
+        self, modes: Modes, trial: State, resting: Sequence[int], turning: Sequence[int], broken: dict[int, float]
+    ) -> bool:
         """Whether friction at rest is below its limit, and what starts to slide does so in its sense."""
         for i in resting:
             friction, mode = self.frictions[i], modes[i]
+            if mode == "free":
+                continue
             if mode == "sticks":
                 pull = abs(trial.lam[self.row(modes, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
@@ -163,7 +191,8 @@ class ModesOfFriction:
                     return False
                 continue
             onset = SENSE[mode] * trial[time_derivative(friction.sliding_speed)]
-            slack = ROUNDING * (1 + float(np.max(np.abs(trial.a)))) if i in broken else 0.0
+            largest = float(np.max(np.abs(trial.a)))
+            slack = -ROUNDING * largest if i in turning else ROUNDING * (1 + largest) if i in broken else 0.0
             if not onset > -slack:
                 return False
         return True

@@ -131,7 +131,9 @@ class StickSlip:
                 modes, state = self._reset(last, before)
             else:
                 broken = {
-                    i: self.modes.pull(i, last.state) for i, f in enumerate(self.frictions) if last.name == _breaks(f)
+                    i: self.modes.pull(i, last.state)
+                    for i, f in enumerate(self.frictions)
+                    if last.name == _breaks(f) and modes[i] == "sticks"
                 }
                 modes, state = self._decided(last.state, broken)
                 self._found.append(EventOccurrence(last.name, last.t, before, self.modes.whole(modes, state)))
@@ -161,6 +163,9 @@ class StickSlip:
                 lam = equations(self.modes.variant(modes)).lam[self.modes.row(modes, friction)]
                 excess = ca.fabs(lam) - friction.law.static_coefficient * friction.load
                 own.append(Event(_breaks(friction), excess, direction=1, terminal=True))
+            elif mode == "free":  # at rest because of the pose, until the motion leaves it
+                leaves = ca.fabs(friction.sliding_speed) - self.modes.rest
+                own.append(Event(_breaks(friction), leaves, direction=1, terminal=True))
             else:
                 sense = -int(SENSE[mode])
                 own.append(Event(_stops(friction), friction.sliding_speed, direction=sense, terminal=True))
