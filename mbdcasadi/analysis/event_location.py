@@ -124,11 +124,19 @@ class EventWatch:
                 if self._crossed(event, values[k, index], values[k + 1, index]):
                     at = self._located(outputs, index, times[k : k + 2], x[k], values[k : k + 2, index], column, reach)
                     here.append(Crossing(event, at, reach(times[k], x[k], at, column), k, column))
-            for crossing in sorted(here, key=lambda c: c.time):
-                found.append(crossing)
+            here.sort(key=lambda c: c.time)
+            for n, crossing in enumerate(here):
                 if crossing.event.terminal or crossing.event.reset:
-                    return found
+                    return found + self._at_once(here[n:])
+                found.append(crossing)
         return found
+
+    def _at_once(self, following: Sequence[Crossing]) -> list[Crossing]:
+        """Events at the instant of a first one that ends the run or resets velocities, the one that decides last."""
+        first = following[0]
+        same = [c for c in following if not c.event.reset and c.time - first.time <= self.instant]
+        last = ([first] + [c for c in same if c.event.terminal])[-1]
+        return [c for c in same if c is not last] + [last]
 
     def reset_at(self, state: State) -> None:
         """Take note of a state just after a reset: events at their zero there start on the side to which they go."""
