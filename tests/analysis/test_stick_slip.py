@@ -432,7 +432,8 @@ def test_turns_at_dead_centres(rubs):
         tolerances = {} if law.exact else {"reltol": 1e-10, "abstol": 1e-10}
         motion = mbd.simulate(mechanism, times, initial=[crank.phi == 0.3, crank.omega == 30.0], **tolerances)
         found.append(motion[crank.phi])
-        assert not law.exact or sum(e.name.endswith("stops") for e in motion.events) >= 3
+        # at the end it rests, and many frictions that one motion moves do not chatter
+        assert not law.exact or 3 <= sum(e.name.endswith("stops") for e in motion.events) < 20
     np.testing.assert_allclose(found[0], found[1], atol=1e-5)
 
 
@@ -448,4 +449,4 @@ def test_leaves_a_dead_centre(torque):
         motion = mbd.simulate(mechanism, times, initial=start, **tolerances)
         found.append(motion[crank.phi])
         assert motion[rub.power].max() < 1e-9 and motion[rub.power].min() < -0.1
-    np.testing.assert_allclose(found[0], found[1], atol=1e-4 * found[0][-1])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[1]).max())

@@ -14,6 +14,7 @@ from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.mechanism import Mechanism
 from ...model.symbols import time_derivative
+from ...numerics.rank import analyse_rank
 from ...results.state import State
 from ..assemble import complete_state
 from ..impact import velocity_after
@@ -66,6 +67,8 @@ class ModesOfFriction:
     def __init__(self, mechanism: Mechanism, parameters: Any, inputs_at: Callable[[float], dict[Any, Any]]):
         self.mechanism, self.parameters, self._inputs_at = mechanism, parameters, inputs_at
         self.frictions = switching(mechanism)
+        #: frictions at rest that cannot slide before something else does, of the modes that were found last
+        self.held: list[int] = []
         self.free: Modes = ("free",) * len(self.frictions)
 
     # --- mechanisms in one mode ------------------------------------------------------------------
@@ -141,15 +144,20 @@ class ModesOfFriction:
                 "once; take a smoothed law for some of them",
                 time=state.t,
             )
-        turning = self._turning(state, resting)
-        v = self._at_rest(state, [i for i in resting if i not in turning])
+        by_pose = self._held(state, resting, ())
+        v = self._at_rest(state, [i for i in resting if i not in by_pose])
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
-        for i in turning:
+        for i in by_pose:
             choices[i] = ["forth", "back", "free"]
         for modes in product(*choices):
+            sticking = [i for i in resting if modes[i] == "sticks"]
+            held = self._held(state, resting, sticking)
+            if any(mode == "free" and i not in held for i, mode in enumerate(modes)) or self._depend(state, sticking):
+                continue
             try:
                 trial = self.at(modes, state.t, state.q, v, state.z)
-                if self._is_met(modes, trial, resting, turning, broken):
+                if self._is_met(modes, trial, resting, by_pose, held, broken):
+                    self.held = held
                     return modes, trial
             except SingularityError:
                 continue
@@ -161,38 +169,59 @@ class ModesOfFriction:
             return ["forth" if speed > 0 else "back"]
         if i in broken:
             return ["forth" if broken[i] > 0 else "back"]
-        return ["sticks", "forth", "back"]
+        return ["sticks", "free", "forth", "back"]
 
-    def _turning(self, state: State, resting: Sequence[int]) -> list[int]:
-        """Frictions at rest because of the pose: no motion that the joints leave free slides there, and none is held."""
-        if not resting:
-            return []
+    def _slides(self, state: State, which: Sequence[int]) -> np.ndarray:
+        """Sliding of some frictions, of size one, for the motions that the joints leave free (k, f); zero where none."""
         numeric = self.numeric(self.free)
         free = numeric.rank(state.t, state.q).null_columns * numeric.column_scale[:, None]
-        found = []
-        for i in resting:
+        rows = np.zeros((len(which), free.shape[1]))
+        for row, i in zip(rows, which, strict=True):
             along = np.reshape(state[ca.jacobian(self.frictions[i].sliding_speed, numeric.eom.v)], -1)
-            if np.linalg.norm(along @ free) <= TURNS * np.linalg.norm(along * numeric.column_scale):
-                found.append(i)
-        return found
+            size = np.linalg.norm(along @ free)
+            if size > TURNS * np.linalg.norm(along * numeric.column_scale):
+                row[:] = along @ free / size
+        return rows
+
+    def _held(self, state: State, resting: Sequence[int], sticking: Sequence[int]) -> list[int]:
+        """Frictions at rest that the pose, or others that stick, keep from sliding whatever force they exert."""
+        if not resting:
+            return []
+        held = self._slides(state, sticking)
+        basis = analyse_rank(held, TURNS).null_columns
+        left = np.linalg.norm(self._slides(state, resting) @ basis, axis=1)
+        return [i for i, size in zip(resting, left, strict=True) if size <= TURNS and i not in sticking]
+
+    def _depend(self, state: State, sticking: Sequence[int]) -> bool:
+        """Whether rows of frictions that stick follow from each other and the joints."""
+        return bool(sticking) and analyse_rank(self._slides(state, sticking), TURNS).rank < len(sticking)
 
     def _is_met(
-        self, modes: Modes, trial: State, resting: Sequence[int], turning: Sequence[int], broken: dict[int, float]
+        self,
+        modes: Modes,
+        trial: State,
+        resting: Sequence[int],
+        by_pose: Sequence[int],
+        held: Sequence[int],
+        broken: dict[int, float],
     ) -> bool:
-        """Whether friction at rest is below its limit, and what starts to slide does so in its sense."""
+        """Whether friction at rest is below its limit, and what starts to slide does so in its sense.
+
+        What others that stick hold may exert any force up to its limit.
+        """
         for i in resting:
             friction, mode = self.frictions[i], modes[i]
-            if mode == "free":
-                continue
             if mode == "sticks":
                 pull = abs(trial.lam[self.row(modes, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
                 if not pull <= limit * (1 + ROUNDING):
                     return False
                 continue
+            if mode == "free" or (i in held and i not in by_pose):
+                continue
             onset = SENSE[mode] * trial[time_derivative(friction.sliding_speed)]
             largest = float(np.max(np.abs(trial.a)))
-            slack = -ROUNDING * largest if i in turning else ROUNDING * (1 + largest) if i in broken else 0.0
+            slack = -ROUNDING * largest if i in by_pose else ROUNDING * (1 + largest) if i in broken else 0.0
             if not onset > -slack:
                 return False
         return True

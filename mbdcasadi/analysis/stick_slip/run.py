@@ -158,12 +158,12 @@ class StickSlip:
 
     def _piece(self, modes: Modes, state: State, times: np.ndarray, after_reset: bool) -> Piece:
         own = []
-        for friction, mode in zip(self.frictions, modes, strict=True):
+        for i, (friction, mode) in enumerate(zip(self.frictions, modes, strict=True)):
             if mode == "sticks":
                 lam = equations(self.modes.variant(modes)).lam[self.modes.row(modes, friction)]
                 excess = ca.fabs(lam) - friction.law.static_coefficient * friction.load
                 own.append(Event(_breaks(friction), excess, direction=1, terminal=True))
-            elif mode == "free":  # at rest because of the pose, until the motion leaves it
+            elif i in self.modes.held and (mode == "free" or "sticks" in modes):  # at rest until something else slides
                 leaves = ca.fabs(friction.sliding_speed) - self.modes.rest
                 own.append(Event(_breaks(friction), leaves, direction=1, terminal=True))
             else:
