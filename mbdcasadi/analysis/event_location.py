@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -57,10 +58,7 @@ class EventWatch:
     """
 
     def __init__(self, eom: Equations, events: Sequence[Event]):
-        self.events = tuple(events)
-        for event in self.events:
-            if not isinstance(event, Event):
-                raise ModelError(f"events= takes Event objects, got {event!r}")
+        self.events = read_events(events)
         names = [event.name for event in self.events]
         if len(set(names)) < len(names):
             raise ModelError(f"events= holds a name twice: {', '.join(names)}")
@@ -169,3 +167,13 @@ class EventWatch:
 
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)
+
+
+def read_events(events: Any) -> tuple[Event, ...]:
+    """Events as they were given, checked."""
+    if isinstance(events, Event):
+        raise ModelError(f"events= takes a list: write events=[{events!r}]")
+    for event in events:
+        if not isinstance(event, Event):
+            raise ModelError(f"events= takes Event objects, got {event!r}")
+    return tuple(events)

@@ -15,7 +15,7 @@ from ...model.mechanism import Mechanism
 from ...results.state import State
 from ...results.trajectory import EventOccurrence, Trajectory
 from ..assemble import assemble
-from ..event_location import EventWatch
+from ..event_location import EventWatch, read_events
 from ..impact import Impacts
 from ..mappings import pairs_of
 from ..starting import carried_by
@@ -56,7 +56,7 @@ class StickSlip:
         grid: np.ndarray,
     ):
         self.mechanism, self._smooth_motion, self._settings = mechanism, smooth_motion, settings
-        self.events, self.grid = tuple(events), grid
+        self.events, self.grid = read_events(events), grid
         self.inputs = CutInputs(mechanism, inputs, grid)
         self.modes = ModesOfFriction(mechanism, parameters, self.inputs.at)
         self.frictions = self.modes.frictions
