@@ -63,8 +63,8 @@ class Event(Immutable):
             raise ModelError(f"{what}: the expression is the number {self.expression}, which never passes through zero")
         if any(self.expression.is_op(op) for op in RELATIONS):
             raise ModelError(
-                f"{what}: {self.expression} is a relation, 0 or 1, which never passes through zero; give the difference "
-                "of both sides, and direction= for the sense"
+                f"{what}: {self.expression} is a relation, 0 or 1, which never passes through zero; give the "
+                "difference of both sides, and direction= for the sense"
             )
         if direction not in (-1, 0, 1):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")

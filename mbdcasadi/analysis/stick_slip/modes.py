@@ -144,16 +144,13 @@ class ModesOfFriction:
                 "once; take a smoothed law for some of them",
                 time=state.t,
             )
-        by_pose = self._held(state, resting, ())
+        rows = dict(zip(resting, self._slides(state, resting), strict=True))
+        by_pose = self._held(rows, ())
         v = self._at_rest(state, [i for i in resting if i not in by_pose])
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
-        for modes in product(*choices):
-            sticking = [i for i in resting if modes[i] == "sticks"]
-            held = self._held(state, resting, sticking)
-            if any(mode == "free" and i not in held for i, mode in enumerate(modes)) or self._depend(state, sticking):
-                continue
+        for modes, held in self._candidates(choices, rows):
             try:
                 trial = self.at(modes, state.t, state.q, v, state.z)
                 if self._is_met(modes, trial, resting, by_pose, held, broken):
@@ -172,7 +169,7 @@ class ModesOfFriction:
         return ["sticks", "free", "forth", "back"]
 
     def _slides(self, state: State, which: Sequence[int]) -> np.ndarray:
-        """Sliding of some frictions, of size one, for the motions that the joints leave free (k, f); zero where none."""
+        """Sliding of frictions by the motions that joints leave free, scaled to one (k, f); zero where there is none."""
         numeric = self.numeric(self.free)
         free = numeric.rank(state.t, state.q).null_columns * numeric.column_scale[:, None]
         rows = np.zeros((len(which), free.shape[1]))
@@ -183,18 +180,26 @@ class ModesOfFriction:
                 row[:] = along @ free / size
         return rows
 
-    def _held(self, state: State, resting: Sequence[int], sticking: Sequence[int]) -> list[int]:
+    @staticmethod
+    def _held(rows: dict[int, np.ndarray], sticking: Sequence[int]) -> list[int]:
         """Frictions at rest that the pose, or others that stick, keep from sliding whatever force they exert."""
-        if not resting:
+        if not rows:
             return []
-        held = self._slides(state, sticking)
-        basis = analyse_rank(held, TURNS).null_columns
-        left = np.linalg.norm(self._slides(state, resting) @ basis, axis=1)
-        return [i for i, size in zip(resting, left, strict=True) if size <= TURNS and i not in sticking]
+        whole = np.array(list(rows.values()))
+        basis = analyse_rank(np.reshape([rows[i] for i in sticking], (-1, whole.shape[1])), TURNS).null_columns
+        left = np.linalg.norm(whole @ basis, axis=1)
+        return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
 
-    def _depend(self, state: State, sticking: Sequence[int]) -> bool:
-        """Whether rows of frictions that stick follow from each other and the joints."""
-        return bool(sticking) and analyse_rank(self._slides(state, sticking), TURNS).rank < len(sticking)
+    def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Modes, list[int]]]:
+        """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
+        found: list[tuple[bool, Modes, list[int]]] = []
+        for modes in product(*choices):
+            sticking = [i for i in rows if modes[i] == "sticks"]
+            held = self._held(rows, sticking)
+            depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
+            if not depends and not any(mode == "free" and i not in held for i, mode in enumerate(modes)):
+                found.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
+        return [(modes, held) for _, modes, held in sorted(found, key=lambda candidate: candidate[0])]
 
     def _is_met(
         self,
