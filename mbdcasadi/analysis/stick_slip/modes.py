@@ -169,7 +169,7 @@ class ModesOfFriction:
         return ["sticks", "free", "forth", "back"]
 
     def _slides(self, state: State, which: Sequence[int]) -> np.ndarray:
-        """Sliding of frictions by the motions that joints leave free, scaled to one (k, f); zero where there is none."""
+        """Sliding of frictions by the motions that joints leave free, of size one (k, f); zero where there is none."""
         numeric = self.numeric(self.free)
         free = numeric.rank(state.t, state.q).null_columns * numeric.column_scale[:, None]
         rows = np.zeros((len(which), free.shape[1]))
