@@ -51,6 +51,8 @@ class Flow:
         Tolerances.
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
+    unknowns : numpy.ndarray, optional
+        Accelerations and multipliers at the start (n + m,), from which IDAS looks for consistent ones.
     """
 
     def __init__(
