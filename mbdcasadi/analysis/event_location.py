@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -57,10 +58,7 @@ class EventWatch:
     """
 
     def __init__(self, eom: Equations, events: Sequence[Event]):
-        self.events = tuple(events)
-        for event in self.events:
-            if not isinstance(event, Event):
-                raise ModelError(f"events= takes Event objects, got {event!r}")
+        self.events = read_events(events)
         names = [event.name for event in self.events]
         if len(set(names)) < len(names):
             raise ModelError(f"events= holds a name twice: {', '.join(names)}")
@@ -124,11 +122,19 @@ class EventWatch:
                 if self._crossed(event, values[k, index], values[k + 1, index]):
                     at = self._located(outputs, index, times[k : k + 2], x[k], values[k : k + 2, index], column, reach)
                     here.append(Crossing(event, at, reach(times[k], x[k], at, column), k, column))
-            for crossing in sorted(here, key=lambda c: c.time):
-                found.append(crossing)
+            here.sort(key=lambda c: c.time)
+            for n, crossing in enumerate(here):
                 if crossing.event.terminal or crossing.event.reset:
-                    return found
+                    return found + self._at_once(here[n:])
+                found.append(crossing)
         return found
+
+    def _at_once(self, following: Sequence[Crossing]) -> list[Crossing]:
+        """Events at the instant of a first one that ends the run or resets velocities, the one that decides last."""
+        first = following[0]
+        same = [c for c in following if not c.event.reset and c.time - first.time <= self.instant]
+        last = ([first] + [c for c in same if c.event.terminal])[-1]
+        return [c for c in same if c is not last] + [last]
 
     def reset_at(self, state: State) -> None:
         """Take note of a state just after a reset: events at their zero there start on the side to which they go."""
@@ -161,3 +167,13 @@ class EventWatch:
 
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)
+
+
+def read_events(events: Any) -> tuple[Event, ...]:
+    """Events as they were given, checked."""
+    if isinstance(events, Event):
+        raise ModelError(f"events= takes a list: write events=[{events!r}]")
+    for event in events:
+        if not isinstance(event, Event):
+            raise ModelError(f"events= takes Event objects, got {event!r}")
+    return tuple(events)

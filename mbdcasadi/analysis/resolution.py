@@ -33,6 +33,8 @@ POINTS = 9
 SHALLOW = 1e-9
 #: Ways at the speeds of approach at both ends of an interval, beyond which a gap cannot close within it.
 REACH = 2.0
+#: Share of the way to a contact after which the integrator is started again where its steps went too deep.
+BEFORE = 0.95
 #: Depth, as a share of the change of a gap over an interval, from which an interpolated path counts as a touch.
 DEPTH = 1e-2
 
@@ -106,6 +108,7 @@ class Resolution:
         self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self._owner])
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
         scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
+        self._normal = [next(k for k, s in enumerate(self._smoothings) if s is e.smoothings[0]) for e in self._owner]
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
@@ -120,8 +123,26 @@ class Resolution:
         self._passed: dict[int, _Finding] = {}
 
     def first_pass(self, chunk: Path) -> float | None:
-        """Time at which outlines first meet on the path of a chunk though no step found them closed."""
-        return min((float(start) for _, start, _, _ in self._passes(chunk)), default=None) if self._owner else None
+        """Time at which outlines first meet in a chunk though no step found them closed, or the first went too deep."""
+        if not self._owner or chunk.times.size < 2:
+            return None
+        return min([float(start) for _, start, _, _ in self._passes(chunk)] + self._blows(chunk), default=None)
+
+    def _blows(self, chunk: Path) -> list[float]:
+        """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
+        n, lengths = len(self._smoothings), np.diff(chunk.times)
+        forces = self._at(self._courses, chunk.times, chunk.x)[:, :n]
+        missed = np.abs(np.diff(forces, axis=0) - chunk.integrals[:, :n])[:, self._normal]
+        size = np.abs(forces)
+        seen = np.maximum(np.maximum(size[:-1], size[1:]), chunk.integrals[:, n : 2 * n] / 2)[:, self._normal]
+        gaps, rates = np.split(self._at(self._approach, chunk.times, chunk.x), 2, axis=1)
+        found = []
+        for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
+            bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
+            ways = np.roots([bend / 2, rates[row, k], gaps[row, k]])
+            ahead = [float(w.real) for w in ways if w.imag == 0 and 0 < w.real < lengths[row]]
+            found += [float(chunk.times[row]) + BEFORE * min(ahead)] if ahead else []
+        return found
 
     def note(self, chunk: Path) -> None:
         """Take note of a chunk that counts."""

@@ -245,14 +245,15 @@ class Run:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Crossing | None]:
         """Record the events of a chunk; one that ends the run or resets velocities cuts its outputs off."""
         knots, states = np.r_[chunk.start, times], np.vstack([self._step.x, x])
-        for found in self.watch.crossings(self._step.outputs, knots, states, channel, self._step.reach):
+        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.reach)
+        for found in crossings:
             k = found.interval
             if found.event.reset:
                 k += int(times[k] - found.time <= self.watch.instant)  # an output at the event itself comes before it
                 return times[:k], wanted[:k], x[:k], found
             state = self._step.outputs.state(found.time, found.x, found.channel)
             self._record.events.append(EventOccurrence(found.event.name, found.time, state))
-            if found.event.terminal:
+            if found.event.terminal and found is crossings[-1]:
                 return np.r_[times[:k], found.time], np.r_[wanted[:k], True], np.vstack([x[:k], found.x]), found
         return times, wanted, x, None
 

@@ -138,7 +138,7 @@ class Stepper:
                 break
             z, integrator = self._z if form.algebraic else np.zeros(0), self._integrator(form)
             if k == 1:  # its search for consistent unknowns takes rounding for a failure, and starts well from beside
-                z = z + BESIDE * (1 + np.abs(z))
+                z = beside(z)
             try:
                 states = integrator.advance(self.x, z, chunk.start, chunk.times, p, channel, steps)[0]
                 knots, since = np.r_[chunk.start, chunk.times], integrator.integrals
@@ -166,7 +166,13 @@ class Stepper:
             return x
         z = self.outputs.unknowns(start, x, channel) if self.formulation.algebraic else np.zeros(0)
         p = np.r_[self.numeric.p, 0.0]
-        reached = self._integrator(self.formulation).advance_once(x, z, start, time, p, channel)
+        integrator = self._integrator(self.formulation)
+        try:
+            reached = integrator.advance_once(x, z, start, time, p, channel)
+        except IntegrationFailure as failure:
+            if failure.args[0] != "IDA_LINESEARCH_FAIL":
+                raise
+            reached = integrator.advance_once(x, beside(z), start, time, p, channel)
         return self.outputs.projected(np.array([time]), reached[None, :])[0]
 
     # --- singular poses on the way ---------------------------------------------------------------
@@ -191,3 +197,8 @@ class Stepper:
     def ends_near_singular(self) -> bool:
         """Whether a chunk ends so near to a singular pose that no integrator should be started there."""
         return float(self.outputs.recovery.regularity[-1]) < NO_START * self._regular
+
+
+def beside(z: np.ndarray) -> np.ndarray:
+    """Unknowns near to consistent ones: at these the search of IDAS takes rounding for a failure."""
+    return z + BESIDE * (1 + np.abs(z))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import ModelError, SingularityError
+from ..numerics.console import call
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
@@ -200,8 +202,7 @@ class NumericEquations:
                 "motion: the mass matrix is singular; give it mass or inertia, or a joint",
                 time=t,
             )
-        a, lam = self.forward_dynamics(redundant=redundant)(t, q, v, z, u, self.p)
-        a, lam = a.full().ravel(), lam.full().ravel()
+        a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
             raise SingularityError(
                 f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
@@ -227,6 +228,14 @@ class NumericEquations:
                 time=t,
             )
         return a, lam
+
+    def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations and multipliers; not finite where Newton's method meets a singular matrix."""
+        try:
+            a, lam = call(self.forward_dynamics(redundant=redundant), *state, self.p)
+        except RuntimeError:
+            return np.full(self.eom.q.numel(), np.nan), np.full(self.eom.lam.numel(), np.nan)
+        return a.full().ravel(), lam.full().ravel()
 
 
 def _quoted(names: list[str]) -> str:

@@ -13,6 +13,9 @@ from .immutable import Immutable
 from .quantities import quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of
 
+#: Operations that make a relation.
+RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
+
 
 class Event(Immutable):
     """The instant at which an expression passes through zero during a simulation.
@@ -58,6 +61,11 @@ class Event(Immutable):
         self.expression = quantity(expression, what, "expression")
         if not isinstance(self.expression, ca.SX):
             raise ModelError(f"{what}: the expression is the number {self.expression}, which never passes through zero")
+        if any(self.expression.is_op(op) for op in RELATIONS):
+            raise ModelError(
+                f"{what}: {self.expression} is a relation, 0 or 1, which never passes through zero; give the "
+                "difference of both sides, and direction= for the sense"
+            )
         if direction not in (-1, 0, 1):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
         self.direction = int(direction)

@@ -250,3 +250,36 @@ def test_refuses_resets():
     with pytest.raises(mbd.SimulationError, match=r"contradicts the constraints.*pin"):
         mbd.simulate(held, [0, 1], events=[mbd.Event("a", mbd.t - 0.5 + 0 * body.x, reset={body.vx: 1})])
     assert ca.SX(body.vy).is_symbolic()
+
+
+def test_events_at_one_instant_are_all_recorded():
+    """Beside a reset or the end of the run, whatever the order in which they are given."""
+    ball = mbd.Body("ball", mass=1, inertia=1, pose=(0, 1, 0))
+    mechanism = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity()])
+    touch = mbd.Event("touch", ball.y, direction=-1)
+    hit = mbd.Event("hit", ball.y, direction=-1, reset={ball.vy: -0.5 * ball.vy})
+    ends = [mbd.Event(name, ball.y, direction=-1, terminal=True) for name in ("end", "stop")]
+    for events, names in (
+        ([hit, touch], ["touch", "hit"]),
+        ([touch, hit], ["touch", "hit"]),
+        ([ends[0], touch], ["touch", "end"]),
+        (ends, ["end", "stop"]),
+        ([hit, ends[0]], ["end"]),
+    ):
+        motion = mbd.simulate(mechanism, np.linspace(0, 0.8, 9), events=events)
+        assert [event.name for event in motion.events] == names
+        np.testing.assert_allclose([event.t for event in motion.events], np.sqrt(2 / 9.81), rtol=1e-12)
+
+
+def test_refuses_relations_and_a_single_event():
+    """A relation is 0 or 1 and never passes through zero."""
+    ball = mbd.Body("ball", mass=1, inertia=1)
+    for relation in (ball.y > 0, ball.y <= 0, ball.y == 0):
+        with pytest.raises(mbd.ModelError, match=r"event 'low'.*relation.*difference"):
+            mbd.Event("low", relation)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), ball.at(0, 0))
+    rub = mbd.JointFriction("rub", rail, mbd.DryFriction(0.2))
+    for forces in ([], [rub]):
+        mechanism = mbd.Mechanism(bodies=[ball], joints=[rail], forces=forces)
+        with pytest.raises(mbd.ModelError, match=r"write events=\["):
+            mbd.simulate(mechanism, duration=0.1, events=mbd.Event("low", ball.x))

@@ -158,3 +158,22 @@ def test_a_cradle_of_elastic_balls():
     highest = np.arccos(1 - (share * speed) ** 2 / (2 * G * length))
     assert motion[balls[-1].phi].max() == pytest.approx(highest, rel=2e-3)
     np.testing.assert_allclose(motion.energy.total, motion.energy.total[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("outputs", [7, 61, 601])
+def test_a_stiff_bar_is_not_fallen_through(outputs):
+    """Steps of free flight end deep in a thin bar, whose force there points to the other side; the run starts again."""
+    found = []
+    for thin in (True, False):
+        disc = mbd.Body("disc", mass=1, inertia=0.01, pose=(0, 0.3, 0))
+        ground = mbd.ground.at(0, 0 if thin else 0.01)
+        surface = mbd.Segment(ground, 2, radius=0.01) if thin else mbd.HalfPlane(ground)
+        law = mbd.HuntCrossley(1e6, damping=2)
+        contact = mbd.Contact("contact", mbd.Circle(disc.at(0, 0), 0.1), surface, law)
+        mechanism = mbd.Mechanism(bodies=[disc], forces=[mbd.Gravity(), contact])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", mbd.MechanismWarning)
+            motion = mbd.simulate(mechanism, np.linspace(0, 0.6, outputs))
+        assert np.diff(motion.energy.total).max() < 1e-6
+        found.append(motion[disc.y])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-6)

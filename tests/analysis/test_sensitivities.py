@@ -321,3 +321,15 @@ def test_an_adjoint_that_needs_too_many_steps_names_another_method():
     J = mbd.cost_function(model, times, [push], **given)
     with pytest.raises(mbd.SimulationError, match='take method="erk"'):
         J.gradient(J.start)
+
+
+def test_of_friction_by_the_load_of_a_joint():
+    """A sliding block: ``x = v t - μ g t²/2``, so ``∂x/∂μ = -g t²/2``."""
+    mu = mbd.Parameter("mu", 0.3)
+    block = mbd.Body("block", mass=1, inertia=0.1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.Coulomb(mu, 1e-2))
+    mechanism = mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), rub], parameters=[mu])
+    times = np.linspace(0, 0.3, 4)
+    found = mbd.sensitivities(mechanism, times, outputs=[block.x], wrt=[mu], initial=[block.x == 0, block.vx == 2])
+    np.testing.assert_allclose(found[block.x, mu], -9.81 * times**2 / 2, rtol=1e-6, atol=1e-9)

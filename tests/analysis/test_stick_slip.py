@@ -387,3 +387,66 @@ def test_jamming_is_told(push):
     mechanism = mbd.Mechanism(bodies=[block], joints=[guide], forces=[push_it, rub])
     with pytest.raises(mbd.MechanismError, match="jams"):
         mbd.simulate(mechanism, np.linspace(0, 1, 11), initial=[guide.displacement == 0, guide.speed == 1.0])
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_events_at_the_instant_of_a_stop(terminal):
+    """What a user looks for at the very stop takes place too."""
+    mu, speed = 0.2, 3.0
+    _, guide, _rub, mechanism = sledge(mbd.DryFriction(mu))
+    rest = mbd.Event("rest", guide.speed, direction=-1, terminal=terminal)
+    start = [guide.displacement == 0, guide.speed == speed]
+    motion = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=start, events=[rest])
+    assert sorted(e.name for e in motion.events) == ["rest", "rub stops"]
+    np.testing.assert_allclose([e.t for e in motion.events], speed / mu / G, rtol=1e-12)
+    assert motion.t[-1] == pytest.approx(speed / mu / G if terminal else 3.0)
+
+
+def slider_crank(law, torque=0.0, rubs=("guide",)):
+    """A slider-crank with friction in some joints and a side load on the slider, which loads the guide."""
+    crank = mbd.Body("crank", mass=0.12, inertia=1e-3, pose=(0.05, 0, 0))
+    rod = mbd.Body("rod", mass=0.5, inertia=4e-3, pose=(0.25, 0, 0))
+    slider = mbd.Body("slider", mass=2.0, inertia=1e-3, pose=(0.4, 0, 0))
+    main = mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.05, 0))
+    pin = mbd.Revolute("pin", crank.at(0.05, 0), rod.at(-0.15, 0))
+    wrist = mbd.Revolute("wrist", rod.at(0.15, 0), slider.at(0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0))
+    joints = [main, pin, wrist, guide]
+    frictions = [
+        mbd.JointFriction(f"rub {j.name}", j, law, **({"length": 0.1} if j is guide else {"radius": 0.01}))
+        for j in joints
+        if j.name in rubs
+    ]
+    turn = mbd.Torque("turn", crank, torque)
+    forces = [mbd.Gravity(), turn, mbd.Force("side", slider.at(0, 0), (0, -20.0)), *frictions]
+    return crank, frictions, mbd.Mechanism(bodies=[crank, rod, slider], joints=joints, forces=forces)
+
+
+@pytest.mark.parametrize("rubs", [("guide",), ("wrist",), ("main", "pin", "wrist", "guide")])
+def test_turns_at_dead_centres(rubs):
+    """Where the pose alone makes a joint turn, its friction changes sense and holds nothing: limit of smoothed laws."""
+    times = np.linspace(0, 1, 101)
+    found = []
+    for law in (mbd.DryFriction(0.1), mbd.Coulomb(0.1, 1e-5)):
+        crank, _, mechanism = slider_crank(law, rubs=rubs)
+        tolerances = {} if law.exact else {"reltol": 1e-10, "abstol": 1e-10}
+        motion = mbd.simulate(mechanism, times, initial=[crank.phi == 0.3, crank.omega == 30.0], **tolerances)
+        found.append(motion[crank.phi])
+        # at the end it rests, and many frictions that one motion moves do not chatter
+        assert not law.exact or 3 <= sum(e.name.endswith("stops") for e in motion.events) < 20
+    np.testing.assert_allclose(found[0], found[1], atol=1e-5)
+
+
+@pytest.mark.parametrize("torque", [2.0, 2.0 * mbd.t])
+def test_leaves_a_dead_centre(torque):
+    """At rest in a dead centre the guide neither sticks nor slides; its friction begins as the crank leaves it."""
+    times = np.linspace(0, 0.6, 61)
+    found = []
+    for law in (mbd.DryFriction(0.2), mbd.Coulomb(0.2, 1e-6)):
+        crank, (rub,), mechanism = slider_crank(law, torque)
+        tolerances = {} if law.exact else {"reltol": 1e-10, "abstol": 1e-10}
+        start = [crank.phi == 0, crank.omega == 0]
+        motion = mbd.simulate(mechanism, times, initial=start, **tolerances)
+        found.append(motion[crank.phi])
+        assert motion[rub.power].max() < 1e-9 and motion[rub.power].min() < -0.1
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[1]).max())

@@ -24,7 +24,7 @@ from ..formulations import METHODS, choose
 from ..inputs import Signals
 from ..resolution import has_gaps
 from ..schedule import CHUNKS, WATCH_POINTS
-from ..stepping import DECAY
+from ..stepping import DECAY, beside
 from ..tolerances import absolute_tolerance
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
@@ -51,6 +51,8 @@ class Flow:
         Tolerances.
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
+    unknowns : numpy.ndarray, optional
+        Accelerations and multipliers at the start (n + m,), from which IDAS looks for consistent ones.
     """
 
     def __init__(
@@ -64,6 +66,7 @@ class Flow:
         reltol: float = 1e-8,
         abstol: float = 1e-8,
         integrands: ca.SX | None = None,
+        unknowns: np.ndarray | None = None,
     ):
         if method not in METHODS:
             raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
@@ -86,6 +89,8 @@ class Flow:
             options["max_step_size"] = float(grid[-1] - grid[0]) / WATCH_POINTS
         self._integrator = Integrator(self._dae, method, reltol, absolute_tolerance(numeric, abstol), options=options)
         self._recovery = Recovery(numeric, redundant=redundant)
+        # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
+        self._unknowns = beside(unknowns) if unknowns is not None and self._dae.z.numel() else None
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
         if method == "idas" and self.integrals and self.signals.is_sampled:
@@ -146,6 +151,8 @@ class Flow:
             # the start of the run, the parameters, and the rate at which drift decays in the regularised form
             "p": ca.vertcat(float(grid[0]), p, DECAY * CHUNKS / duration, shifts),
         }
+        if self._unknowns is not None:
+            arguments["z0"] = self._unknowns
         if channel is not None:
             arguments["u"] = channel
         return self._integrator.function(grid[1:] - grid[0], MAX_STEPS)(**arguments)["xf"]

@@ -75,6 +75,7 @@ class Problem:
     def flow(self, integrands: ca.SX | None = None) -> Flow:
         """The motion over the grid, in as many pieces as it takes to stay on the constraints."""
         given = self.settings | {"redundant": self.redundant, "integrands": integrands}
+        given["unknowns"] = np.r_[self.state.a, self.state.lam]
         flow = Flow(self.numeric, self.signals, self.grid, **given)
         flow.cut_where_it_drifts(np.r_[self.state.q, self.state.v, self.state.z])
         return flow

@@ -14,6 +14,7 @@ from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.mechanism import Mechanism
 from ...model.symbols import time_derivative
+from ...numerics.rank import analyse_rank
 from ...results.state import State
 from ..assembly import complete_state
 from ..impact import velocity_after
@@ -24,6 +25,9 @@ from ..mappings import parameter_vector
 REST = 1e-9
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 ROUNDING = 1e-7
+#: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
+#: alone makes a joint turn: the guide of a crank at its dead centre.
+TURNS = 1e-6
 #: Modes of the frictions at rest that are tried at one instant, at the most.
 TRIALS = 729
 
@@ -63,6 +67,8 @@ class ModesOfFriction:
     def __init__(self, mechanism: Mechanism, parameters: Any, inputs_at: Callable[[float], dict[Any, Any]]):
         self.mechanism, self.parameters, self._inputs_at = mechanism, parameters, inputs_at
         self.frictions = switching(mechanism)
+        #: frictions at rest that cannot slide before something else does, of the modes that were found last
+        self.held: list[int] = []
         self.free: Modes = ("free",) * len(self.frictions)
 
     # --- mechanisms in one mode ------------------------------------------------------------------
@@ -108,6 +114,11 @@ class ModesOfFriction:
         numeric = self.numeric(modes)
         return complete_state(numeric, read_signals(numeric.eom, self._inputs_at(time)), time, q, v, z)
 
+    @property
+    def rest(self) -> ca.SX:
+        """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
+        return 2 * REST * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
         """Sense in which what sticks is pulled."""
@@ -133,12 +144,17 @@ class ModesOfFriction:
                 "once; take a smoothed law for some of them",
                 time=state.t,
             )
-        v = self._at_rest(state, resting)
+        rows = dict(zip(resting, self._slides(state, resting), strict=True))
+        by_pose = self._held(rows, ())
+        v = self._at_rest(state, [i for i in resting if i not in by_pose])
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
-        for modes in product(*choices):
+        for i in by_pose:
+            choices[i] = ["forth", "back", "free"]
+        for modes, held in self._candidates(choices, rows):
             try:
                 trial = self.at(modes, state.t, state.q, v, state.z)
-                if self._is_met(modes, trial, resting, broken):
+                if self._is_met(modes, trial, resting, by_pose, held, broken):
+                    self.held = held
                     return modes, trial
             except SingularityError:
                 continue
@@ -150,10 +166,54 @@ class ModesOfFriction:
             return ["forth" if speed > 0 else "back"]
         if i in broken:
             return ["forth" if broken[i] > 0 else "back"]
-        return ["sticks", "forth", "back"]
+        return ["sticks", "free", "forth", "back"]
 
-    def _is_met(self, modes: Modes, trial: State, resting: Sequence[int], broken: dict[int, float]) -> bool:
-        """Whether friction at rest is below its limit, and what starts to slide does so in its sense."""
+    def _slides(self, state: State, which: Sequence[int]) -> np.ndarray:
+        """Sliding of frictions by the motions that joints leave free, of size one (k, f); zero where there is none."""
+        numeric = self.numeric(self.free)
+        free = numeric.rank(state.t, state.q).null_columns * numeric.column_scale[:, None]
+        rows = np.zeros((len(which), free.shape[1]))
+        for row, i in zip(rows, which, strict=True):
+            along = np.reshape(state[ca.jacobian(self.frictions[i].sliding_speed, numeric.eom.v)], -1)
+            size = np.linalg.norm(along @ free)
+            if size > TURNS * np.linalg.norm(along * numeric.column_scale):
+                row[:] = along @ free / size
+        return rows
+
+    @staticmethod
+    def _held(rows: dict[int, np.ndarray], sticking: Sequence[int]) -> list[int]:
+        """Frictions at rest that the pose, or others that stick, keep from sliding whatever force they exert."""
+        if not rows:
+            return []
+        whole = np.array(list(rows.values()))
+        basis = analyse_rank(np.reshape([rows[i] for i in sticking], (-1, whole.shape[1])), TURNS).null_columns
+        left = np.linalg.norm(whole @ basis, axis=1)
+        return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
+
+    def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Modes, list[int]]]:
+        """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
+        found: list[tuple[bool, Modes, list[int]]] = []
+        for modes in product(*choices):
+            sticking = [i for i in rows if modes[i] == "sticks"]
+            held = self._held(rows, sticking)
+            depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
+            if not depends and not any(mode == "free" and i not in held for i, mode in enumerate(modes)):
+                found.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
+        return [(modes, held) for _, modes, held in sorted(found, key=lambda candidate: candidate[0])]
+
+    def _is_met(
+        self,
+        modes: Modes,
+        trial: State,
+        resting: Sequence[int],
+        by_pose: Sequence[int],
+        held: Sequence[int],
+        broken: dict[int, float],
+    ) -> bool:
+        """Whether friction at rest is below its limit, and what starts to slide does so in its sense.
+
+        What others that stick hold may exert any force up to its limit.
+        """
         for i in resting:
             friction, mode = self.frictions[i], modes[i]
             if mode == "sticks":
@@ -162,8 +222,11 @@ class ModesOfFriction:
                 if not pull <= limit * (1 + ROUNDING):
                     return False
                 continue
+            if mode == "free" or (i in held and i not in by_pose):
+                continue
             onset = SENSE[mode] * trial[time_derivative(friction.sliding_speed)]
-            slack = ROUNDING * (1 + float(np.max(np.abs(trial.a)))) if i in broken else 0.0
+            largest = float(np.max(np.abs(trial.a)))
+            slack = -ROUNDING * largest if i in by_pose else ROUNDING * (1 + largest) if i in broken else 0.0
             if not onset > -slack:
                 return False
         return True

@@ -15,7 +15,7 @@ from ...model.mechanism import Mechanism
 from ...results.state import State
 from ...results.trajectory import EventOccurrence, Trajectory
 from ..assembly import assemble_mechanism
-from ..event_location import EventWatch
+from ..event_location import EventWatch, read_events
 from ..impact import Impacts
 from ..mappings import pairs_of
 from ..starting import carried_by
@@ -56,7 +56,7 @@ class StickSlip:
         grid: np.ndarray,
     ):
         self.mechanism, self._smooth_motion, self._settings = mechanism, smooth_motion, settings
-        self.events, self.grid = tuple(events), grid
+        self.events, self.grid = read_events(events), grid
         self.inputs = CutInputs(mechanism, inputs, grid)
         self.modes = ModesOfFriction(mechanism, parameters, self.inputs.at)
         self.frictions = self.modes.frictions
@@ -131,7 +131,9 @@ class StickSlip:
                 modes, state = self._reset(last, before)
             else:
                 broken = {
-                    i: self.modes.pull(i, last.state) for i, f in enumerate(self.frictions) if last.name == _breaks(f)
+                    i: self.modes.pull(i, last.state)
+                    for i, f in enumerate(self.frictions)
+                    if last.name == _breaks(f) and modes[i] == "sticks"
                 }
                 modes, state = self._decided(last.state, broken)
                 self._found.append(EventOccurrence(last.name, last.t, before, self.modes.whole(modes, state)))
@@ -156,11 +158,14 @@ class StickSlip:
 
     def _piece(self, modes: Modes, state: State, times: np.ndarray, after_reset: bool) -> Piece:
         own = []
-        for friction, mode in zip(self.frictions, modes, strict=True):
+        for i, (friction, mode) in enumerate(zip(self.frictions, modes, strict=True)):
             if mode == "sticks":
                 lam = equations(self.modes.variant(modes)).lam[self.modes.row(modes, friction)]
                 excess = ca.fabs(lam) - friction.law.static_coefficient * friction.load
                 own.append(Event(_breaks(friction), excess, direction=1, terminal=True))
+            elif i in self.modes.held and (mode == "free" or "sticks" in modes):  # at rest until something else slides
+                leaves = ca.fabs(friction.sliding_speed) - self.modes.rest
+                own.append(Event(_breaks(friction), leaves, direction=1, terminal=True))
             else:
                 sense = -int(SENSE[mode])
                 own.append(Event(_stops(friction), friction.sliding_speed, direction=sense, terminal=True))
