@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import SimulationError
+from ..errors import ExpressionError, SimulationError
 from ..model.events import Event
 from ..model.symbols import StateVariable
 from ..numerics.least_squares import largest
@@ -45,6 +45,12 @@ class Impacts:
 
     def __post_init__(self) -> None:
         self.watch.instant = INSTANT * self.span
+        for event in self.watch.events:
+            for pair in event.reset:  # refused before anything is run
+                try:
+                    self.numeric.eom.function(ca.vertcat(*pair))
+                except ExpressionError as error:
+                    raise ExpressionError(f"event '{event.name}', reset: {error}") from None
 
     def after(self, event: Event, state: State) -> list[tuple[Event, State, np.ndarray, np.ndarray]]:
         """Events of one instant, each with the state before it, and the velocities and states just after.

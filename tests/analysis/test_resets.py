@@ -252,6 +252,16 @@ def test_refuses_resets():
     assert ca.SX(body.vy).is_symbolic()
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_reset_of_what_is_not_there_is_refused_at_the_start(side):
+    """Though the event never takes place."""
+    body, mechanism = ball()
+    stranger = mbd.Body("stranger", mass=1, inertia=1)
+    pair = [(stranger.vy, -body.vy), (body.vy, -stranger.vy)][side]
+    with pytest.raises(mbd.ExpressionError, match=r"event 'hit', reset: .*'stranger'"):
+        mbd.simulate(mechanism, duration=0.1, events=[mbd.Event("hit", body.y + 5, -1, reset=[pair])])
+
+
 def test_events_at_one_instant_are_all_recorded():
     """Beside a reset or the end of the run, whatever the order in which they are given."""
     ball = mbd.Body("ball", mass=1, inertia=1, pose=(0, 1, 0))
