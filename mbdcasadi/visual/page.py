@@ -20,6 +20,8 @@ from .plots import COLOURS
 from .scene import SLOT, Mark
 from .style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
 
+#: Pixels of the page to a point.
+PIXELS = 4 / 3
 _SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
 #: Lines of plots on a dark page.
 _COLOURS_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
@@ -113,7 +115,8 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         "digits": int(max(2, np.ceil(2 - np.log10(t[-1] - t[0])))),
         "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": SLOT,
         "frames": frames, "marks": [_mark(mark) for mark in scene.marks],
-        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text, "a": x.above}
+        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"), "b": x.body,
+                    "d": [round(d * PIXELS, 1) for d in x.shift]}
                    for x in scene.labels],
         "items": items, "traces": traces, "plots": plots,
         "styles": {name: asdict(style) for name, style in STYLES.items()},

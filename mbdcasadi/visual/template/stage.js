@@ -73,12 +73,19 @@ function drawStage(time, options) {
 function drawLabel(label, pose, theme) {
   const c = Math.cos(pose[2]), s = Math.sin(pose[2]);
   const at = toScreen(pose[0] + c * label.x - s * label.y, pose[1] + s * label.x + c * label.y);
-  pen.font = (label.a ? "italic " : "") + "12px system-ui, sans-serif";
+  pen.font = (label.b ? "italic " : "") + "12px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
   pen.lineWidth = 3;
   pen.strokeStyle = theme.paper;
-  pen.strokeText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
-  pen.fillStyle = label.a ? theme.ink : theme.muted;
-  pen.fillText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
+  pen.fillStyle = label.b ? theme.ink : theme.muted;
+  label.t.forEach(function (line, k) {
+    const x = at[0] + label.d[0], y = at[1] - label.d[1] + 14 * (k - (label.t.length - 1) / 2);
+    pen.strokeText(line, x, y);
+    pen.fillText(line, x, y);
+  });
+  pen.textAlign = "left";
+  pen.textBaseline = "alphabetic";
 }
 
 function drawTraces(time, theme) {
