@@ -171,7 +171,6 @@ def point_on_curve() -> mbd.Trajectory:
         mbd.AbsoluteAngle("level", b.at(0, 0), 0.6),
     ]
     slides = mbd.Mechanism(bodies=[b], joints=joints)
-    # the slot is drawn as far as the pin goes in the motion
     return mbd.simulate(slides, duration=0.9, initial=[b.at(-0.2, 0).x == -0.35, b.vx == 0.75])
 
 

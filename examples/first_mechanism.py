@@ -19,10 +19,11 @@ print(f"largest load of the elbow: {np.linalg.norm(motion[elbow.reaction_on(lowe
 energy = motion.energy.total
 print(f"energy stays within {np.ptp(energy):.1e} J of {energy[0]:.4f} J")
 
+angles = {"upper": upper.phi, "lower": lower.phi}
 figure = mbd.plot(
     motion,
     {
-        "angles, rad": mbd.vertcat(upper.phi, lower.phi),
+        "angles, rad": angles,
         "tip, m": lower.at(0.25, 0).position,
         "elbow load, N": mbd.norm(elbow.reaction_on(lower).force),
     },
@@ -30,6 +31,4 @@ figure = mbd.plot(
 figure.savefig("first_mechanism.png", dpi=120)
 
 # a page to play with: open it in a browser
-mbd.animate(
-    motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": mbd.vertcat(upper.phi, lower.phi)}
-)
+mbd.animate(motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": angles})

@@ -7,9 +7,6 @@ the motor's speed it coasts in between. Direct collocation knows nothing of
 switches: it is compared with the phase plane, and IDAS proves the motion.
 """
 
-import sys
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -95,4 +92,4 @@ plane.set(xlabel="arm angle, °", ylabel="motor speed, rad/s", xlim=(-62, 62), y
 plane.legend(loc="lower center", fontsize="small")
 plane.text(-60, 140, "braking at full torque", color="#7a858e")
 plane.text(15, 140, "speeding up at full torque", color="#7a858e")
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)
+figure.savefig("least_time.png", dpi=150)

@@ -153,6 +153,14 @@ def subject(source: Any) -> State | Trajectory:
     raise MechanismError(f"draw: takes a state, a motion, a solution or a mechanism, got {source!r}")
 
 
+def motion_of(source: Any, what: str) -> Trajectory:
+    """Motion of a trajectory or a solution, with times in it."""
+    found = subject(source)
+    if not isinstance(found, Trajectory) or not len(found):
+        raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {source!r}")
+    return found
+
+
 def trace_options(trace: Any, **more: bool) -> Options:
     """Options with the points (2,) of markers, bodies and expressions."""
     given = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace

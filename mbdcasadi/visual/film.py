@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import MechanismError
 from ..model.symbols import number
-from ..results.columns import component_names, read_expressions
+from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
 from .compose import Options, compose
 from .drawing import room, subject
@@ -114,8 +114,6 @@ def usual_speed(duration: float) -> float:
 
 def _curves(sample: Sample, plots: Mapping[str, Any] | None) -> dict[str, dict[str, np.ndarray]]:
     found: dict[str, dict[str, np.ndarray]] = {}
-    for label, expression in read_expressions(plots or {}).items():
-        names = [name.lstrip(".") for name in component_names("", expression.shape)]
-        values = sample[expression.T]
-        found[label] = dict(zip(names, values.T, strict=True))
+    for label, (names, column) in read_lines(plots or {}).items():
+        found[label] = dict(zip(names, sample[column].T, strict=True))
     return found

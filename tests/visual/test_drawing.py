@@ -454,19 +454,19 @@ def test_a_stop_stands_where_the_gap_is_closed():
     guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
     law = mbd.HuntCrossley(1e4, exponent=1)
     stop = mbd.EndStop("stop", 0.8 - guide.displacement, law)
-    scene = composed(mbd.Mechanism([block], [guide], forces=[stop]))
+    scene = scene_of(mbd.Mechanism([block], [guide], forces=[stop]))[0]
     (pad,) = [m for m in of_item(scene, "stop") if m.style == "rubber"]
     assert pad.frame == 0 and pad.loops[0][:, 0].min() == pytest.approx(0.9)  # the front, 0.1 ahead of the middle
     arm = mbd.Body.from_shape("arm", mbd.Rectangle(1.0, 0.1), mass=1.0, pose=(0.5, 0, 0))
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
     stop = mbd.EndStop("stop", np.pi / 2 - hinge.angle, law)
-    scene = composed(mbd.Mechanism([arm], [hinge], forces=[stop]))
+    scene = scene_of(mbd.Mechanism([arm], [hinge], forces=[stop]))[0]
     (pad,) = [m for m in of_item(scene, "stop") if m.style == "rubber"]
     corners = pad.loops[0]
     assert corners[:, 0].max() == pytest.approx(-0.05) and corners[:, 1].mean() == pytest.approx(0.5)
     other = mbd.Body("other", 1.0, 1.0, pose=(2, 0, 0))
     between = mbd.EndStop("stop", other.x - arm.x - 1, law)
-    assert not of_item(composed(mbd.Mechanism([arm, other], [hinge], forces=[between])), "stop")
+    assert not of_item(scene_of(mbd.Mechanism([arm, other], [hinge], forces=[between]))[0], "stop")
 
 
 def test_couples_of_rounding_noise_are_not_drawn():
