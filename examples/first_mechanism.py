@@ -1,4 +1,8 @@
-"""The first mechanism: a double pendulum, its equations, its motion, its reactions."""
+"""How does a double pendulum move, and what must its elbow bear?
+
+The first mechanism: its degrees of freedom, its equations, its motion, its
+reactions, a plot, and a page for the browser.
+"""
 
 import numpy as np
 

@@ -91,7 +91,7 @@ def read_expressions(expressions: Any) -> dict[str, ca.SX]:
 def read_lines(expressions: Any) -> dict[str, tuple[list[str], ca.SX]]:
     """Check what is drawn, {label: expression} or {label: {name: scalar}}: names of lines and their column."""
     if not isinstance(expressions, Mapping):
-        raise MechanismError(f"expressions are given as {{label: expression}}, got {expressions!r}")
+        raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
     found: dict[str, tuple[list[str], ca.SX]] = {}
     for label, given in expressions.items():
         if not isinstance(given, Mapping):
