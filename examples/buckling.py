@@ -6,7 +6,6 @@ an equilibrium at any load; where it loses its stability is the buckling load,
 """
 
 import numpy as np
-from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
 
@@ -35,14 +34,11 @@ print(straight)
 critical = straight.critical[0].value
 print(f"buckling load {critical:.6f} N, in closed form {K / L * (3 - 5**0.5) / 2:.6f} N")
 
-figure = Figure(figsize=(6.4, 4.2), layout="constrained")
-axes = figure.subplots()
-axes.plot(0 * straight.values, straight.values, color="#5b6770", label="straight")
-for side in (0.02, 0.2, 1.0):
+figure = mbd.plot_path(straight, {"sideways displacement of the top, m": top.x})
+(axes,) = figure.axes
+for side, colour in ((0.02, "#d1495b"), (0.2, "#2e8b6f"), (1.0, "#e0a030")):
     bent = mbd.equilibrium_path(column, load, 0, 40, parameters={push: side})
-    axes.plot(bent[top.x], bent.values, label=f"pushed aside by {side} N")
-axes.axhline(critical, color="#d1495b", linewidth=0.8, linestyle="--")
-axes.set_xlabel("sideways displacement of the top, m")
-axes.set_ylabel("load, N")
+    axes.plot(bent.values, bent[top.x], color=colour, label=f"pushed aside by {side} N")
+axes.set(xlabel="load, N", ylim=(-0.1, 1.05))
 axes.legend(frameon=False)
 figure.savefig("buckling.png", dpi=120)

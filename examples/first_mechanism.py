@@ -1,4 +1,8 @@
-"""The first mechanism: a double pendulum, its equations, its motion, its reactions."""
+"""How does a double pendulum move, and what must its elbow bear?
+
+The first mechanism: its degrees of freedom, its equations, its motion, its
+reactions, a plot, and a page for the browser.
+"""
 
 import numpy as np
 
@@ -19,10 +23,11 @@ print(f"largest load of the elbow: {np.linalg.norm(motion[elbow.reaction_on(lowe
 energy = motion.energy.total
 print(f"energy stays within {np.ptp(energy):.1e} J of {energy[0]:.4f} J")
 
+angles = {"upper": upper.phi, "lower": lower.phi}
 figure = mbd.plot(
     motion,
     {
-        "angles, rad": mbd.vertcat(upper.phi, lower.phi),
+        "angles, rad": angles,
         "tip, m": lower.at(0.25, 0).position,
         "elbow load, N": mbd.norm(elbow.reaction_on(lower).force),
     },
@@ -30,6 +35,4 @@ figure = mbd.plot(
 figure.savefig("first_mechanism.png", dpi=120)
 
 # a page to play with: open it in a browser
-mbd.animate(
-    motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": mbd.vertcat(upper.phi, lower.phi)}
-)
+mbd.animate(motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": angles})

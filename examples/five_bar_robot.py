@@ -7,9 +7,6 @@ in its way, then around the post with the bearing force limited, then as fast
 as motors and bearing allow. IDAS proves every motion.
 """
 
-import sys
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -90,4 +87,4 @@ for panel, level in [(u.label, side * TORQUE) for u in tau for side in (-1, 1)] 
 axes["load"].set(xlabel="t, s", ylabel="elbow load, N", ylim=(0, None))
 scene.set_title("around the post with the least effort, every 0.05 s")
 scene.legend(loc="upper center", ncols=3, fontsize="small")
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)
+figure.savefig("five_bar_robot.png", dpi=150)

@@ -37,4 +37,4 @@ print(fit)
 print("correlation\n", fit.correlation.round(3))
 for symbol, value in truth.items():
     print(f"{symbol.label}: off by {(fit[symbol] - value) / fit.standard_error[symbol]:+.1f} standard errors")
-mbd.plot_residuals(fit).savefig("identify_friction.png", dpi=120)
+mbd.plot_residuals(fit, ["tip x, m", "tip y, m"]).savefig("identify_friction.png", dpi=120)

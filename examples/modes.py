@@ -34,18 +34,16 @@ for mode in model.modes():
 
 frequencies = np.geomspace(0.2, 30, 400)
 response = np.abs(model.frequency_response(frequencies))[:, :, 0]
-swing = model.modes()[0].motion(amplitude=0.05, periods=2)
 
-figure = Figure(figsize=(6.4, 5.6), layout="constrained")
-above, below = figure.subplots(2, 1)
+figure = Figure(figsize=(8.4, 6.2), layout="constrained")
+axes = figure.subplot_mosaic([["bounce", "pitch"], ["response", "response"]], height_ratios=(1, 1.4))
+for name, mode in zip(("bounce", "pitch"), sorted(model.modes()[:2], key=lambda mode: abs(mode.shape[2])), strict=True):
+    # half a period apart: the mechanism at both ends of its swing
+    mbd.draw(mode.motion(amplitude=0.15, periods=0.5), axes[name], poses=2)
+    axes[name].set_title(f"{name}: {mode.frequency:.2f} Hz, damping ratio {mode.damping_ratio:.2f}", fontsize="medium")
 for k, name in enumerate(model.output_names):
-    above.loglog(frequencies, response[:, k], label=name)
-above.set_xlabel("frequency, Hz")
-above.set_ylabel("motion per motion of the road")
-above.legend(frameon=False)
-below.plot(swing.t, swing[chassis.at(1.2, 0).y] - rest[chassis.at(1.2, 0).y], label="front end")
-below.plot(swing.t, swing[chassis.at(-1.4, 0).y] - rest[chassis.at(-1.4, 0).y], label="rear end")
-below.set_xlabel("t, s")
-below.set_ylabel("slowest mode, m")
-below.legend(frameon=False)
+    axes["response"].loglog(frequencies, response[:, k], label=name)
+axes["response"].set(xlabel="frequency, Hz", ylabel="motion per motion of the road")
+axes["response"].spines[["top", "right"]].set_visible(False)
+axes["response"].legend(frameon=False)
 figure.savefig("modes.png", dpi=120)

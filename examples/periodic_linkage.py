@@ -8,9 +8,6 @@ of speed, without and with a counterweight whose mass and place on the crank
 are found at the same time. IDAS proves every turn.
 """
 
-import sys
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -91,4 +88,4 @@ axes["speed"].hlines(np.array([0.9, 0.98, 1.02, 1.1]) * 2 * np.pi / TURN, 0, TUR
 axes["torque"].set(ylabel="torque at the crank, kN m", xlim=(0, TURN), ylim=(-42, 50))
 axes["torque"].legend(loc="lower right", fontsize="small", ncols=2)
 axes["speed"].set(xlabel="t, s", ylabel="crank speed, rad/s", xlim=(0, TURN))
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)
+figure.savefig("periodic_linkage.png", dpi=150)

@@ -6,8 +6,8 @@ for the optimum to find: contact and friction are in the equations, smoothed, an
 sharpened step by step, each solution starting from the last.
 """
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
 
@@ -59,16 +59,18 @@ release = times[np.flatnonzero(touching)[-1]]
 print(f"the cue lets go at {release:.3f} s and {motion.at([release])[puck.x][0]:.3f} m; ", end="")
 print(f"replayed by IDAS the puck stops {1000 * (solution.verify().trajectory[puck.x][-1] - MARK):.2f} mm off the mark")
 
-figure, (places, forces) = plt.subplots(2, 1, sharex=True, figsize=(7, 6), layout="constrained")
+figure = Figure(figsize=(7, 6), layout="constrained")
+places, forces = figure.subplots(2, 1, sharex=True)
 places.plot(times, fine[puck.x] - RADIUS, label="puck, rear")
 places.plot(times, fine[cue.x], label="cue")
 places.axhline(LINE - RADIUS, color="grey", linestyle=":", label="foul line")
-places.set_ylabel("m")
+places.set_ylabel("place, m")
 forces.plot(times, fine[push], label="push")
 forces.plot(times, fine[tip.normal_force], label="contact")
 forces.plot(times, fine[rub.force], label="friction")
-forces.set_ylabel("N")
-forces.set_xlabel("s")
+forces.set_ylabel("force, N")
+forces.set_xlabel("t, s")
 for axes in (places, forces):
-    axes.legend()
+    axes.legend(frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
 figure.savefig("shuffleboard.png", dpi=120)

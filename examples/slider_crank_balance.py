@@ -7,9 +7,6 @@ one periodic turn, so that the peak torque, a parameter of the problem's own,
 is least. IDAS proves each turn.
 """
 
-import sys
-from pathlib import Path
-
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
@@ -86,4 +83,4 @@ axes["peaks"].invert_yaxis()
 
 pose = found["spring and flywheel"].trajectory.at([0.055]).final
 mbd.draw(pose, axes["scene"]).set_title("motor, flywheel, spring and pump")
-figure.savefig(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_suffix(".png"), dpi=150)
+figure.savefig("slider_crank_balance.png", dpi=150)

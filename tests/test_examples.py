@@ -56,6 +56,7 @@ def fine(solution, expression):
 def test_is_short_and_checked(name):
     text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
     assert text.startswith('"""') and len(text.splitlines()) < LINES
+    assert "?" in text.split("\n\n")[0]  # the docstring begins with the question
     assert name in PLAIN or f"test_{name}" in globals()
 
 

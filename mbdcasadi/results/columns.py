@@ -88,6 +88,27 @@ def read_expressions(expressions: Any) -> dict[str, ca.SX]:
     return found
 
 
+def read_lines(expressions: Any) -> dict[str, tuple[list[str], ca.SX]]:
+    """Check what is drawn, {label: expression} or {label: {name: scalar}}: names of lines and their column."""
+    if not isinstance(expressions, Mapping):
+        raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
+    found: dict[str, tuple[list[str], ca.SX]] = {}
+    for label, given in expressions.items():
+        if not isinstance(given, Mapping):
+            (expression,) = read_expressions({label: given}).values()
+            names = [name.lstrip(".") for name in component_names("", expression.shape)]
+            found[label] = names, ca.vec(expression.T)
+            continue
+        named = read_expressions(given)
+        if not named or any(e.numel() != 1 for e in named.values()):
+            raise MechanismError(
+                f"'{label}' must be an expression, or {{name: scalar}} for lines with names, got {given!r}"
+            )
+        read_expressions({label: 0})
+        found[label] = list(named), ca.vertcat(*named.values())
+    return found
+
+
 def component_names(name: str, shape: tuple[int, int]) -> list[str]:
     """Names of the entries of an expression, row by row."""
     rows, columns = shape

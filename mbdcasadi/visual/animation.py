@@ -91,7 +91,7 @@ def animate(
     trace : sequence of Marker, Body or expression (2,), optional
         Points whose way is drawn.
     plots : dict of str to expression, optional
-        Plots that move along, by their labels.
+        Plots that move along, by their labels, as in :func:`plot`.
     fps : float, default 30
         Frames to a second; a GIF shows 50 at most. The page fills in between frames.
     speed : float, optional

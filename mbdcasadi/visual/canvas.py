@@ -100,9 +100,9 @@ def _text(axes: Axes, label: Any) -> Any:
     from matplotlib.patheffects import withStroke
 
     return axes.annotate(
-        label.text, (0, 0), xytext=(6, 6) if label.above else (7, -11), textcoords="offset points",
-        fontsize="small", fontstyle="italic" if label.above else "normal",
-        color=LIGHT["ink" if label.above else "muted"],
+        label.text, (0, 0), xytext=label.shift, textcoords="offset points", ha="center", va="center",
+        fontsize="small", fontstyle="italic" if label.body else "normal",
+        color=LIGHT["ink" if label.body else "muted"],
         path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])],
         zorder=LOWEST + 9 * STEP, annotation_clip=True,
     )  # fmt: skip

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MechanismError
-from ..results.columns import component_names, read_expressions
-from ..results.trajectory import Trajectory
-from .drawing import subject
+from ..results.columns import read_expressions, read_lines
+from .drawing import motion_of
 from .plots import COLOURS, dress, lines_over
 
 if TYPE_CHECKING:
@@ -58,7 +57,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")
     axes = figure.subplots()
     for k, (name, motion) in enumerate(named.items()):
-        run = _motion(motion, "plot_phase")
+        run = motion_of(motion, "plot_phase")
         if run.interpolates and len(run) < SMOOTH:
             run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
         across, up = (run[e] for e in pair.values())
@@ -68,13 +67,6 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     dress(axes, label_up, len(named) > 1)
     axes.set_xlabel(label_across)
     return figure
-
-
-def _motion(motion: Any, what: str) -> Trajectory:
-    found = subject(motion)
-    if not isinstance(found, Trajectory) or not len(found):
-        raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {motion!r}")
-    return found
 
 
 def plot_energy(motion: Any) -> Figure:
@@ -93,7 +85,7 @@ def plot_energy(motion: Any) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    run = _motion(motion, "plot_energy")
+    run = motion_of(motion, "plot_energy")
     eom, energy = run.equations, run.energy
     change = energy.total - energy.total[0]
     drift = {}
@@ -125,7 +117,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     path : EquilibriumPath
         What :func:`equilibrium_path` found.
     expressions : dict of str to expression
-        What is drawn, by label; a vector with a line for each component.
+        What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
 
     Returns
     -------
@@ -134,20 +126,19 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    found = read_expressions(expressions)
+    found = read_lines(expressions)
     if not found:
         raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
     if not hasattr(path, "least_stiffness"):
         raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
     figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(found)), layout="constrained")
     stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, expression) in zip(stack, found.items(), strict=True):
-        values = path[expression].reshape(len(path), -1)
-        names = component_names("", expression.shape)
+    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+        values = path[column].reshape(len(path), -1)
         for k, (name, line) in enumerate(zip(names, values.T, strict=True)):
-            _branches(axes, path, line, COLOURS[k % len(COLOURS)], name.lstrip("."))
+            _branches(axes, path, line, COLOURS[k % len(COLOURS)], name)
         for critical in path.critical:
-            at = np.atleast_1d(critical.state[expression])
+            at = np.atleast_1d(critical.state[column])
             axes.plot(np.full(at.shape, critical.value), at, "o", color="#20272e", markersize=5, zorder=4)
             axes.annotate(f"{critical.kind} at {critical.value:.4g}", (critical.value, at[0]), (6, 6),
                           textcoords="offset points", fontsize="small", color="#5b6770")  # fmt: skip

@@ -13,6 +13,7 @@ from ..model.bodies import Body, Marker, ground
 from ..model.joints.lower_pairs import Translational
 from . import lines, scene
 from .loads import draw_loads
+from .naming import wrapped
 from .outlines import draw_body, points_on, shape_loops
 from .pen import Pen
 from .readings import readings
@@ -169,7 +170,7 @@ def _names(pen: Pen) -> None:
     for body in mechanism.bodies:
         points = points_on(body, mechanism.joints, pen)
         middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
-        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name, True))
+        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name))
     named: dict[tuple, tuple[Marker, list[str]]] = {}
     for joint in mechanism.joints:
         markers = getattr(joint, "markers", ())
@@ -180,4 +181,4 @@ def _names(pen: Pen) -> None:
             named.setdefault(place, (marker, []))[1].append(joint.name)
     for marker, names in named.values():
         frame = pen.on(marker)
-        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), ", ".join(names), False))
+        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), wrapped(names), False))

@@ -17,6 +17,7 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
+from .naming import settled
 from .sample import Sample
 from .scene import TRACE, Scene, box_of
 from .style import LIGHT
@@ -120,12 +121,20 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
     ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
         Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
-    Canvas(axes, scene).show(poses[0])
     ways = draw_traces(axes, sample, options.trace)
     box = room(scene, poses[shown], ways)
     if scale:
         box = draw_scale(axes, scale, box, scene.unit)
     frame_axes(axes, box, fresh)
+    Canvas(axes, _named(scene, poses[:1], axes)).show(poses[0])
+
+
+def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
+    """The scene with its names where there is room for them in the axes."""
+    box = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    place = axes.get_position()
+    size = 72 * axes.figure.get_size_inches() * [place.width, place.height]  # type: ignore[union-attr]
+    return settled(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
 
 
 # --- what is drawn -------------------------------------------------------------------------
@@ -142,6 +151,14 @@ def subject(source: Any) -> State | Trajectory:
     if isinstance(source, State | Trajectory):
         return source
     raise MechanismError(f"draw: takes a state, a motion, a solution or a mechanism, got {source!r}")
+
+
+def motion_of(source: Any, what: str) -> Trajectory:
+    """Motion of a trajectory or a solution, with times in it."""
+    found = subject(source)
+    if not isinstance(found, Trajectory) or not len(found):
+        raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {source!r}")
+    return found
 
 
 def trace_options(trace: Any, **more: bool) -> Options:

@@ -11,15 +11,18 @@ import numpy as np
 
 from ..errors import MechanismError
 from ..model.symbols import number
-from ..results.columns import component_names, read_expressions
+from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
 from .compose import Options, compose
-from .drawing import subject
+from .drawing import room, subject
+from .naming import settled
 from .sample import Sample
 from .scene import Scene
 
 #: Seconds that a motion takes on the screen where no speed is given: it is slowed or quickened into these bounds.
 SHORTEST, LONGEST = 3.0, 20.0
+#: Usual width of a film, points: names find their places on it.
+PAPER = 400.0
 #: Frames of one animation, at most.
 MOST_FRAMES = 20_000
 
@@ -85,7 +88,10 @@ def film(
     scene, scale = compose(sample, options)
     ways = sample[ca.vertcat(ca.SX(0, 1), *options.trace)].reshape(count, -1, 2)
     name = motion.mechanism.name if title is None else str(title)
-    return Film(sample, scene, scene.poses(sample), scale, ways, _curves(sample, plots), speed, fps, name)
+    poses = scene.poses(sample)
+    box = room(scene, poses, ways.reshape(-1, 2))
+    scene = settled(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
+    return Film(sample, scene, poses, scale, ways, _curves(sample, plots), speed, fps, name)
 
 
 def _positive(value: Any, name: str) -> float:
@@ -108,8 +114,6 @@ def usual_speed(duration: float) -> float:
 
 def _curves(sample: Sample, plots: Mapping[str, Any] | None) -> dict[str, dict[str, np.ndarray]]:
     found: dict[str, dict[str, np.ndarray]] = {}
-    for label, expression in read_expressions(plots or {}).items():
-        names = [name.lstrip(".") for name in component_names("", expression.shape)]
-        values = sample[expression.T]
-        found[label] = dict(zip(names, values.T, strict=True))
+    for label, (names, column) in read_lines(plots or {}).items():
+        found[label] = dict(zip(names, sample[column].T, strict=True))
     return found

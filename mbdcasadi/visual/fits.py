@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from ..analysis.identification.fit import Fit
 
 
-def plot_residuals(fit: Fit) -> Figure:
+def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
     """Plot samples with the model through them, and the residuals beneath, for every measured quantity.
 
     A good model leaves residuals without a pattern, most of them within the
@@ -25,6 +26,9 @@ def plot_residuals(fit: Fit) -> Figure:
     ----------
     fit : Fit
         What :func:`identify` found.
+    labels : sequence of str, optional
+        Of every measured quantity in the order of the data, with units ("tip x, m"); the
+        expressions themselves where none are given.
 
     Returns
     -------
@@ -36,11 +40,16 @@ def plot_residuals(fit: Fit) -> Figure:
     experiments = getattr(fit, "experiments", None)
     if experiments is None:
         raise MechanismError(f"plot_residuals: takes what identify returns, got {fit!r}")
+    count = {len(e.labels) for e in experiments}
+    if labels is not None and (isinstance(labels, str) or count != {len(labels)}):
+        raise MechanismError(
+            f"plot_residuals: labels= needs a text for each of {max(count)} quantities, got {labels!r}"
+        )
     rows = max(len(e.labels) for e in experiments)
     figure = Figure(figsize=(5.0 * len(experiments), 3.2 * rows), layout="constrained")
     grid = figure.subplots(2 * rows, len(experiments), squeeze=False, sharex="col", height_ratios=[2, 1] * rows)
     for column, (e, model, residual) in enumerate(zip(experiments, fit.model, fit.residuals, strict=True)):
-        for k, label in enumerate(e.labels):
+        for k, label in enumerate(e.labels if labels is None else labels):
             _one(grid[2 * k, column], grid[2 * k + 1, column], e.times, e.samples[k], model[k], residual[k], label)
         for axes in grid[2 * len(e.labels) :, column]:
             axes.set_visible(False)

@@ -25,6 +25,8 @@ from .symbols.constraints import pivot_of
 
 #: The longest usual arrow and the radius of the largest usual couple, in parts of the picture's diagonal.
 ARROW, COUPLE = 0.16, 0.07
+#: Loads below this part of the largest are rounding errors.
+NOISE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,14 +136,14 @@ def draw_loads(pen: Pen, everything: bool) -> dict[str, float]:
     values = pen.over(*[ca.norm_2(load.value) for _, load in found])
     couple = np.array([load.value.numel() == 1 for _, load in found])
     scale = {}
+    # rounding errors of what is zero are no loads: a couple is compared with forces at the size of the picture
+    noise = NOISE * float(np.max(values / np.where(couple, diagonal, 1.0)))
     for kind, which, longest in (("N", ~couple, ARROW), ("N m", couple, COUPLE)):
-        sizes = values[:, which]
-        largest = _usual_largest(sizes)
-        if largest <= 0:
+        largest = _usual_largest(values[:, which])
+        if largest <= noise * (diagonal if kind == "N m" else 1.0):
             continue
         scale[kind] = largest / (longest * diagonal)
         for k in np.flatnonzero(which):
-            # rounding errors of what is zero are no loads
             if np.max(values[:, k]) > 1e-6 * largest:
                 element, load = found[k]
                 pen.item = pen.item_of(element)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Width of a film, inches, and its dots per inch.
 WIDTH, DPI = 6.0, 100
+#: Points of a trace to a frame: a fast motion has corners otherwise.
+FINER = 5
 #: Shortest time that viewers of GIFs keep to, s.
 SHORTEST_FRAME = 0.02
 #: Colours of a GIF; one more stands for what did not change.
@@ -64,6 +66,7 @@ class Stage:
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
             for _ in range(film.ways.shape[1])
         ]
+        self._ways = [finer(film.ways[:, k]) for k in range(film.ways.shape[1])]
         self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
                                       color=LIGHT["muted"], va="bottom")  # fmt: skip
         if film.title:
@@ -97,8 +100,8 @@ class Stage:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
         self._picture.show(film.poses[k])
-        for line, way in zip(self._traces, np.moveaxis(film.ways, 1, 0), strict=True):
-            line.set_data(*way[: k + 1].T)
+        for line, way in zip(self._traces, self._ways, strict=True):
+            line.set_data(*way[: FINER * k + 1].T)
         self._clock.set_text(f"t = {film.t[k]:.{_digits(film.t)}f} s")
         for cursor in self._cursors:
             cursor.set_xdata([film.t[k], film.t[k]])
@@ -106,6 +109,17 @@ class Stage:
         for artist in self._moving:
             self.figure.draw_artist(artist)
         return np.array(self.canvas.buffer_rgba())[:, :, :3]
+
+
+def finer(way: np.ndarray) -> np.ndarray:
+    """A way (n, 2) with points between the frames, on cubics through four of them: (FINER (n - 1) + 1, 2)."""
+    if len(way) < 3:
+        return way[0] + np.linspace(0, 1, FINER + 1)[:, None] * (way[1] - way[0])
+    before, after = 3 * way[0] - 3 * way[1] + way[2], 3 * way[-1] - 3 * way[-2] + way[-3]
+    a, b, c, d = (np.vstack([before, way, after])[k : len(way) - 1 + k, None] for k in range(4))
+    s = (np.arange(FINER) / FINER)[:, None]
+    between = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
+    return np.vstack([between.reshape(-1, way.shape[1]), way[-1:]])
 
 
 def _digits(t: np.ndarray) -> int:

@@ -13,7 +13,7 @@ from ..model.expressions import norm
 from ..model.joints.composite import PointOnLine
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.symbols import time_derivative
-from ..results.columns import columns, joints_of, reaction_body, read_expressions
+from ..results.columns import columns, joints_of, reaction_body, read_lines
 from .plots import COLOURS, dress
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     solution : Solution
         What :func:`optimize` found.
     expressions : dict of str to expression, optional
-        What is drawn of the states, by label. Where none are given: the natural
+        What is drawn of the states, by label, as in :func:`plot`. Where none are given: the natural
         coordinates of joints on the ground and their rates, or the coordinates of
         the bodies where there are no such joints.
 
@@ -52,8 +52,7 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
 
     if not hasattr(solution, "active_limits"):
         raise MechanismError(f"plot_solution: takes what optimize returns, got {solution!r}")
-    given = None if expressions is None else read_expressions(expressions)
-    states = _usual_states(solution) if given is None else {label: {label: e} for label, e in given.items()}
+    states = _usual_states(solution) if expressions is None else _named(expressions)
     inputs, active, loads = solution.problem.mechanism.inputs, solution.active_limits, _reactions(solution)
     heights = [1.5] * (len(inputs) + len(states)) + [1.5] * bool(loads) + [0.15 + 0.22 * len(active)] * bool(active)
     heights.append(0.25)
@@ -79,6 +78,12 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     name = solution.problem.mechanism.name or "optimal motion"
     figure.suptitle(f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s", fontsize="medium")
     return figure
+
+
+def _named(expressions: Mapping[str, Any]) -> dict[str, dict[str, ca.SX]]:
+    """Lines by name, by label of the axes."""
+    found = read_lines(expressions)
+    return {label: dict(zip(names, ca.vertsplit(column), strict=True)) for label, (names, column) in found.items()}
 
 
 def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
@@ -139,7 +144,7 @@ def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, 
     between, at = columns(fine, dict(expressions)), columns(solution.trajectory, dict(expressions))
     for k, (name, values) in enumerate(between.items()):
         colour = COLOURS[k % len(COLOURS)]
-        axes.plot(fine.t, values, color=colour, linewidth=1.5, label=name.removeprefix(label).lstrip("."))
+        axes.plot(fine.t, values, color=colour, linewidth=1.5, label=name)
         axes.plot(solution.trajectory.t, at[name], ".", color=colour, markersize=3)
     dress(axes, label, len(between) > 1)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import zlib
 from dataclasses import asdict
 from importlib.resources import files
 from string import Template
@@ -20,6 +21,10 @@ from .plots import COLOURS
 from .scene import SLOT, Mark
 from .style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
 
+#: Points of marks, each kept once, with their numbers.
+Shapes = dict[str, tuple[int, list[list[float]]]]
+#: Pixels of the page to a point.
+PIXELS = 4 / 3
 _SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
 #: Lines of plots on a dark page.
 _COLOURS_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
@@ -61,8 +66,10 @@ class Columns:
 
     @property
     def words(self) -> str:
-        """All of them in base64."""
-        return base64.b64encode(b"".join(w.tobytes() for w in self._words)).decode()
+        """All of them: differences from word to word, their low bytes and then their high ones, deflated, in base64."""
+        steps = [np.diff(words, prepend=np.uint16(0)).astype("<u2") for words in self._words]
+        pairs = np.frombuffer(b"".join(s.tobytes() for s in steps), np.uint8).reshape(-1, 2)
+        return base64.b64encode(zlib.compress(pairs.T.tobytes(), 9)).decode()
 
 
 def page(film: Film, forces: bool) -> str:
@@ -107,13 +114,16 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         {"label": label, "lines": [{"name": n, "column": store.add(v, f"'{label}'")} for n, v in lines.items()]}
         for label, lines in film.curves.items()
     ]  # fmt: skip
+    shapes: Shapes = {}
     box = room(scene, film.poses, film.ways.reshape(-1, 2))
     return {
         "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
         "digits": int(max(2, np.ceil(2 - np.log10(t[-1] - t[0])))),
         "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": SLOT,
-        "frames": frames, "marks": [_mark(mark) for mark in scene.marks],
-        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text, "a": x.above}
+        "frames": frames, "marks": [_mark(mark, shapes) for mark in scene.marks],
+        "shapes": [points for _, points in shapes.values()],
+        "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
+                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift]}
                    for x in scene.labels],
         "items": items, "traces": traces, "plots": plots,
         "styles": {name: asdict(style) for name, style in STYLES.items()},
@@ -128,10 +138,13 @@ def _short(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _mark(mark: Mark) -> dict[str, Any]:
+def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
+    """A mark, and its points among the shapes: links of a chain and their pins are all alike."""
+    points = [[_short(x) for x in loop.ravel()] for loop in mark.loops]
+    number, _ = shapes.setdefault(repr(points), (len(shapes), points))
     return {
         "f": mark.frame, "s": mark.style, "b": mark.body, "i": mark.item, "l": mark.layer, "c": int(mark.closed),
-        "g": mark.group, "k": mark.loops[0].shape[1], "p": [[_short(x) for x in loop.ravel()] for loop in mark.loops],
+        "g": mark.group, "k": mark.loops[0].shape[1], "p": number,
     }  # fmt: skip
 
 

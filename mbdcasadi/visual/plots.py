@@ -11,14 +11,14 @@ from ..errors import MechanismError
 from ..model.expressions import norm
 from ..results.columns import (
     columns,
-    component_names,
     effort_unit,
     has_multipliers,
     joints_of,
     reaction_body,
-    read_expressions,
+    read_lines,
 )
 from ..results.trajectory import Trajectory
+from .drawing import motion_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,16 +29,16 @@ COLOURS = ("#1f5fa8", "#d1495b", "#2e8b6f", "#e0a030", "#7a5195", "#5b6770", "#3
 _STYLES = ("-", "--", ":")
 
 
-def plot(motion: Trajectory, expressions: Mapping[str, Any]) -> Figure:
+def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     """Plot expressions over time, one above the other.
 
     Parameters
     ----------
-    motion : Trajectory
+    motion : Trajectory or Solution
         The motion.
-    expressions : dict of str to expression
+    expressions : dict of str to expression, or of str to dict of str to expression
         The label of each axis, with the unit in it, and what is drawn there:
-        a scalar, or a vector with a line for each component.
+        a scalar, a vector with a line for each component, or scalars by the names of their lines.
 
     Returns
     -------
@@ -53,23 +53,20 @@ def plot(motion: Trajectory, expressions: Mapping[str, Any]) -> Figure:
     Examples
     --------
     >>> figure = plot(motion, {"crank, rad": crank.phi, "pin force, N": force})  # doctest: +SKIP
+    >>> figure = plot(motion, {"angle, rad": {"crank": crank.phi, "rod": rod.phi}})  # doctest: +SKIP
     """
     from matplotlib.figure import Figure
 
-    found = read_expressions(expressions)
+    found = read_lines(expressions)
     if not found:
         raise MechanismError("plot: there is nothing to draw; give {label: expression}")
-    if not len(motion):
-        raise MechanismError("plot: the trajectory holds no times")
+    run = motion_of(motion, "plot")
     figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(found)), layout="constrained")
     stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, expression) in zip(stack, found.items(), strict=True):
-        names = component_names("", expression.shape)
-        values = motion[expression].reshape(len(motion), -1)
-        lines_over(
-            axes, motion, {name.lstrip("."): column for name, column in zip(names, values.T, strict=True)}, label
-        )
-    _mark_events(stack, motion)
+    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+        values = run[column].reshape(len(run), -1)
+        lines_over(axes, run, dict(zip(names, values.T, strict=True)), label)
+    _mark_events(stack, run)
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
     return figure

@@ -50,12 +50,25 @@ class Mark:
 
 @dataclass(frozen=True)
 class Label:
-    """A name at a point of a frame, written beside it."""
+    """A name at a point of a frame.
+
+    Attributes
+    ----------
+    frame, point : int, tuple of float
+        Where the point is, m.
+    text : str
+        The name, of one line or more.
+    body : bool
+        Whether a body is named.
+    shift : tuple of float
+        Where the middle of the text is from the point, points of the paper.
+    """
 
     frame: int
     point: tuple[float, float]
     text: str
-    above: bool = True
+    body: bool = True
+    shift: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(eq=False)

@@ -95,6 +95,10 @@ def test_several_experiments_and_quantities_of_different_noise():
         assert [*noise.values()] == pytest.approx([1e-4, 0.2], rel=0.4)
     figure = mbd.plot_residuals(fit)
     assert len(figure.axes) == 8 and figure.axes[0].get_title() == "low"
+    figure = mbd.plot_residuals(fit, ["angle, rad", "bearing load, N"])
+    assert {"angle, rad", "bearing load, N"} <= {axes.get_ylabel() for axes in figure.axes}
+    with pytest.raises(mbd.MechanismError, match="labels= needs a text for each of 2 quantities"):
+        mbd.plot_residuals(fit, ["angle, rad"])
 
 
 def test_weights_and_missing_weight():

@@ -1,15 +1,18 @@
 """Animations: what is written, how large, what time passes, and what is refused."""
 
+import base64
 import json
 import re
 import shutil
 import subprocess
+import zlib
 
 import numpy as np
 import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.visual.film import usual_speed
+from mbdcasadi.visual.movies import finer
 from mbdcasadi.visual.page import Columns
 
 
@@ -27,9 +30,9 @@ def data_of(text):
 
 def values_of(data, index):
     """A column of a page over its frames, decoded here."""
-    import base64
-
-    words = np.frombuffer(base64.b64decode(data["words"]), "<u2").astype(float)
+    low, high = np.frombuffer(zlib.decompress(base64.b64decode(data["words"])), np.uint8).reshape(2, -1).astype(int)
+    steps = (low + 256 * high).reshape(-1, data["count"])
+    words = (np.cumsum(steps, axis=1) % 65536).ravel().astype(float)
     column = data["columns"][index]
     if "c" in column:
         return np.full(data["count"], column["c"])
@@ -64,7 +67,14 @@ def test_a_page_needs_nothing_from_outside_and_is_small(crank, tmp_path):
     page = mbd.animate(motion, tmp_path / "motion.html", trace=[model.pin.a], plots={"x": model.slider.x})
     text = (tmp_path / "motion.html").read_text(encoding="utf-8")
     assert text == page.html and "<html" in text and "http" not in text and "src=" not in text
-    assert len(text) < 300_000
+    assert len(text) < 120_000
+
+
+def test_a_long_chain_is_small_too():
+    """A hundred links that whirl for ten seconds: parts that are alike are kept once, and columns are packed."""
+    chain = mbd.library.pendulum_chain(100).mechanism
+    motion = mbd.simulate(chain, np.linspace(0, 10, 301), initial=[body.phi == 0 for body in chain.bodies])
+    assert len(mbd.animate(motion).html) < 900_000
 
 
 def test_angles_of_many_turns_keep_their_places():
@@ -82,9 +92,20 @@ def test_columns_are_kept_once():
     """Equal columns share their place, constants take none, and what is not finite is refused."""
     store, t = Columns(), np.linspace(0, 1, 50)
     assert store.add(t, "t") == store.add(t.copy(), "again") and store.add(0 * t + 3, "three") == 1
-    assert store.columns[1] == {"c": 3.0} and len(store.words) == 4 * -(-100 // 3)
+    assert store.columns[1] == {"c": 3.0}
+    assert len(zlib.decompress(base64.b64decode(store.words))) == 100
     with pytest.raises(mbd.MechanismError, match="load is not finite"):
         store.add(np.full(50, np.inf), "load")
+
+
+def test_traces_are_smooth_between_frames():
+    """A circle in steps of half a radian, to 0.3 % of its radius; chords miss it by 3 %."""
+    turn = np.arange(0, 8, 0.5)
+    way = finer(np.column_stack([np.cos(turn), np.sin(turn)]))
+    assert len(way) == 5 * 15 + 1
+    np.testing.assert_allclose(np.hypot(*way.T), 1, atol=3e-3)
+    np.testing.assert_allclose(way[::5], np.column_stack([np.cos(turn), np.sin(turn)]), atol=1e-15)
+    np.testing.assert_allclose(finer(np.array([[0.0, 0.0], [1.0, 2.0]]))[1], [0.2, 0.4])
 
 
 def test_gif(crank, tmp_path):

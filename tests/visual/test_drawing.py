@@ -408,3 +408,69 @@ def test_two_coordinates_held_are_a_pin_on_a_stand():
     slides = mbd.Mechanism([body], [mbd.AbsoluteY("y", corner), mbd.AbsoluteAngle("a", corner)])
     scene, _, _ = scene_of(slides)
     assert "hatch" in [m.style for m in of_item(scene, "y")] and of_item(scene, "a") == []
+
+
+# --- names, stops, noise ------------------------------------------------------------------
+def rectangles(axes):
+    """Boxes of the names as they are drawn, pixels."""
+    axes.figure.canvas.draw()
+    return {text.get_text(): text.get_window_extent() for text in axes.texts}
+
+
+@pytest.mark.parametrize("model", [mbd.library.four_bar, mbd.library.jansen, mbd.library.planetary_gear])
+def test_names_lie_within_the_axes_and_not_on_each_other(model):
+    axes = mbd.draw(model(), names=True)
+    found = rectangles(axes)
+    frame = axes.get_window_extent()
+    assert len(found) > 5
+    for name, box in found.items():
+        assert frame.x0 - 1 <= box.x0 and box.x1 <= frame.x1 + 1, name
+        assert frame.y0 - 1 <= box.y0 and box.y1 <= frame.y1 + 1, name
+    common = [
+        (one, other)
+        for one, a in found.items()
+        for other, b in found.items()
+        if one < other and min(a.x1, b.x1) - max(a.x0, b.x0) > 2 and min(a.y1, b.y1) - max(a.y0, b.y0) > 4
+    ]
+    assert not common
+
+
+def test_a_name_stands_beside_a_thin_bar():
+    """Not across its edges: no corner of the bar is within the name."""
+    bar = mbd.Body.from_shape("bar", mbd.Rectangle(1.0, 0.04), mass=1.0, pose=(0, 0, 1.2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bar.at(-0.4, 0))
+    axes = mbd.draw(mbd.Mechanism([bar], [pin]), names=True)
+    box = rectangles(axes)["bar"]
+    (at,) = (text.xy for text in axes.texts if text.get_text() == "bar")
+    pixels = np.array([axes.transData.transform(np.add(at, s * np.array([np.cos(1.2), np.sin(1.2)]))) for s in
+                       np.linspace(-0.5, 0.5, 200)])  # fmt: skip
+    inside = (pixels[:, 0] > box.x0) & (pixels[:, 0] < box.x1) & (pixels[:, 1] > box.y0) & (pixels[:, 1] < box.y1)
+    assert not inside.any()
+
+
+def test_a_stop_stands_where_the_gap_is_closed():
+    """Before a block, and beside an arm; a gap between two bodies has no place."""
+    block = mbd.Body.from_shape("block", mbd.Rectangle(0.2, 0.1), mass=1.0, pose=(0.3, 0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    law = mbd.HuntCrossley(1e4, exponent=1)
+    stop = mbd.EndStop("stop", 0.8 - guide.displacement, law)
+    scene = scene_of(mbd.Mechanism([block], [guide], forces=[stop]))[0]
+    (pad,) = [m for m in of_item(scene, "stop") if m.style == "rubber"]
+    assert pad.frame == 0 and pad.loops[0][:, 0].min() == pytest.approx(0.9)  # the front, 0.1 ahead of the middle
+    arm = mbd.Body.from_shape("arm", mbd.Rectangle(1.0, 0.1), mass=1.0, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    stop = mbd.EndStop("stop", np.pi / 2 - hinge.angle, law)
+    scene = scene_of(mbd.Mechanism([arm], [hinge], forces=[stop]))[0]
+    (pad,) = [m for m in of_item(scene, "stop") if m.style == "rubber"]
+    corners = pad.loops[0]
+    assert corners[:, 0].max() == pytest.approx(-0.05) and corners[:, 1].mean() == pytest.approx(0.5)
+    other = mbd.Body("other", 1.0, 1.0, pose=(2, 0, 0))
+    between = mbd.EndStop("stop", other.x - arm.x - 1, law)
+    assert not of_item(scene_of(mbd.Mechanism([arm, other], [hinge], forces=[between]))[0], "stop")
+
+
+def test_couples_of_rounding_noise_are_not_drawn():
+    """Pins carry no couple: there is no scale for one."""
+    model = mbd.library.four_bar()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 1, 31), initial=[model.crank.omega == 8])
+    assert "N m" not in mbd.animate(motion, forces=True).film.scale

@@ -112,3 +112,22 @@ def test_importing_the_package_imports_no_matplotlib():
     """It takes longer than the rest, and batch jobs do not need it."""
     code = "import sys, mbdcasadi; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_lines_have_names_of_their_own():
+    """Scalars by name in one pair of axes, beside a vector; what is no scalar is named."""
+    model = mbd.library.four_bar()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 0.5, 21))
+    angles = {"crank": model.crank.phi, "rocker": model.rocker.phi}
+    figure = mbd.plot(motion, {"angle, rad": angles, "coupler, m": model.coupler.position})
+    above, below = figure.axes
+    assert [text.get_text() for text in above.get_legend().get_texts()] == ["crank", "rocker"]
+    assert [text.get_text() for text in below.get_legend().get_texts()] == ["x", "y"]
+    np.testing.assert_allclose(above.lines[1].get_ydata(), motion[model.rocker.phi])
+    (lines,) = mbd.animate(motion, plots={"angle, rad": angles}).film.curves.values()
+    assert list(lines) == ["crank", "rocker"]
+    for wrong in ({"coupler": model.coupler.position}, {}):
+        with pytest.raises(mbd.MechanismError, match="'angle' must be an expression, or .* lines with names"):
+            mbd.plot(motion, {"angle": wrong})
+    with pytest.raises(mbd.MechanismError, match="plot: takes a motion"):
+        mbd.plot(model.mechanism, angles)

@@ -16,6 +16,8 @@ from .base import symbol
 
 #: Points of an outline.
 POINTS = 180
+#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the point's way.
+SHORT = 80.0
 
 
 def cam(pen: Pen, marker: Marker, outline: Any) -> None:
@@ -78,9 +80,10 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle line and both edges of a slot: of a curve that ends, the whole or what is about the point's way."""
+    """Middle line and both edges of a slot: of a long one that ends, what is about the point's way."""
     low, high = curve.lower, curve.upper
-    if not curve.closed:
+    whole = pen.curve(curve.point, np.linspace(low, high, POINTS))
+    if not curve.closed and np.hypot(*np.ptp(whole, axis=0)) > SHORT * pen.unit:
         first, last = pen.span(parameter)
         margin = 0.25 * (last - first) + 0.08 * (high - low)
         low, high = max(low, min(first, high) - margin), min(high, max(last, low) + margin)

@@ -15,13 +15,12 @@ from ...model.forces.field import FieldForce
 from ...model.forces.gravity import Gravity
 from ...model.forces.motors import DCMotor
 from ...model.forces.springs import RSDA, TSDA
-from ...model.forces.stops import EndStop
 from .. import lines, scene
 from ..pen import Frame, Pen
 from .base import nothing, symbol
 from .constraints import sense, turning
 
-for kind in (Gravity, FieldForce, EndStop):
+for kind in (Gravity, FieldForce):
     symbol.register(kind, nothing)
 
 

@@ -100,7 +100,7 @@ const KEYS = {
   f: function () { element("forces").click(); },
   d: function () { element("theme").click(); },
   l: function () { element("loop").click(); },
-  "0": function () { view.x = view.y = 0; view.zoom = 1; show(); },
+  "0": function () { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
 };
 document.addEventListener("keydown", function (event) {
   const own = event.target.tagName;                  // a select and a focused button keep their own keys
@@ -118,12 +118,15 @@ function place(event) {
   const corner = stage.getBoundingClientRect();
   return [event.clientX - corner.left, event.clientY - corner.top];
 }
+// a finger scrolls the page over the whole drawing, and moves an enlarged one
+function letScroll() { stage.style.touchAction = view.zoom > 1 ? "none" : "pan-y"; }
 function zoomAbout(at, factor) {
   const zoom = Math.min(Math.max(view.zoom * factor, 1), 60), by = zoom / view.zoom;
   view.x = at[0] - by * (at[0] - view.x);
   view.y = at[1] - by * (at[1] - view.y);
   view.zoom = zoom;
   if (zoom === 1) view.x = view.y = 0;
+  letScroll();
   show();
 }
 stage.addEventListener("pointerdown", function (event) {
@@ -160,7 +163,10 @@ stage.addEventListener("pointercancel", function (event) { touching.delete(event
 stage.addEventListener("pointerleave", function () {
   if (!state.kept && state.item !== null) { state.item = null; show(); }
 });
+// within a page of another (a notebook) the wheel moves that page on, unless the drawing was clicked
+const framed = window.self !== window.top;
 stage.addEventListener("wheel", function (event) {
+  if (framed && !event.ctrlKey && document.activeElement !== stage) return;
   event.preventDefault();
   zoomAbout(place(event), Math.exp(-0.0015 * event.deltaY));
 }, { passive: false });
@@ -179,6 +185,7 @@ function resize() { fit(); fitPlots(); show(); }
 window.addEventListener("resize", resize);
 setSpeed(1);
 setPlaying(false);
+letScroll();
 fit(); fitPlots();
 for (const id of ["loop", "forces", "theme"]) setSwitch(id, state[id === "theme" ? "dark" : id]);
 element("forces").hidden = !DATA.scale;
@@ -197,7 +204,7 @@ window.mechanism = {
   place: function (name) {
     const number = DATA.items.findIndex(function (found) { return found.name === name; });
     const mark = DATA.marks.filter(function (found) { return found.i === number && found.k === 2 && found.c; }).pop();
-    const pose = poseOf(mark.f, state.time), loop = mark.p[0], c = Math.cos(pose[2]), s = Math.sin(pose[2]);
+    const pose = poseOf(mark.f, state.time), loop = DATA.shapes[mark.p][0], c = Math.cos(pose[2]), s = Math.sin(pose[2]);
     let x = 0, y = 0;
     for (let i = 0; i < loop.length; i += 2) { x += loop[i]; y += loop[i + 1]; }
     x /= loop.length / 2; y /= loop.length / 2;

@@ -4,6 +4,7 @@ const plots = DATA.plots.map(function (plot) {
   const canvas = document.createElement("canvas");
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "plot of " + plot.label + " over time");
+  canvas.title = plot.label;
   document.getElementById("plots").appendChild(canvas);
   let low = Infinity, high = -Infinity;
   for (const line of plot.lines) for (let k = 0; k < DATA.count; k++) {
@@ -40,7 +41,7 @@ function drawPlots(time, dark) {
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
     draw.clearRect(0, 0, plot.width, plot.height);
     drawAxes(draw, plot, theme, up, bottom);
-    let left = MARGIN.left + plot.wide + 16;
+    let left = MARGIN.left + plot.wide + 12;
     plot.lines.forEach(function (line, number) {
       draw.strokeStyle = draw.fillStyle = series[number % series.length];
       draw.lineWidth = 1.7;
@@ -59,6 +60,15 @@ function drawPlots(time, dark) {
     draw.lineWidth = 1.2;
     draw.beginPath(); draw.moveTo(across(plot, time), MARGIN.top); draw.lineTo(across(plot, time), bottom); draw.stroke();
   }
+}
+
+// Label of a plot, shortened where the values after it would not have room.
+function fitted(draw, plot) {
+  const values = plot.lines.reduce(function (sum, line) { return sum + 12 + draw.measureText(line.name + " \u22120.00000").width; }, 0);
+  const room = Math.max(plot.width - MARGIN.left - values, 90);
+  let text = plot.label;
+  while (text && draw.measureText(text + "\u2026").width > room) text = text.slice(0, -1);
+  return draw.measureText(plot.label).width <= room ? plot.label : text.trimEnd() + "\u2026";
 }
 
 function drawAxes(draw, plot, theme, up, bottom) {
@@ -81,7 +91,8 @@ function drawAxes(draw, plot, theme, up, bottom) {
   draw.textAlign = "left";
   draw.font = "600 12px system-ui, sans-serif";
   draw.fillStyle = theme.ink;
-  draw.fillText(plot.label, MARGIN.left, 14);
-  plot.wide = draw.measureText(plot.label).width;
+  const label = fitted(draw, plot);
+  draw.fillText(label, MARGIN.left, 14);
+  plot.wide = draw.measureText(label).width;
   draw.font = "12px system-ui, sans-serif";
 }

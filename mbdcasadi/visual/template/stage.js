@@ -27,7 +27,7 @@ function toScreen(x, y) {
 function trace(mark, pose) {
   const c = Math.cos(pose[2]), s = Math.sin(pose[2]), length = pose[3], k = mark.k;
   pen.beginPath();
-  for (const loop of mark.p) {
+  for (const loop of DATA.shapes[mark.p]) {
     for (let i = 0; i < loop.length; i += k) {
       const u = k === 4 ? loop[i] + loop[i + 1] * length : loop[i];
       const w = k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(length) : loop[i + 1];
@@ -73,26 +73,45 @@ function drawStage(time, options) {
 function drawLabel(label, pose, theme) {
   const c = Math.cos(pose[2]), s = Math.sin(pose[2]);
   const at = toScreen(pose[0] + c * label.x - s * label.y, pose[1] + s * label.x + c * label.y);
-  pen.font = (label.a ? "italic " : "") + "12px system-ui, sans-serif";
+  pen.font = (label.b ? "italic " : "") + "12px system-ui, sans-serif";
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
   pen.lineWidth = 3;
   pen.strokeStyle = theme.paper;
-  pen.strokeText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
-  pen.fillStyle = label.a ? theme.ink : theme.muted;
-  pen.fillText(label.t, at[0] + 7, at[1] + (label.a ? -7 : 15));
+  pen.fillStyle = label.b ? theme.ink : theme.muted;
+  label.t.forEach(function (line, k) {
+    const x = at[0] + label.d[0], y = at[1] - label.d[1] + 14 * (k - (label.t.length - 1) / 2);
+    pen.strokeText(line, x, y);
+    pen.fillText(line, x, y);
+  });
+  pen.textAlign = "left";
+  pen.textBaseline = "alphabetic";
 }
+
+// Traces, with points between the frames: a fast motion has corners otherwise.
+const FINER = DATA.count > 3000 ? 1 : 5;
+const WAYS = DATA.traces.map(function (way) {
+  const points = [];
+  for (let k = 0; k <= FINER * (DATA.count - 1); k++) {
+    const time = timeOf(k / FINER);
+    points.push([smoothAt(way[0], time), smoothAt(way[1], time)]);
+  }
+  return points;
+});
 
 function drawTraces(time, theme) {
   const last = frameOf(time);
-  for (const way of DATA.traces) {
+  DATA.traces.forEach(function (way, number) {
     for (const past of [false, true]) {
       pen.beginPath();
-      for (let k = 0; k < DATA.count; k++) {
-        if (past && k > last) break;
-        const at = toScreen(sampleAt(DATA.columns[way[0]], k), sampleAt(DATA.columns[way[1]], k));
+      const points = WAYS[number];
+      for (let k = 0; k < points.length; k++) {
+        if (past && k > last * FINER) break;
+        const at = toScreen(points[k][0], points[k][1]);
         if (k === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
       }
       if (past) {
-        const at = toScreen(valueAt(way[0], time), valueAt(way[1], time));
+        const at = toScreen(smoothAt(way[0], time), smoothAt(way[1], time));
         pen.lineTo(at[0], at[1]);
       }
       pen.strokeStyle = theme.trace;
@@ -101,7 +120,7 @@ function drawTraces(time, theme) {
       pen.stroke();
       pen.globalAlpha = 1;
     }
-  }
+  });
 }
 
 // Round distances for ticks: 1, 2 or 5 times a power of ten.

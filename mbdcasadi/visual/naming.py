@@ -1,0 +1,124 @@
+"""Where names are written: beside what they name, off lines and off each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .scene import Label, Mark, Scene, placed
+
+#: Height of a line of text and mean width of a letter, points; side of a cell in which lines are looked for.
+LINE, LETTER, CELL = 11.5, 5.0, 1.5
+#: Directions from a point, the usual ones first, and distances, points, of a name from its point.
+WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]])
+DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0)
+#: What is bad: a line across a name, the share of it that lies on other names, that is cut off, a point of distance.
+ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
+#: Poses of a motion that are looked at, and letters to a line of several names.
+POSES, LETTERS = 7, 22
+
+
+def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float, ways: Sequence[np.ndarray] = ()) -> Scene:
+    """Return the scene with its names where they can be read.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is drawn.
+    poses : numpy.ndarray
+        (n_t, frames, 4); a name keeps its side of the point over all of them.
+    box : numpy.ndarray
+        Corners ``[[x, y], [x, y]]`` of what is shown, m.
+    scale : float
+        Points of the paper to a metre.
+    ways : sequence of numpy.ndarray
+        Lines (k, 2) that are drawn beside the marks, m.
+    """
+    if not scene.labels:
+        return scene
+    some = poses[np.unique(np.linspace(0, len(poses) - 1, POSES).round().astype(int))]
+    marks = [mark for mark in scene.marks if mark.group != "loads"]
+    tables = [_ink(marks, pose, box, scale, ways) for pose in some]
+    taken: list[tuple[np.ndarray, np.ndarray]] = []
+    found: dict[int, Label] = {}
+    # joints first: there is less room about them than along a body
+    for k in sorted(range(len(scene.labels)), key=lambda k: scene.labels[k].body):
+        label = scene.labels[k]
+        lines = label.text.split("\n")
+        size = np.array([LETTER * max(map(len, lines)) + 3.0, LINE * len(lines)])
+        points = (np.vstack([placed(np.array([label.point]), pose[label.frame]) for pose in some]) - box[0]) * scale
+        shifts, far = _candidates(size, label.body)
+        # the name of a body would be taken for that of its neighbour
+        cost = (2 if label.body else 1) * FAR * far + sum(
+            _price(point + shifts, size, table, [(c[j], s) for c, s in taken])
+            for j, (point, table) in enumerate(zip(points, tables, strict=True))
+        ) / len(some)
+        best = shifts[int(np.argmin(cost))]
+        taken.append((points + best, size))
+        found[k] = replace(label, shift=(float(best[0]), float(best[1])))
+    return replace(scene, labels=[found[k] for k in range(len(scene.labels))])
+
+
+def wrapped(names: Sequence[str]) -> str:
+    """Names after each other, on several lines where they are long."""
+    lines = [names[0]]
+    for name in names[1:]:
+        if len(lines[-1]) + len(name) + 2 > LETTERS:
+            lines[-1] += ","
+            lines.append(name)
+        else:
+            lines[-1] += f", {name}"
+    return "\n".join(lines)
+
+
+def _candidates(size: np.ndarray, body: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Places of a name's middle from its point (k, 2), points, and how far off they count."""
+    shifts = [WAYS * (size / 2 + (0.75 if d < DISTANCES[-1] else 1.0) * d) for d in DISTANCES]
+    far = np.concatenate([d + 0.5 * np.arange(len(WAYS)) for d in DISTANCES])
+    if body:
+        return np.vstack([np.zeros((1, 2)), *shifts]), np.concatenate([[0.0], far])
+    return np.vstack(shifts), far
+
+
+def _ink(
+    marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float, ways: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Sums over rows and columns of cells that lines pass: of a rectangle they follow from its corners."""
+    lines = [placed(loop, pose[mark.frame]) for mark in marks for loop in mark.loops]
+    shape = np.ceil((box[1] - box[0]) * scale / CELL).astype(int) + 1
+    inked = np.zeros(shape, np.int64)
+    closed = [mark.closed for mark in marks for _ in mark.loops] + [False] * len(ways)
+    for line, loop in zip([*lines, *ways], closed, strict=True):
+        points = (np.vstack([line, line[:1]]) if loop else line) - box[0]
+        cells = _dense(points * scale / CELL)
+        inside = np.all((cells >= 0) & (cells < shape), axis=1)
+        inked[tuple(cells[inside].T)] = 1
+    return np.pad(inked.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+
+
+def _dense(points: np.ndarray) -> np.ndarray:
+    """Cells (k, 2) along a line through points."""
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = np.linspace(0, way[-1], int(min(way[-1], 1e5)) + 2)
+    return np.column_stack([np.interp(at, way, column) for column in points.T]).astype(int)
+
+
+def _price(
+    middles: np.ndarray, size: np.ndarray, table: np.ndarray, taken: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> np.ndarray:
+    """How bad places (k, 2) of a name are."""
+    most = np.array(table.shape) - 1
+    low, high = (np.clip(np.round((middles + s * size / 2) / CELL), 0, most).astype(int) for s in (-1, 1))
+    lines = table[high[:, 0], high[:, 1]] - table[low[:, 0], high[:, 1]]
+    lines = lines - table[high[:, 0], low[:, 1]] + table[low[:, 0], low[:, 1]]
+    area = float(np.prod(size))
+    # a row of teeth is no worse than some lines
+    cost = ON_LINES * np.minimum(lines * CELL / LINE, 3.0)
+    cost = cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)
+    for centre, extent in taken:
+        common = np.clip((size + extent) / 2 - np.abs(middles - centre), 0, np.minimum(size, extent))
+        cost = cost + ON_NAMES * np.prod(common, axis=1) / area
+    return cost
