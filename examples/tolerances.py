@@ -2,7 +2,7 @@
 
 Derivatives of the stroke and of the bearing load by every length, exact and
 from one run; then a sweep over a Latin hypercube of real machines, in two
-processes, to see whether the linear picture holds.
+processes, to see whether the linear picture holds (the hypercube is that of SciPy).
 """
 
 from concurrent.futures import ProcessPoolExecutor

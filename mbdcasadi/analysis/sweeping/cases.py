@@ -107,7 +107,7 @@ def latin_hypercube(ranges: Any, count: int, seed: int | None = None) -> dict[Sy
     try:
         from scipy.stats import qmc
     except ImportError:
-        raise MechanismError("latin_hypercube needs scipy; install it by pip install scipy") from None
+        raise MechanismError('latin_hypercube needs scipy; install it by pip install "mbdcasadi[analysis]"') from None
     pairs = _pairs(ranges, "latin_hypercube")
     if seed is not None and (not isinstance(seed, int | np.integer) or seed < 0):
         raise ModelError(f"latin_hypercube: seed must be an integer that is not negative, got {seed!r}")
