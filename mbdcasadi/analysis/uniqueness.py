@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
 
 
@@ -32,13 +33,7 @@ class Uniqueness:
         self.needed = eom.Q_depends_on_lam
         if not self.needed:
             return
-        slope = ca.horzcat(ca.SX(eom.q.numel(), eom.q.numel()), ca.jacobian(eom.Q, eom.lam))
-        system = ca.blockcat([[eom.M, eom.Phi_q.T], [eom.Phi_q, ca.SX(eom.lam.numel(), eom.lam.numel())]])
-        with_friction = system - ca.vertcat(slope, ca.SX(eom.lam.numel(), system.size2()))
-        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
-        self._systems = eom._compiled(
-            "reactions", arguments, [ca.densify(ca.vec(system)), ca.densify(ca.vec(with_friction))]
-        )
+        self._systems = eom.mechanism.memory.once("reactions", lambda: _systems(eom))
 
     def first_lost(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, lam: np.ndarray, u: np.ndarray
@@ -73,3 +68,13 @@ class Uniqueness:
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide or thin the pin, or move the load nearer to the joint"
         )
+
+
+def _systems(eom: Equations) -> ca.Function:
+    """Matrices of the equations for ``(a, lam)`` without and with the forces that depend on lam, as columns."""
+    n, m = eom.q.numel(), eom.lam.numel()
+    slope = ca.horzcat(ca.SX(n, n), ca.jacobian(eom.Q, eom.lam))
+    system = ca.blockcat([[eom.M, eom.Phi_q.T], [eom.Phi_q, ca.SX(m, m)]])
+    with_friction = system - ca.vertcat(slope, ca.SX(m, system.size2()))
+    arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+    return ca.Function("reactions", arguments, [ca.densify(ca.vec(system)), ca.densify(ca.vec(with_friction))])

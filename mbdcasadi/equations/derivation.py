@@ -45,9 +45,7 @@ def equations(mechanism: Mechanism) -> Equations:
     """
     if not isinstance(mechanism, Mechanism):
         raise ModelError(f"expected a Mechanism, got {mechanism!r}")
-    if "equations" not in mechanism.memory:
-        mechanism.memory["equations"] = Equations(mechanism)
-    return mechanism.memory["equations"]
+    return mechanism.memory.once("equations", lambda: Equations(mechanism))
 
 
 class Equations:
@@ -170,16 +168,11 @@ class Equations:
 
     def masses(self, p: np.ndarray) -> np.ndarray:
         """Diagonal of M as numbers (n,)."""
-        function = self._compiled("masses", [self.p], [ca.densify(self.mass_diagonal)])
+        diagonal = ca.densify(self.mass_diagonal)
+        function = self.mechanism.memory.once("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------
-    def _compiled(self, key: Any, arguments: Sequence[Any], results: Sequence[Any]) -> ca.Function:
-        memory = self.mechanism.memory
-        if key not in memory:
-            memory[key] = ca.Function(key if isinstance(key, str) else "f", list(arguments), list(results))
-        return memory[key]
-
     def function(self, expression: Any) -> ca.Function:
         """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``, made once and kept.
 
@@ -191,14 +184,14 @@ class Equations:
         expression = ca.SX(expression)
         elements = [ca.SX(e) for e in expression.elements()] if expression.numel() else []
         key = ("expression", expression.shape, tuple(e.element_hash() for e in elements))
-        memory = self.mechanism.memory
-        if key not in memory:
-            for symbol in symbols_of(expression):
-                if symbol.element_hash() not in self._known:
-                    raise ExpressionError(f"the expression holds {self._foreign(symbol)}")
-            # the expression is kept beside its function: a hash is only unique while the node lives
-            memory[key] = (ca.Function("expression", list(self.symbols), [ca.densify(expression)]), expression)
-        return memory[key][0]
+        # the expression is kept beside its function: a hash is only unique while the node lives
+        return self.mechanism.memory.once(key, lambda: (self._of_expression(expression), expression))[0]
+
+    def _of_expression(self, expression: ca.SX) -> ca.Function:
+        for symbol in symbols_of(expression):
+            if symbol.element_hash() not in self._known:
+                raise ExpressionError(f"the expression holds {self._foreign(symbol)}")
+        return ca.Function("expression", list(self.symbols), [ca.densify(expression)])
 
     @staticmethod
     def _foreign(symbol: ca.SX) -> str:

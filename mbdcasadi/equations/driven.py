@@ -113,7 +113,4 @@ class DrivenEquations:
 
 def driven_equations(eom: Equations) -> DrivenEquations:
     """Compiled solves of a driven mechanism, made once and kept."""
-    memory = eom.mechanism.memory
-    if "driven" not in memory:
-        memory["driven"] = DrivenEquations(eom)
-    return memory["driven"]
+    return eom.mechanism.memory.once("driven", lambda: DrivenEquations(eom))

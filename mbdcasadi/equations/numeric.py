@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -59,30 +60,26 @@ class NumericEquations:
     def _position(self) -> Evaluator:
         eom = self.eom
         rows = [int(k) for k in eom.position_rows]
-        return self._evaluator("position", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q[rows, :]])
+        return self._evaluator("position", lambda: ([eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q[rows, :]]))
 
     @cached_property
     def velocity_function(self) -> ca.Function:
         """``(t, q, p) -> (Phi_q, nu)``."""
-        eom = self.eom
-        return eom._compiled("velocity", [eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)])
+        return self._velocity.function
 
     @cached_property
     def _velocity(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("velocity at one time", [eom.t, eom.q, eom.p], [eom.Phi_q, eom.nu])
+        return self._evaluator("velocity", lambda: ([eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)]))
 
     @cached_property
     def _acceleration(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("acceleration", [eom.t, eom.q, eom.v, eom.p], [eom.Phi_q, eom.gamma])
+        return self._evaluator("acceleration", lambda: ([eom.t, eom.q, eom.v, eom.p], [eom.Phi_q, eom.gamma]))
 
-    def _evaluator(self, key: str, arguments: list[ca.SX], results: list[ca.SX]) -> Evaluator:
-        """A function of one time, made once for a mechanism."""
-        memory = self.eom.mechanism.memory
-        if key not in memory:
-            memory[key] = Evaluator(ca.Function("f", arguments, results))
-        return memory[key]
+    def _evaluator(self, key: str, terms: Callable[[], tuple[list[ca.SX], list[ca.SX]]]) -> Evaluator:
+        """A function of one time from its arguments and results, made once for a mechanism."""
+        return self.eom.mechanism.memory.once(key, lambda: Evaluator(ca.Function(key, *terms())))
 
     def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi`` and its Jacobian, position rows only."""
@@ -140,21 +137,14 @@ class NumericEquations:
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
-        key = ("forward dynamics", self.massless, redundant, refinements)
-        memory = self.eom.mechanism.memory
-        if key not in memory:
-            memory[key] = forward_dynamics(
-                self.eom, massless=self.massless, redundant=redundant, refinements=refinements
-            )
-        return memory[key]
+        choice: dict[str, Any] = {"massless": self.massless, "redundant": redundant, "refinements": refinements}
+        key = ("forward dynamics", *choice.values())
+        return self.eom.mechanism.memory.once(key, lambda: forward_dynamics(self.eom, **choice))
 
     def stabilised_dynamics(self) -> ca.Function:
         """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
         key = ("stabilised dynamics", self.massless)
-        memory = self.eom.mechanism.memory
-        if key not in memory:
-            memory[key] = stabilised_dynamics(self.eom, massless=self.massless)
-        return memory[key]
+        return self.eom.mechanism.memory.once(key, lambda: stabilised_dynamics(self.eom, massless=self.massless))
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:
         """Coordinates in which something moves that neither has mass nor is held by joints."""

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.least_squares import ACCURACY, largest
+from .derivation import Equations
 from .numeric import NumericEquations
 from .saddle import shifted
 
@@ -43,27 +44,13 @@ class Recovery:
     def position_step(self) -> ca.Function:
         """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``."""
         eom = self.numeric.eom
-        weights = ca.SX.sym("w", eom.q.numel())
-        jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-        angular = eom.angular_rows[eom.position_rows]
-        step, quality = _towards(jacobian, eom.Phi, weights, angular)
-        arguments = [eom.t, eom.q, eom.p, weights]
-        results = [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi)), quality]
-        return self._keep("position step", arguments, results)
+        return eom.mechanism.memory.once("position step", lambda: _position_step(eom))
 
     @cached_property
     def velocity_step(self) -> ca.Function:
         """``(t, q, v, p, weights) -> v``: one step towards ``Phi_q v = nu``."""
         eom = self.numeric.eom
-        weights = ca.SX.sym("w", eom.q.numel())
-        step, _ = _towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights, eom.angular_rows)
-        return self._keep("velocity step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
-
-    def _keep(self, key: str, arguments: list, results: list) -> ca.Function:
-        memory = self.numeric.eom.mechanism.memory
-        if key not in memory:
-            memory[key] = ca.Function(key.replace(" ", "_"), arguments, results)
-        return memory[key]
+        return eom.mechanism.memory.once("velocity step", lambda: _velocity_step(eom))
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
@@ -115,6 +102,20 @@ class Recovery:
             return q, v, a, lam, u
 
         return back_onto_constraints
+
+
+def _position_step(eom: Equations) -> ca.Function:
+    weights = ca.SX.sym("w", eom.q.numel())
+    jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
+    step, quality = _towards(jacobian, eom.Phi, weights, eom.angular_rows[eom.position_rows])
+    results = [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi)), quality]
+    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], results)
+
+
+def _velocity_step(eom: Equations) -> ca.Function:
+    weights = ca.SX.sym("w", eom.q.numel())
+    step, _ = _towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights, eom.angular_rows)
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
 
 
 def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:

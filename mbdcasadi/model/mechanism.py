@@ -12,7 +12,8 @@ from .bodies import Body
 from .drivers import Driver
 from .elements import ConstraintElement, Element
 from .immutable import Immutable
-from .quantities import quantity
+from .memory import Memory
+from .quantities import Limit, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, entries, listed, role_of, symbols_of, t
 
 
@@ -83,7 +84,7 @@ class Mechanism(Immutable):
         self._check_names()
         self._check_connections()
         self._check_symbols()
-        self.memory: dict[Any, Any] = {}
+        self.memory = Memory()
 
     # --- checks --------------------------------------------------------------------
     def _check_parts(self) -> None:
@@ -179,21 +180,22 @@ class Mechanism(Immutable):
         ModelError
             Naming the element, the quantity, its value, and the parameters behind it.
         """
-        if "limits" not in self.memory:
-            mine = {p.element_hash() for p in self.parameters}
-            limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
-            # a length that changes in time has no one value to check
-            limits = [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
-            at = ca.vertcat(ca.SX(0, 1), *self.parameters)
-            function = ca.Function("limits", [at], [ca.vertcat(ca.SX(0, 1), *[x.expression for x in limits])])
-            self.memory["limits"] = limits, function
-        limits, function = self.memory["limits"]
+        limits, function = self.memory.once("limits", self._limits)
         if not limits:
             return
         given = {p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)}
         for limit, value in zip(limits, function(values).full().ravel(), strict=True):
             used = ", ".join(given[s.element_hash()] for s in symbols_of(limit.expression))
             limit.check(float(value), f" with parameter {used}")
+
+    def _limits(self) -> tuple[list[Limit], ca.Function]:
+        """Limits of quantities, and their values as a function of the parameters."""
+        mine = {p.element_hash() for p in self.parameters}
+        limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
+        # a length that changes in time has no one value to check
+        limits = [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
+        at = ca.vertcat(ca.SX(0, 1), *self.parameters)
+        return limits, ca.Function("limits", [at], [ca.vertcat(ca.SX(0, 1), *[x.expression for x in limits])])
 
     # --- what is in it ---------------------------------------------------------------
     @property

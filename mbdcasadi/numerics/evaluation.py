@@ -20,10 +20,15 @@ class Evaluator:
     ----------
     function : casadi.Function
         Of ``SX`` expressions. Sparse results are filled up with zeros.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        The same, for many points at once.
     """
 
     def __init__(self, function: ca.Function):
-        self._function = function
+        self.function = function
         self._patterns = [_places(function.sparsity_out(k)) for k in range(function.n_out())]
         self._threads = threading.local()
 
@@ -44,7 +49,7 @@ class Evaluator:
 
     def _make_buffers(self) -> None:
         """Buffers of this thread; they live as long as it does."""
-        own, function = self._threads, self._function
+        own, function = self._threads, self.function
         own.buffer, own.evaluate = function.buffer()
         own.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
         own.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
