@@ -51,9 +51,18 @@ def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return 1 / np.where(size > FLAT * most, size, most)
 
 
-def least_norm_step(jacobian: np.ndarray, residual: np.ndarray, weights: np.ndarray, damping: float) -> np.ndarray:
-    """Step that minimises ``|J d + r|² + damping |d|²``, rows of unit size, in the metric of the weights."""
-    scale = row_scale(jacobian, weights)
+def least_norm_step(
+    jacobian: np.ndarray,
+    residual: np.ndarray,
+    weights: np.ndarray,
+    damping: float,
+    scale: np.ndarray | None = None,
+) -> np.ndarray:
+    """Step that minimises ``|J d + r|² + damping |d|²``, rows of unit size, in the metric of the weights.
+
+    `scale` is the :func:`row_scale` of the Jacobian where it is known already.
+    """
+    scale = row_scale(jacobian, weights) if scale is None else scale
     if not np.any(scale):
         return np.zeros(weights.size)
     unit = jacobian * scale[:, None]
@@ -91,19 +100,20 @@ def solve(
     """
     x = np.array(start, float)
     residual, jacobian = equations(x)
+    scale = row_scale(jacobian, weights)
     damping = 0.0
     for _ in range(iterations):
         goal = ACCURACY * (1 + largest(x))
         if largest(residual) <= goal:
             return Outcome(x, residual, True)
-        step = least_norm_step(jacobian, residual, weights, damping)
+        step = least_norm_step(jacobian, residual, weights, damping, scale)
         step *= 1.0 / max(largest(step / step_limit), 1.0)
         new_residual, new_jacobian = equations(x + step)
-        scale = row_scale(jacobian, weights)
         size, new_size = (float(np.sum((scale * r) ** 2)) for r in (residual, new_residual))
         if np.isfinite(new_size) and new_size < size:
             stalled = new_size > (1 - 1e-12) * size and damping > 0
             x, residual, jacobian = x + step, new_residual, new_jacobian
+            scale = row_scale(jacobian, weights)
             damping = 0.0 if damping < 1e-6 else damping / 10
             if stalled:
                 break
