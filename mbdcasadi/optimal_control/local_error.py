@@ -22,19 +22,11 @@ COARSE = 0.01
 TOLERANCE = 1e-11
 
 
-def tell_coarse_mesh(solution: Solution, sizes: np.ndarray) -> None:
-    """Warn where an interval, integrated again from its own mesh point, ends far from the next one.
-
-    Parameters
-    ----------
-    solution : Solution
-        What was found.
-    sizes : numpy.ndarray
-        Typical sizes of the coordinates (n,).
-    """
+def tell_coarse_mesh(solution: Solution) -> None:
+    """Warn where an interval, integrated again from its own mesh point, ends far from the next one."""
+    sizes = solution.program.scales.q
     try:
-        reached, mesh = end_states(solution)
-        errors = np.max(np.abs(reached - mesh) / np.r_[sizes, sizes / solution.duration], axis=1)
+        errors = np.max(solution.end_errors / np.r_[sizes, sizes / solution.duration], axis=1)
     except RuntimeError:  # the integrator did not get to the end of an interval
         errors = np.full(solution.shares.count, np.inf)
     worst = int(np.argmax(errors))
@@ -52,8 +44,8 @@ def tell_coarse_mesh(solution: Solution, sizes: np.ndarray) -> None:
     )
 
 
-def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of all intervals by integration, and as the mesh has them, each (N, 2 n)."""
+def end_errors(solution: Solution) -> np.ndarray:
+    """Differences of q and v at the ends of all intervals, by integration and as the mesh has them (N, 2 n)."""
     numeric = solution.numeric
     eom = numeric.eom
     n = eom.q.numel()
@@ -70,21 +62,20 @@ def end_states(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
         ]
     )
     starts = solution.nodes[:-1, : 2 * n + eom.z.numel()]
-    integrator = _integrator(numeric, degree, redundant=solution.redundant)
+    redundant = solution.redundant
+    key = ("interval", degree, redundant, numeric.massless)
+    integrator = eom.mechanism.memory.once(key, lambda: _integrator(numeric, degree, redundant=redundant))
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
-    recovery = Recovery(numeric, redundant=solution.redundant)
+    recovery = Recovery(numeric, redundant=redundant)
     times = solution.mesh[1:]
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.hstack([q, v]), solution.nodes[1:, : 2 * n]
+    return np.abs(np.hstack([q, v]) - solution.nodes[1:, : 2 * n])
 
 
 def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
-    """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval; made once."""
+    """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval."""
     eom = numeric.eom
-    memory, key = eom.mechanism.memory, ("interval", degree, redundant, numeric.massless)
-    if key in memory:
-        return memory[key]
     share, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
     c = ca.SX.sym("c", degree * eom.u.numel())
     since = length * share
@@ -102,24 +93,18 @@ def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> c
         "ode": length * ca.vertcat(eom.v, a, rate),
     }
     options = {"reltol": TOLERANCE, "abstol": TOLERANCE, "max_num_steps": 100_000}
-    memory[key] = ca.integrator("interval", "erk", system, 0.0, 1.0, options)
-    return memory[key]
+    return ca.integrator("interval", "erk", system, 0.0, 1.0, options)
 
 
 def local_errors(solution: Solution) -> np.ndarray:
     """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
-    reached, mesh = end_states(solution)
     n = solution.problem.equations.q.numel()
-    difference = np.abs(reached - mesh)[:, :n]
-    angles = np.zeros(n, bool)
-    angles[2 : 3 * len(solution.problem.mechanism.bodies) : 3] = True
-    return np.column_stack([np.max(difference[:, ~angles], axis=1), np.max(difference[:, angles], axis=1)])
+    errors = solution.end_errors[:, :n]
+    angles = solution.program.scales.angles
+    return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
 
 
 def scaled_errors(solution: Solution) -> np.ndarray:
     """Largest difference by interval, in coordinates and in velocities times the duration (N,)."""
-    reached, mesh = end_states(solution)
     n = solution.problem.equations.q.numel()
-    difference = np.abs(reached - mesh)
-    difference[:, n:] *= solution.duration
-    return np.max(difference, axis=1)
+    return np.max(solution.end_errors * np.repeat([1.0, solution.duration], n), axis=1)

@@ -122,7 +122,7 @@ def optimize(
     if accuracy is not None:
         solution = refine(solver, solution, accuracy)
     elif not isinstance(guess, Solution | Shifted):
-        tell_coarse_mesh(solution, solver.prepared.scales.q)
+        tell_coarse_mesh(solution)
     if any(getattr(element, "monitors", ()) for element in problem.mechanism.elements):
         tell_monitors(solution.trajectory)
     return solution

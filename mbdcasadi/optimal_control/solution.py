@@ -19,7 +19,7 @@ from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from .guess import Guess, Iterate, guess_from_motion
 from .limits import ActiveLimit, active_limits, costates, limit_excess
-from .local_error import scaled_errors
+from .local_error import end_errors, scaled_errors
 from .mesh import Mesh
 from .motion import OptimalMotion, Polynomials
 from .problem import OptimalControlProblem
@@ -212,6 +212,11 @@ class Solution:
             parameters=own | dict(pairs_of(parameters, "parameters=")),
             **settings,
         )
+
+    @cached_property
+    def end_errors(self) -> np.ndarray:
+        """By how much each interval, integrated again, misses the next mesh point in q and v (N, 2 n)."""
+        return end_errors(self)
 
     @cached_property
     def mesh_error(self) -> float:
