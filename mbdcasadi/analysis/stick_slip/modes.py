@@ -43,10 +43,8 @@ def switching(mechanism: Mechanism) -> list[Any]:
 
 def without_exact_friction(mechanism: Mechanism) -> Mechanism:
     """The mechanism with nothing that sticks or slides; itself where there is no exact friction."""
-    return _free(mechanism) if switching(mechanism) else mechanism
-
-
-def _free(mechanism: Mechanism) -> Mechanism:
+    if not switching(mechanism):
+        return mechanism
     modes = ModesOfFriction(mechanism, None, lambda _: {})
     return modes.variant(modes.free)
 
