@@ -21,7 +21,7 @@ extensions = [
     "gallery",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "_pages"]
 templates_path = ["_templates"]
 nitpicky = False
 
@@ -56,8 +56,8 @@ numpydoc_xref_param_type = False
 html_theme = "furo"
 html_title = "mbdcasadi"
 html_static_path = ["_static", str(MATHJAX)]
-# pages for the browser, which docs/pictures.md and the examples write
-html_extra_path = ["figures/motion.html", "gallery/pages"]
+# pages for the browser, which pictures.md and the examples write
+html_extra_path = ["_pages"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 html_copy_source = False

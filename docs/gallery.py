@@ -1,7 +1,8 @@
 """Sphinx extension: a page for every script of ``examples/``, from its docstring, its picture and its text.
 
 The pictures are in ``docs/gallery``; ``python docs/gallery.py [NAME ...]``
-makes them anew by running the scripts.
+makes them anew by running the scripts. Pages for the browser are made when the
+site is built, where the package or the script has changed since.
 """
 
 from __future__ import annotations
@@ -12,12 +13,16 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 EXAMPLES, PICTURES, TARGET = HERE.parent / "examples", HERE / "gallery", HERE / "examples"
 #: Pages for the browser; what is in it is copied into the site.
-PAGES = PICTURES / "pages"
+BROWSER = HERE / "_pages"
+#: Runs the code of a page of the documentation in the current folder.
+RUN_PAGE = "import sys, pathlib, documentation_blocks as d; d.run_page(pathlib.Path(sys.argv[1]))"
 
 #: Width of a picture, pixels, and its colours.
 WIDTH, COLOURS = 1100, 96
@@ -62,7 +67,7 @@ def write_pages(app: object = None) -> None:
             ]
             drawing = f'![The mechanism](../gallery/{name}_mechanism.png){{width="60%"}}'
             page = [f"# {title}", "", first, "", rest, "", drawing, "", f"![What the script draws]({picture})", ""]
-            if (PAGES / "gallery" / f"{name}.html").exists():
+            if name in animated():
                 page += ["```{raw} html", FRAME.format(name=name, title=title), "```", ""]
             page += [f"```{{literalinclude}} ../../examples/{name}.py", ":language: python", ":name: script", "```", ""]
             write(TARGET / f"{name}.md", "\n".join(page))
@@ -104,26 +109,58 @@ mbd.draw(models[0], names=True).figure.savefig(target, dpi=110)
 """
 
 
+def run(folder: str, *arguments: str) -> None:
+    """Run Python in a folder, on the package and the tools of this checkout."""
+    paths = os.pathsep.join(str(HERE.parent / part) for part in ("", "tests"))
+    environment = os.environ | {"PYTHONPATH": paths, "MPLBACKEND": "Agg"}
+    subprocess.run([sys.executable, *arguments], cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
+
+
+def animated() -> list[str]:
+    """Examples that write a page for the browser."""
+    return [path.stem for path in sorted(EXAMPLES.glob("*.py")) if '.html"' in path.read_text(encoding="utf-8")]
+
+
+def make_browser_page(script: Path, target: Path, *arguments: str) -> None:
+    """Make the page that a script writes, unless there is one younger than the script and the package."""
+    sources = [
+        script,
+        *(path for path in (HERE.parent / "mbdcasadi").rglob("*") if path.suffix in (".py", ".js", ".css", ".html")),
+    ]
+    if target.exists() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        run(folder, *arguments, str(script))
+        (page,) = Path(folder).glob("*.html")
+        shutil.copy(page, target)
+
+
+def make_browser_pages(app: object, config: object) -> None:
+    """Make the pages for the browser: those of the examples, and the one that ``pictures.md`` shows."""
+    (BROWSER / "gallery").mkdir(parents=True, exist_ok=True)
+    jobs = [partial(make_browser_page, EXAMPLES / f"{n}.py", BROWSER / "gallery" / f"{n}.html") for n in animated()]
+    jobs.append(partial(make_browser_page, HERE / "pictures.md", BROWSER / "motion.html", "-c", RUN_PAGE))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for job in [pool.submit(job) for job in jobs]:
+            job.result()
+
+
 def make_pictures(names: list[str]) -> None:
-    """Run examples; keep the picture that each draws, its page for the browser, and its mechanism."""
-    (PAGES / "gallery").mkdir(parents=True, exist_ok=True)
+    """Run examples; keep the picture that each draws, and its mechanism."""
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
-            environment = os.environ | {"PYTHONPATH": str(HERE.parent), "MPLBACKEND": "Agg"}
             drawing = Path(folder) / "drawn" / "mechanism.png"
             drawing.parent.mkdir()
-            command = [sys.executable, "-c", RUN, str(EXAMPLES / f"{name}.py"), str(drawing)]
-            subprocess.run(command, cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
+            run(folder, "-c", RUN, str(EXAMPLES / f"{name}.py"), str(drawing))
             (picture,) = Path(folder).glob("*.png")
             keep(picture, PICTURES / f"{name}.png")
             keep(drawing, PICTURES / f"{name}_mechanism.png")
-            for page in Path(folder).glob("*.html"):
-                shutil.copy(page, PAGES / "gallery" / f"{name}.html")
         print(name)
 
 
 def setup(app: object) -> dict[str, bool]:
-    """Write the pages before anything is read."""
+    """Write the pages before anything is read, and those for the browser before they are looked for."""
+    app.connect("config-inited", make_browser_pages)  # type: ignore[attr-defined]
     app.connect("builder-inited", write_pages)  # type: ignore[attr-defined]
     return {"parallel_read_safe": True}
 
