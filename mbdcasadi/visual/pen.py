@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -256,8 +256,3 @@ class Pen:
         symbols = ca.vertcat(ca.SX(0, 1), *self.sample.mechanism.parameters)
         function = ca.Function("curve", [place, symbols], [ca.densify(point(place))])
         return np.array([function(float(x), self.sample.parameters).full().ravel() for x in places])
-
-
-def bodies_of(elements: Iterable[Any]) -> list[Body]:
-    """Bodies that elements act on, without the ground."""
-    return [b for b in dict.fromkeys(b for e in elements for b in e.bodies) if not b.is_ground]
