@@ -78,7 +78,11 @@ class Stepper:
         self._outputs = {flag: Outputs(numeric, feed, redundant=flag) for flag in (False, True)}
         self.formulation = choose(numeric, method, redundant=redundant)
         self.x = np.r_[start.q, start.v, start.z]
-        self._z = self._estimate(np.r_[start.a, start.lam])
+        unknowns = np.r_[start.a, start.lam]
+        #: estimate of the algebraic unknowns from which the integrator finds consistent ones: zero where the equations
+        #: are linear in them, since one Newton step of IDAS then finds them, while a residual of rounding size, which
+        #: no step reduces, makes its line search fail (seen from 200 bodies on)
+        self._z = unknowns if numeric.eom.Q_depends_on_lam else np.zeros_like(unknowns)
         self.path = Path(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         self.fastest = self._regular = 0.0
 
@@ -100,17 +104,8 @@ class Stepper:
     def go_on_from(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> None:
         """Start the next chunk from a projected state."""
         self.x = x
-        if self.formulation.algebraic:
-            self._z = self._estimate(self.outputs.unknowns(time, x, channel))
-
-    def _estimate(self, z: np.ndarray) -> np.ndarray:
-        """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
-
-        Zero where the equations are linear in them: one Newton step of IDAS
-        then finds them, while a residual of rounding size, which no step
-        reduces, makes its line search fail (seen from 200 bodies on).
-        """
-        return z if self.numeric.eom.Q_depends_on_lam else np.zeros_like(z)
+        if self.numeric.eom.Q_depends_on_lam:
+            self._z = self.outputs.unknowns(time, x, channel)
 
     # --- integrating -------------------------------------------------------------------------
     def _integrator(self, form: Formulation) -> Integrator:
