@@ -245,7 +245,7 @@ class Run:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Crossing | None]:
         """Record the events of a chunk; one that ends the run or resets velocities cuts its outputs off."""
         knots, states = np.r_[chunk.start, times], np.vstack([self._step.x, x])
-        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.reach)
+        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.way_from)
         for found in crossings:
             k = found.interval
             if found.event.reset:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -155,20 +156,24 @@ class Stepper:
         rate = max(DECAY / min(usual_length, chunk.length), DECAY_PER_RADIAN * self.fastest)
         return np.r_[self.numeric.p, rate]
 
-    def reach(self, start: float, x: np.ndarray, time: float, channel: np.ndarray | None) -> np.ndarray:
-        """Projected state at a time after an output, by a short integration from there."""
-        if time <= start:
-            return x
+    def way_from(self, start: float, x: np.ndarray, channel: np.ndarray | None) -> Callable[[float], np.ndarray]:
+        """Projected state by time after an output, each by a short integration from there."""
         z = self.outputs.unknowns(start, x, channel) if self.formulation.algebraic else np.zeros(0)
         p = np.r_[self.numeric.p, 0.0]
         integrator = self._integrator(self.formulation)
-        try:
-            reached = integrator.advance_once(x, z, start, time, p, channel)
-        except IntegrationFailure as failure:
-            if failure.args[0] != "IDA_LINESEARCH_FAIL":
-                raise
-            reached = integrator.advance_once(x, beside(z), start, time, p, channel)
-        return self.outputs.projected(np.array([time]), reached[None, :])[0]
+
+        def state_at(time: float) -> np.ndarray:
+            if time <= start:
+                return x
+            try:
+                reached = integrator.advance_once(x, z, start, time, p, channel)
+            except IntegrationFailure as failure:
+                if failure.flag != "IDA_LINESEARCH_FAIL":
+                    raise
+                reached = integrator.advance_once(x, beside(z), start, time, p, channel)
+            return self.outputs.projected(np.array([time]), reached[None, :])[0]
+
+        return state_at
 
     # --- singular poses on the way ---------------------------------------------------------------
     def note_turning(self, x: np.ndarray) -> None:
