@@ -140,10 +140,7 @@ class Run:
                 if outcome is Outcome.SHORTEN:
                     left, waiting = self._shortened([joined, *left]), None
                     continue
-                if outcome is Outcome.TOUCH:
-                    left, waiting = [*self._rest, *left], None
-                    continue
-                if outcome is Outcome.RESET:
+                if outcome in (Outcome.TOUCH, Outcome.RESET):
                     left, waiting = [*self._rest, *left], None
                     bar.update(chunk.length - sum(rest.length for rest in self._rest))
                     continue
