@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import casadi as ca
 import numpy as np
 
+from ..analysis.assemble import assemble
 from ..errors import MechanismError
 from ..model.bodies import Body, Marker
 from ..model.mechanism import Mechanism
@@ -140,8 +141,6 @@ def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
 # --- what is drawn -------------------------------------------------------------------------
 def subject(source: Any) -> State | Trajectory:
     """State or trajectory of anything that can be drawn; a mechanism is assembled."""
-    from ..analysis.assemble import assemble
-
     for name in ("trajectory", "state", "mechanism"):
         if isinstance(source, State | Trajectory | Mechanism):
             break
