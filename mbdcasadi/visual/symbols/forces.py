@@ -30,14 +30,9 @@ def force(element: Force, pen: Pen) -> None:
     pen.dot(pen.on(element.at))
 
 
-@symbol.register
-def torque(element: Torque, pen: Pen) -> None:
-    """A curved arrow about the pin that it turns."""
-    turning(pen, element.body, element.bodies, sense(pen, element.torque))
-
-
-@symbol.register
-def motor(element: DCMotor, pen: Pen) -> None:
+@symbol.register(Torque)
+@symbol.register(DCMotor)
+def torque(element: Any, pen: Pen) -> None:
     """A curved arrow about the pin that it turns."""
     turning(pen, element.body, element.bodies, sense(pen, element.torque))
 
