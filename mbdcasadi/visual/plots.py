@@ -19,7 +19,7 @@ from ..results.columns import (
     read_lines,
 )
 from ..results.trajectory import Trajectory
-from .drawing import motion_of
+from .drawing import motion_of, two_spines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -161,9 +161,7 @@ def dress(axes: Axes, label: str, legend: bool) -> None:
     axes.set_ylabel(label)
     axes.grid(True, color="#d8dce0", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#8a929a")
-    axes.tick_params(color="#8a929a", labelsize="small")
+    two_spines(axes)
     # rounding errors of a quantity that rests would else fill the whole height
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))
