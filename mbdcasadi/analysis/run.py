@@ -139,6 +139,7 @@ class Run:
                 outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
                 if outcome is Outcome.SHORTEN:
                     left, waiting = self._shortened([joined, *left]), None
+                    bar.update(chunk.length - joined.length)
                     continue
                 if outcome in (Outcome.TOUCH, Outcome.RESET):
                     left, waiting = [*self._rest, *left], None
