@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, Interrupted, MechanismWarning, SingularityError
+from ..errors import AssemblyError, MechanismWarning
 from ..numerics.console import interruptible, quiet
 from ..numerics.least_squares import largest, solve
-from .singular import SingularPose, describe_singularity
+from .driven_motion import DrivenMotion, MotionFollower
+from .progress import time_bar
 
 #: Points that are solved by one call of the compiled recursion.
 BATCH = 500
@@ -30,37 +30,14 @@ APART = 1e-8
 SMALLEST = 1e-12
 
 
-@dataclass
-class DrivenMotion:
-    """Positions, velocities and accelerations over time, each (k, n)."""
-
-    t: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    seconds: float = 0.0
-
-
-class Continuation:
-    """Follows the pose of a driven mechanism.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Its equations.
-    progress : bool
-        Show a progress bar.
-    wrap : callable, optional
-        Makes the partial result that an error carries.
-    """
+class Continuation(MotionFollower):
+    """Follows the pose of a driven mechanism by Newton's method; see the base class."""
 
     def __init__(
         self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
     ):
-        self.numeric = numeric
+        super().__init__(numeric, progress=progress, wrap=wrap)
         self.driven = driven_equations(numeric.eom)
-        self._progress = progress
-        self._wrap = wrap or (lambda motion: motion)
 
     # --- the motion -------------------------------------------------------------------
     def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
@@ -69,13 +46,9 @@ class Continuation:
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
         first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
         if first is None:
-            nothing = DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0])
+            nothing = DrivenMotion.none(q.size)
             contradiction = None if singular else self._apart(q, float(grid[0]), float(grid[0]), nothing)
-            if contradiction is not None:
-                raise contradiction
-            raise self._singular(
-                float(grid[0]), q, DrivenMotion(grid[:0], q[None, :][:0], q[None, :][:0], q[None, :][:0])
-            )
+            raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
         with interruptible(), time_bar(grid.size - 1, self._progress) as bar:
@@ -85,7 +58,7 @@ class Continuation:
                     if not len(block[0]):
                         block = self._carefully(grid, done, blocks)
                 except KeyboardInterrupt:
-                    raise self._interrupted(grid, blocks) from None
+                    raise self._interrupted(self._motion(grid, blocks)) from None
                 blocks.append(block)
                 done += len(block[0])
                 bar.update(len(block[0]))
@@ -237,41 +210,3 @@ class Continuation:
             time=now,
             partial=self._wrap(motion),
         )
-
-    def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
-        pose: SingularPose = describe_singularity(self.numeric, t, q)
-        return SingularityError(
-            f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
-            "what was computed is in .partial",
-            time=t,
-            partial=self._wrap(motion),
-        )
-
-    def _interrupted(self, grid: np.ndarray, blocks: list[tuple]) -> Interrupted:
-        motion = self._motion(grid, blocks)
-        reached = float(motion.t[-1])
-        return Interrupted(
-            f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
-            time=reached,
-            partial=self._wrap(motion),
-        )
-
-
-class _NoBar:
-    def __enter__(self) -> _NoBar:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        return None
-
-    def update(self, _count: int) -> None:
-        """Nothing to show."""
-
-
-def time_bar(total: int, show: bool) -> Any:
-    """Progress bar over output times, or nothing to see."""
-    if not show:
-        return _NoBar()
-    from tqdm.auto import tqdm
-
-    return tqdm(total=total, unit=" times", desc="kinematics")

@@ -17,8 +17,10 @@ from ..numerics.roots import bracketed_root
 from ..results.state import State
 from .outputs import Outputs
 
-#: ``(start, state, time, channel) -> state``: a short integration from an output to a time after it.
-Reach = Callable[[float, np.ndarray, float, "np.ndarray | None"], np.ndarray]
+#: ``time -> state``: a short integration from an output to a time after it.
+Way = Callable[[float], np.ndarray]
+#: ``(start, state, channel) -> way`` from an output on.
+WayFrom = Callable[[float, np.ndarray, "np.ndarray | None"], Way]
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class EventWatch:
         return rising if event.direction > 0 else falling if event.direction < 0 else rising or falling
 
     def crossings(
-        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None, reach: Reach
+        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None, way_from: WayFrom
     ) -> list[Crossing]:
         """Events among outputs, in order of time, up to the first that ends the run or resets velocities.
 
@@ -106,8 +108,8 @@ class EventWatch:
             Start and outputs of a chunk (k + 1,), (k + 1, n_x).
         channel : numpy.ndarray or None
             Inputs by interval (channel, k).
-        reach : callable
-            Integrates from an output to a time after it.
+        way_from : callable
+            Gives the way from an output on.
         """
         columns = None if channel is None else np.hstack([channel[:, :1], channel[:, : len(times) - 1]])
         values = self.values(outputs, times, x, columns)
@@ -116,12 +118,14 @@ class EventWatch:
         self._behind = {}
         found: list[Crossing] = []
         for k in range(len(times) - 1):
+            crossed = [i for i, e in enumerate(self.events) if self._crossed(e, values[k, i], values[k + 1, i])]
+            if not crossed:
+                continue
             column = None if channel is None else channel[:, k : k + 1]
-            here = []
-            for index, event in enumerate(self.events):
-                if self._crossed(event, values[k, index], values[k + 1, index]):
-                    at = self._located(outputs, index, times[k : k + 2], x[k], values[k : k + 2, index], column, reach)
-                    here.append(Crossing(event, at, reach(times[k], x[k], at, column), k, column))
+            way, here = way_from(times[k], x[k], column), []
+            for index in crossed:
+                at = self._located(outputs, index, times[k : k + 2], values[k : k + 2, index], column, way)
+                here.append(Crossing(self.events[index], at, way(at), k, column))
             here.sort(key=lambda c: c.time)
             for n, crossing in enumerate(here):
                 if crossing.event.terminal or crossing.event.reset:
@@ -153,17 +157,15 @@ class EventWatch:
         outputs: Outputs,
         index: int,
         ends: np.ndarray,
-        x: np.ndarray,
         values: np.ndarray,
         channel: np.ndarray | None,
-        reach: Reach,
+        way: Way,
     ) -> float:
         """Time of an event between two outputs, to rounding."""
         low, high = float(ends[0]), float(ends[1])
 
         def value_at(time: float) -> float:
-            trial = reach(low, x, time, channel)
-            return float(self.values(outputs, np.array([time]), trial[None, :], channel)[0, index])
+            return float(self.values(outputs, np.array([time]), way(time)[None, :], channel)[0, index])
 
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)

@@ -72,11 +72,6 @@ class InputFeed:
         return u
 
     # --- a controller ----------------------------------------------------------------------
-    @property
-    def held(self) -> np.ndarray:
-        """Values that the controller gave last."""
-        return self._held
-
     def ask(self, state: State) -> None:
         """Ask the controller; its answer is held until it is asked again."""
         if self.signals.controller is not None:

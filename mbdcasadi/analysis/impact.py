@@ -117,14 +117,7 @@ class Impacts:
         if not moving:
             return state.v.copy(), z
         targets, values = (ca.vertcat(*part) for part in zip(*moving, strict=True))
-        along = ca.jacobian(targets, eom.v)
-        rest = ca.substitute(targets, eom.v, ca.SX.zeros(eom.v.numel()))
-        wanted = np.atleast_1d(state[values]) - np.atleast_1d(state[rest])
-        rows, nu = self.numeric.velocity(state.t, state.q)
-        jacobian = np.vstack([rows, np.reshape(state[along], (len(moving), -1))])
-        right = np.r_[nu, wanted]
-        v = velocity_after(self.numeric.mass, jacobian, right, state.v)
-        left_over = jacobian @ v - right
+        v, left_over = velocities_with(self.numeric, state, targets, np.atleast_1d(state[values]))
         if largest(left_over) > MISSED * (1 + largest(v) + largest(state.v)):
             names = [*eom.row_names, *[str(target) for target, _ in moving]]
             worst = names[int(np.argmax(np.abs(left_over)))]
@@ -134,6 +127,32 @@ class Impacts:
                 time=state.t,
             )
         return v, z
+
+
+def velocities_with(
+    numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity after an impulse that gives some velocities the values wanted, and what all rows then miss.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations of the state's mechanism.
+    state : State
+        Before the impulse.
+    targets : casadi.SX
+        Velocities (k,), linear in v.
+    wanted : numpy.ndarray
+        Their values after it (k,).
+    """
+    eom = numeric.eom
+    along = ca.jacobian(targets, eom.v)
+    rest = ca.substitute(targets, eom.v, ca.SX.zeros(eom.v.numel()))
+    rows, nu = numeric.velocity(state.t, state.q)
+    jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
+    right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
+    v = velocity_after(numeric.mass, jacobian, right, state.v)
+    return v, jacobian @ v - right
 
 
 def velocity_after(mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray) -> np.ndarray:

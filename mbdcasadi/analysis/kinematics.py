@@ -13,7 +13,8 @@ from ..errors import MechanismError
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Statistics, Trajectory
 from .check import generic_rank
-from .continuation import Continuation, DrivenMotion
+from .continuation import Continuation
+from .driven_motion import DrivenMotion
 from .mappings import parameter_vector, time_grid
 from .monitors import tell_monitors
 from .pose import PoseProblem

@@ -9,7 +9,8 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ModelError, SimulationError
-from ..model.symbols import Parameter, number
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input, Parameter, entries, number, refuse_twice
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
@@ -33,6 +34,17 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
     label = getattr(key, "label", repr(key))
     names = ", ".join(repr(s.label) for s in known) or "none"
     raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
+
+
+def inputs_and_parameters(mechanism: Mechanism, given: Any, argument: str) -> tuple[Any, ...]:
+    """Inputs and parameters of the mechanism as they were listed, none of them twice."""
+    found = entries(given, argument)
+    for symbol in found:
+        if not isinstance(symbol, Input | Parameter):
+            raise ModelError(f"{argument} takes inputs and parameters, got {symbol!r}")
+        position_in(mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters, symbol, argument)
+    refuse_twice(found, argument)
+    return found
 
 
 def parameter_vector(eom: Equations, parameters: Any) -> np.ndarray:

@@ -9,11 +9,17 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismWarning
+from ..model.mechanism import Mechanism
 from ..model.monitors import Monitor
+from ..results.columns import has_multipliers
 from ..results.trajectory import Trajectory
 
 #: Share of a quantity's size below zero that still counts as zero: an event is located to about that.
 ROUNDING = 1e-6
+
+
+def _monitors(mechanism: Mechanism) -> list[Monitor]:
+    return [monitor for element in mechanism.elements for monitor in getattr(element, "monitors", ())]
 
 
 def _shown(monitor: Monitor) -> ca.SX:
@@ -24,8 +30,7 @@ def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[
     """What is wrong at a pose by the monitors that depend on nothing else."""
     eom = numeric.eom
     others = ca.vertcat(eom.v, eom.a, eom.z, eom.lam, eom.u)
-    monitors = [m for element in eom.mechanism.elements for m in getattr(element, "monitors", ())]
-    monitors = [m for m in monitors if not ca.depends_on(m.expression, others)]
+    monitors = [m for m in _monitors(eom.mechanism) if not ca.depends_on(m.expression, others)]
     found = []
     for monitor in monitors:
         value, shown = _at_pose(numeric, ca.vertcat(monitor.expression, _shown(monitor)), t, q).ravel()
@@ -39,7 +44,7 @@ def not_still(numeric: NumericEquations, t: float, q: np.ndarray, free: np.ndarr
     """What turns along free motions (n, k) though the joints should hold it still."""
     eom = numeric.eom
     found = []
-    for monitor in (m for element in eom.mechanism.elements for m in getattr(element, "monitors", ())):
+    for monitor in _monitors(eom.mechanism):
         if monitor.still is not None and free.size:
             rates = _at_pose(numeric, ca.jacobian(monitor.still, eom.q), t, q) @ free
             if np.max(np.abs(rates)) > ROUNDING * np.max(np.abs(free[2::3]), initial=1.0):
@@ -57,10 +62,8 @@ def tell_monitors(motion: Trajectory) -> None:
 
     Quantities that the analysis does not know (a contact force in kinematics) are left out.
     """
-    lam = motion.equations.lam
-    known = bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))
-    monitors = [m for element in motion.mechanism.elements for m in getattr(element, "monitors", ())]
-    monitors = [m for m in monitors if known or not ca.depends_on(m.expression, lam)]
+    known, lam = has_multipliers(motion), motion.equations.lam
+    monitors = [m for m in _monitors(motion.mechanism) if known or not ca.depends_on(m.expression, lam)]
     if not monitors or not motion.t.size:
         return
     values = motion[ca.vertcat(*[m.expression for m in monitors])].reshape(motion.t.size, -1)

@@ -1,4 +1,4 @@
-"""A bar that counts simulated seconds."""
+"""Bars that count simulated seconds, and output times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class _NoBar:
     def __exit__(self, *_: Any) -> None:
         return None
 
-    def update(self, _seconds: float) -> None:
+    def update(self, _amount: float) -> None:
         """Nothing to show."""
 
 
@@ -29,3 +29,12 @@ def progress_bar(chunks: list[Chunk], show: bool) -> Any:
     # a little more than the whole, since the parts are rounded when they are added up
     total = sum(chunk.length for chunk in chunks) * (1 + 1e-9)
     return tqdm(total=total, unit="s", desc="simulate", bar_format=_FORMAT)
+
+
+def time_bar(total: int, show: bool) -> Any:
+    """Progress bar over output times, or nothing to see."""
+    if not show:
+        return _NoBar()
+    from tqdm.auto import tqdm
+
+    return tqdm(total=total, unit=" times", desc="kinematics")

@@ -130,11 +130,8 @@ class Resolution:
 
     def _blows(self, chunk: Path) -> list[float]:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
-        n, lengths = len(self._smoothings), np.diff(chunk.times)
-        forces = self._at(self._courses, chunk.times, chunk.x)[:, :n]
-        missed = np.abs(np.diff(forces, axis=0) - chunk.integrals[:, :n])[:, self._normal]
-        size = np.abs(forces)
-        seen = np.maximum(np.maximum(size[:-1], size[1:]), chunk.integrals[:, n : 2 * n] / 2)[:, self._normal]
+        lengths = np.diff(chunk.times)
+        missed, seen = (part[:, self._normal] for part in self._followed(chunk))
         gaps, rates = np.split(self._at(self._approach, chunk.times, chunk.x), 2, axis=1)
         found = []
         for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
@@ -148,16 +145,18 @@ class Resolution:
         """Take note of a chunk that counts."""
         if not self.rates.numel() or chunk.times.size < 2:
             return
-        knots, states, steps = chunk.times, chunk.x, chunk.integrals
-        n = len(self._smoothings)
-        if n:
-            courses = self._at(self._courses, knots, states)
-            missed = np.abs(np.diff(courses[:, :n], axis=0) - steps[:, :n])
-            size = np.abs(courses[:, n:])
-            seen = np.maximum(np.maximum(size[:-1], size[1:]), steps[:, n : 2 * n] / 2)
-            self._blocks.append((knots[1:], np.diff(knots), missed, seen))
+        if self._smoothings:
+            self._blocks.append((chunk.times[1:], np.diff(chunk.times), *self._followed(chunk)))
         for k, start, depth, spell in self._passes(chunk) if self._owner else ():
             self._passed.setdefault(k, _Finding()).add(start, depth, spell)
+
+    def _followed(self, chunk: Path) -> tuple[np.ndarray, np.ndarray]:
+        """By how much the steps of each interval miss the change of what is smoothed, and the size of its load."""
+        n = len(self._smoothings)
+        courses = self._at(self._courses, chunk.times, chunk.x)
+        missed = np.abs(np.diff(courses[:, :n], axis=0) - chunk.integrals[:, :n])
+        size = np.abs(courses[:, n:])
+        return missed, np.maximum(np.maximum(size[:-1], size[1:]), chunk.integrals[:, n : 2 * n] / 2)
 
     def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         n = self._numeric.eom.q.numel()

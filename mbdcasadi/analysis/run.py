@@ -139,11 +139,9 @@ class Run:
                 outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
                 if outcome is Outcome.SHORTEN:
                     left, waiting = self._shortened([joined, *left]), None
+                    bar.update(chunk.length - joined.length)
                     continue
-                if outcome is Outcome.TOUCH:
-                    left, waiting = [*self._rest, *left], None
-                    continue
-                if outcome is Outcome.RESET:
+                if outcome in (Outcome.TOUCH, Outcome.RESET):
                     left, waiting = [*self._rest, *left], None
                     bar.update(chunk.length - sum(rest.length for rest in self._rest))
                     continue
@@ -245,7 +243,7 @@ class Run:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Crossing | None]:
         """Record the events of a chunk; one that ends the run or resets velocities cuts its outputs off."""
         knots, states = np.r_[chunk.start, times], np.vstack([self._step.x, x])
-        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.reach)
+        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.way_from)
         for found in crossings:
             k = found.interval
             if found.event.reset:

@@ -82,8 +82,7 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, breaks: np.ndarr
     """
     start, end = grid[0], grid[-1]
     if period is not None:
-        count = int(np.ceil((end - start) / period * (1 - 1e-12)))
-        borders = np.minimum(start + period * np.arange(1, count + 1), end)
+        borders = periods_of(grid, period)
     elif grid.size - 1 >= CHUNKS:
         borders = np.array([part[-1] for part in np.array_split(grid[1:], _even(grid.size - 1))])
     else:
@@ -102,6 +101,13 @@ def chunks_of(grid: np.ndarray, *, period: float | None = None, breaks: np.ndarr
             chunks.append(Chunk(since, times[first:last], wanted[first:last]))
             first, since = last, float(times[last - 1])
     return chunks
+
+
+def periods_of(grid: np.ndarray, period: float) -> np.ndarray:
+    """Ends of the sampling periods of a controller within an output grid, the last one its end."""
+    start, end = grid[0], grid[-1]
+    count = int(np.ceil((end - start) / period * (1 - 1e-12)))
+    return np.minimum(start + period * np.arange(1, count + 1), end)
 
 
 def merged(chunks: list[Chunk], count: int) -> list[Chunk]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,11 @@ class Stepper:
         self._outputs = {flag: Outputs(numeric, feed, redundant=flag) for flag in (False, True)}
         self.formulation = choose(numeric, method, redundant=redundant)
         self.x = np.r_[start.q, start.v, start.z]
-        self._z = self._estimate(np.r_[start.a, start.lam])
+        unknowns = np.r_[start.a, start.lam]
+        #: estimate of the algebraic unknowns from which the integrator finds consistent ones: zero where the equations
+        #: are linear in them, since one Newton step of IDAS then finds them, while a residual of rounding size, which
+        #: no step reduces, makes its line search fail (seen from 200 bodies on)
+        self._z = unknowns if numeric.eom.Q_depends_on_lam else np.zeros_like(unknowns)
         self.path = Path(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         self.fastest = self._regular = 0.0
 
@@ -100,17 +105,8 @@ class Stepper:
     def go_on_from(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> None:
         """Start the next chunk from a projected state."""
         self.x = x
-        if self.formulation.algebraic:
-            self._z = self._estimate(self.outputs.unknowns(time, x, channel))
-
-    def _estimate(self, z: np.ndarray) -> np.ndarray:
-        """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
-
-        Zero where the equations are linear in them: one Newton step of IDAS
-        then finds them, while a residual of rounding size, which no step
-        reduces, makes its line search fail (seen from 200 bodies on).
-        """
-        return z if self.numeric.eom.Q_depends_on_lam else np.zeros_like(z)
+        if self.numeric.eom.Q_depends_on_lam:
+            self._z = self.outputs.unknowns(time, x, channel)
 
     # --- integrating -------------------------------------------------------------------------
     def _integrator(self, form: Formulation) -> Integrator:
@@ -160,20 +156,24 @@ class Stepper:
         rate = max(DECAY / min(usual_length, chunk.length), DECAY_PER_RADIAN * self.fastest)
         return np.r_[self.numeric.p, rate]
 
-    def reach(self, start: float, x: np.ndarray, time: float, channel: np.ndarray | None) -> np.ndarray:
-        """Projected state at a time after an output, by a short integration from there."""
-        if time <= start:
-            return x
+    def way_from(self, start: float, x: np.ndarray, channel: np.ndarray | None) -> Callable[[float], np.ndarray]:
+        """Projected state by time after an output, each by a short integration from there."""
         z = self.outputs.unknowns(start, x, channel) if self.formulation.algebraic else np.zeros(0)
         p = np.r_[self.numeric.p, 0.0]
         integrator = self._integrator(self.formulation)
-        try:
-            reached = integrator.advance_once(x, z, start, time, p, channel)
-        except IntegrationFailure as failure:
-            if failure.args[0] != "IDA_LINESEARCH_FAIL":
-                raise
-            reached = integrator.advance_once(x, beside(z), start, time, p, channel)
-        return self.outputs.projected(np.array([time]), reached[None, :])[0]
+
+        def state_at(time: float) -> np.ndarray:
+            if time <= start:
+                return x
+            try:
+                reached = integrator.advance_once(x, z, start, time, p, channel)
+            except IntegrationFailure as failure:
+                if failure.flag != "IDA_LINESEARCH_FAIL":
+                    raise
+                reached = integrator.advance_once(x, beside(z), start, time, p, channel)
+            return self.outputs.projected(np.array([time]), reached[None, :])[0]
+
+        return state_at
 
     # --- singular poses on the way ---------------------------------------------------------------
     def note_turning(self, x: np.ndarray) -> None:

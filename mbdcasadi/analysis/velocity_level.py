@@ -16,11 +16,11 @@ import numpy as np
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import Interrupted, SingularityError
+from ..errors import SingularityError
 from ..numerics.console import interruptible
 from ..numerics.integration import Dae, IntegrationFailure, Integrator
-from .continuation import DrivenMotion, time_bar
-from .singular import describe_singularity
+from .driven_motion import DrivenMotion, MotionFollower
+from .progress import time_bar
 
 #: Tolerance of the integration.
 TOLERANCE = 1e-11
@@ -28,26 +28,14 @@ TOLERANCE = 1e-11
 CHUNK = 100
 
 
-class VelocityLevelMotion:
-    """Follows the pose of a mechanism whose velocity is determined and whose pose is not.
-
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Its equations.
-    progress : bool
-        Show a progress bar.
-    wrap : callable, optional
-        Makes the partial result that an error carries.
-    """
+class VelocityLevelMotion(MotionFollower):
+    """Follows the pose of a mechanism whose velocity is determined and whose pose is not; see the base class."""
 
     def __init__(
         self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
     ):
-        self.numeric = numeric
-        self._progress = progress
+        super().__init__(numeric, progress=progress, wrap=wrap)
         self._rates = driven_equations(numeric.eom).rates
-        self._wrap = wrap or (lambda motion: motion)
         self._recovery = Recovery(numeric, redundant=True)
 
     def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
@@ -77,9 +65,8 @@ class VelocityLevelMotion:
         start, times = float(grid[done - 1]), grid[done : done + CHUNK]
         found = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
         motion = self.correct(grid[: done + len(found.x)], np.vstack([poses, found.x]))
-        if found.last is None:
-            return self._singular(float(motion.t[-1]), motion)
-        return self._singular(found.last, motion, found.last_x)
+        reached = float(motion.t[-1]) if found.last is None else found.last
+        return self._singular(reached, motion.q[-1] if found.last_x is None else found.last_x, motion)
 
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""
@@ -94,8 +81,7 @@ class VelocityLevelMotion:
             v = a = np.full_like(q, np.nan)
         if not np.all(np.isfinite(a)):
             k = int(np.argmin(np.all(np.isfinite(a), axis=1)))
-            nothing = DrivenMotion(t[:0], q[:0], q[:0], q[:0])
-            raise self._singular(float(t[k]), nothing, q[k])
+            raise self._singular(float(t[k]), q[k], DrivenMotion.none(q.shape[1]))
         return v, a
 
     def _system(self) -> Dae:
@@ -108,20 +94,3 @@ class VelocityLevelMotion:
         residual = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [rows])(start + since, eom.q, eom.v, eom.p)
         parameters = ca.vertcat(start, eom.p)
         return Dae(since, eom.q, eom.v, parameters, ca.SX(0, 1), eom.v, residual)
-
-    def _singular(self, t: float, motion: DrivenMotion, q: np.ndarray | None = None) -> SingularityError:
-        pose = describe_singularity(self.numeric, t, motion.q[-1] if q is None else q)
-        return SingularityError(
-            f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
-            "what was computed is in .partial",
-            time=t,
-            partial=self._wrap(motion),
-        )
-
-    def _interrupted(self, motion: DrivenMotion) -> Interrupted:
-        reached = float(motion.t[-1])
-        return Interrupted(
-            f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
-            time=reached,
-            partial=self._wrap(motion),
-        )

@@ -67,7 +67,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     """
     mechanism = sample.mechanism
     unit, hanging = _measures(sample)
-    pen = Pen(sample, Scene(unit, traces=list(options.trace)), hanging)
+    pen = Pen(sample, Scene(unit), hanging)
     known = options.readings and sample.has_multipliers
 
     def item(thing: Any) -> int:

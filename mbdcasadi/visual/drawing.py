@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import casadi as ca
 import numpy as np
 
+from ..analysis.assemble import assemble
 from ..errors import MechanismError
 from ..model.bodies import Body, Marker
 from ..model.mechanism import Mechanism
@@ -140,8 +141,6 @@ def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
 # --- what is drawn -------------------------------------------------------------------------
 def subject(source: Any) -> State | Trajectory:
     """State or trajectory of anything that can be drawn; a mechanism is assembled."""
-    from ..analysis.assemble import assemble
-
     for name in ("trajectory", "state", "mechanism"):
         if isinstance(source, State | Trajectory | Mechanism):
             break
@@ -218,12 +217,17 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     axes.set_aspect("equal", adjustable="box")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#8a929a")
-    axes.tick_params(color="#8a929a", labelsize="small")
+    two_spines(axes)
     sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
     for axis, length in sides:
         axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
+
+
+def two_spines(axes: Axes) -> None:
+    """Leave axes their left and lower spine, in a light colour."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#8a929a")
+    axes.tick_params(color="#8a929a", labelsize="small")
 
 
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:

@@ -43,6 +43,8 @@ class Film:
         Of arrows, see :func:`compose.compose`.
     ways : numpy.ndarray
         Traced points (n, k, 2), m.
+    box : numpy.ndarray
+        Corners ``[[x, y], [x, y]]`` of all that is shown, m.
     curves : dict of str to dict of str to numpy.ndarray
         By label: lines (n,) by name.
     speed : float
@@ -57,6 +59,7 @@ class Film:
     poses: np.ndarray
     scale: dict[str, float]
     ways: np.ndarray
+    box: np.ndarray
     curves: dict[str, dict[str, np.ndarray]]
     speed: float
     fps: float
@@ -66,6 +69,11 @@ class Film:
     def t(self) -> np.ndarray:
         """Times of the frames (n,), s."""
         return self.sample.t
+
+    @property
+    def digits(self) -> int:
+        """Decimals with which a time is written."""
+        return int(max(2, np.ceil(2 - np.log10(self.t[-1] - self.t[0]))))
 
 
 def film(
@@ -91,7 +99,7 @@ def film(
     poses = scene.poses(sample)
     box = room(scene, poses, ways.reshape(-1, 2))
     scene = settled(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
-    return Film(sample, scene, poses, scale, ways, _curves(sample, plots), speed, fps, name)
+    return Film(sample, scene, poses, scale, ways, box, _curves(sample, plots), speed, fps, name)
 
 
 def _positive(value: Any, name: str) -> float:

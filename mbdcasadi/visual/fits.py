@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.identification.fit import spread_of
 from ..errors import MechanismError
 from .plots import COLOURS
 
@@ -67,8 +68,7 @@ def _one(
     above.plot(t, model, color=COLOURS[0], linewidth=1.4, label="model")
     above.set_ylabel(label)
     above.legend(frameon=False, fontsize="small")
-    there = residual[np.isfinite(residual)]
-    spread = float(np.sqrt(np.mean(there**2))) if there.size else 0.0
+    spread = float(np.nan_to_num(spread_of(residual)))
     below.axhspan(-2 * spread, 2 * spread, color=COLOURS[0], alpha=0.12, linewidth=0)
     below.axhline(0.0, color=COLOURS[5], linewidth=0.6)
     below.plot(t, residual, ".", color=COLOURS[1], markersize=4)

@@ -49,7 +49,7 @@ class Stage:
 
         self.film = film
         scene = film.scene if forces else film.scene.without("loads")
-        box = room(scene, film.poses, film.ways.reshape(-1, 2))
+        box = film.box if forces else room(scene, film.poses, film.ways.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
         # even numbers of pixels: films want them
@@ -102,7 +102,7 @@ class Stage:
         self._picture.show(film.poses[k])
         for line, way in zip(self._traces, self._ways, strict=True):
             line.set_data(*way[: FINER * k + 1].T)
-        self._clock.set_text(f"t = {film.t[k]:.{_digits(film.t)}f} s")
+        self._clock.set_text(f"t = {film.t[k]:.{film.digits}f} s")
         for cursor in self._cursors:
             cursor.set_xdata([film.t[k], film.t[k]])
         self.canvas.restore_region(self._behind)
@@ -120,10 +120,6 @@ def finer(way: np.ndarray) -> np.ndarray:
     s = (np.arange(FINER) / FINER)[:, None]
     between = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
     return np.vstack([between.reshape(-1, way.shape[1]), way[-1:]])
-
-
-def _digits(t: np.ndarray) -> int:
-    return int(max(2, np.ceil(1 - np.log10(t[-1] - t[0]) + 1)))
 
 
 def write_gif(film: Film, forces: bool, path: Path) -> None:

@@ -20,7 +20,7 @@ ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
 POSES, LETTERS = 7, 22
 
 
-def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float, ways: Sequence[np.ndarray] = ()) -> Scene:
+def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> Scene:
     """Return the scene with its names where they can be read.
 
     Parameters
@@ -33,14 +33,12 @@ def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float, ways
         Corners ``[[x, y], [x, y]]`` of what is shown, m.
     scale : float
         Points of the paper to a metre.
-    ways : sequence of numpy.ndarray
-        Lines (k, 2) that are drawn beside the marks, m.
     """
     if not scene.labels:
         return scene
     some = poses[np.unique(np.linspace(0, len(poses) - 1, POSES).round().astype(int))]
     marks = [mark for mark in scene.marks if mark.group != "loads"]
-    tables = [_ink(marks, pose, box, scale, ways) for pose in some]
+    tables = [_ink(marks, pose, box, scale) for pose in some]
     taken: list[tuple[np.ndarray, np.ndarray]] = []
     found: dict[int, Label] = {}
     # joints first: there is less room about them than along a body
@@ -82,19 +80,17 @@ def _candidates(size: np.ndarray, body: bool) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack(shifts), far
 
 
-def _ink(
-    marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float, ways: Sequence[np.ndarray]
-) -> np.ndarray:
+def _ink(marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float) -> np.ndarray:
     """Sums over rows and columns of cells that lines pass: of a rectangle they follow from its corners."""
-    lines = [placed(loop, pose[mark.frame]) for mark in marks for loop in mark.loops]
     shape = np.ceil((box[1] - box[0]) * scale / CELL).astype(int) + 1
     inked = np.zeros(shape, np.int64)
-    closed = [mark.closed for mark in marks for _ in mark.loops] + [False] * len(ways)
-    for line, loop in zip([*lines, *ways], closed, strict=True):
-        points = (np.vstack([line, line[:1]]) if loop else line) - box[0]
-        cells = _dense(points * scale / CELL)
-        inside = np.all((cells >= 0) & (cells < shape), axis=1)
-        inked[tuple(cells[inside].T)] = 1
+    for mark in marks:
+        for loop in mark.loops:
+            line = placed(loop, pose[mark.frame])
+            points = (np.vstack([line, line[:1]]) if mark.closed else line) - box[0]
+            cells = _dense(points * scale / CELL)
+            inside = np.all((cells >= 0) & (cells < shape), axis=1)
+            inked[tuple(cells[inside].T)] = 1
     return np.pad(inked.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
 
 

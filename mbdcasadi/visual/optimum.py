@@ -9,12 +9,11 @@ import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
-from ..model.expressions import norm
 from ..model.joints.composite import PointOnLine
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.symbols import time_derivative
-from ..results.columns import columns, joints_of, reaction_body, read_lines
-from .plots import COLOURS, dress
+from ..results.columns import columns, read_lines
+from .plots import COLOURS, dress, reaction_sizes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +52,11 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     if not hasattr(solution, "active_limits"):
         raise MechanismError(f"plot_solution: takes what optimize returns, got {solution!r}")
     states = _usual_states(solution) if expressions is None else _named(expressions)
-    inputs, active, loads = solution.problem.mechanism.inputs, solution.active_limits, _reactions(solution)
+    inputs, active, loads = (
+        solution.problem.mechanism.inputs,
+        solution.active_limits,
+        reaction_sizes(solution.trajectory)[0],
+    )
     heights = [1.5] * (len(inputs) + len(states)) + [1.5] * bool(loads) + [0.15 + 0.22 * len(active)] * bool(active)
     heights.append(0.25)
     figure = Figure(figsize=(8.4, 1.1 + sum(heights)), layout="constrained")
@@ -101,13 +104,6 @@ def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
             found[f"{label}, {unit}"] = natural
             found[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
     return found
-
-
-def _reactions(solution: Solution) -> dict[str, ca.SX]:
-    mechanism = solution.problem.mechanism
-    sizes = {j.name: norm(j.reaction_on(reaction_body(j)).force) for j in joints_of(mechanism)}
-    values = columns(solution.trajectory, sizes)
-    return {name: sizes[name] for name, size in values.items() if np.any(size > 1e-9)}
 
 
 def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:

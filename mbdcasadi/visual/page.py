@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
-from .drawing import nice, room
+from .drawing import nice
 from .film import Film
 from .plots import COLOURS
 from .scene import SLOT, Mark
@@ -115,11 +115,10 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         for label, lines in film.curves.items()
     ]  # fmt: skip
     shapes: Shapes = {}
-    box = room(scene, film.poses, film.ways.reshape(-1, 2))
     return {
         "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
-        "digits": int(max(2, np.ceil(2 - np.log10(t[-1] - t[0])))),
-        "box": [_short(x) for x in box.ravel()], "scale": _scale(film, box), "traceLayer": SLOT,
+        "digits": film.digits,
+        "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
         "frames": frames, "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
         "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
@@ -148,9 +147,9 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _scale(film: Film, box: np.ndarray) -> str:
+def _scale(film: Film) -> str:
     """What the size of arrows means, in words."""
-    diagonal, told = float(np.hypot(*(box[1] - box[0]))), []
+    diagonal, told = float(np.hypot(*(film.box[1] - film.box[0]))), []
     for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
         if unit in film.scale:
             value = nice(share * diagonal * film.scale[unit])

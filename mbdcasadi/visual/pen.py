@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -225,13 +225,18 @@ class Pen:
         else:
             frame.draw("body line", [start, end], layer=scene.GUIDE)
 
+    def is_new(self, place: np.ndarray, taken: set[tuple]) -> bool:
+        """Whether nothing of a kind is drawn at a place (2,) yet; it is taken then."""
+        key = tuple(np.round(place / self.unit, 3))
+        new = key not in taken
+        taken.add(key)
+        return new
+
     def stand(self, frame: Frame) -> None:
         """Support of a pin on the ground: a triangle on hatching, or under it where the mechanism hangs."""
         place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number][:2])
-        key = tuple(np.round(place / self.unit, 3))
-        if key in self.stands:
+        if not self.is_new(place, self.stands):
             return
-        self.stands.add(key)
         u, sign = self.unit, -1.0 if self.hanging else 1.0
         upright = Frame(self, frame.number, frame.shift, 0.0)
         feet = np.array([[-1.15, -1.9], [1.15, -1.9]]) * u * sign
@@ -256,8 +261,3 @@ class Pen:
         symbols = ca.vertcat(ca.SX(0, 1), *self.sample.mechanism.parameters)
         function = ca.Function("curve", [place, symbols], [ca.densify(point(place))])
         return np.array([function(float(x), self.sample.parameters).full().ravel() for x in places])
-
-
-def bodies_of(elements: Iterable[Any]) -> list[Body]:
-    """Bodies that elements act on, without the ground."""
-    return [b for b in dict.fromkeys(b for e in elements for b in e.bodies) if not b.is_ground]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
@@ -18,7 +19,7 @@ from ..results.columns import (
     read_lines,
 )
 from ..results.trajectory import Trajectory
-from .drawing import motion_of
+from .drawing import motion_of, two_spines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,10 +126,7 @@ def _loads(motion: Trajectory) -> Panels:
     mechanism = motion.mechanism
     panels: Panels = {}
     if has_multipliers(motion):
-        forces = {joint.name: norm(joint.reaction_on(reaction_body(joint)).force) for joint in joints_of(mechanism)}
-        sizes = columns(motion, forces)
-        # what never pushes, such as the angle of a slider that is held, would only fill the legend
-        panels["reaction, N"] = {name: size for name, size in sizes.items() if np.any(size > 1e-9)}
+        panels["reaction, N"] = reaction_sizes(motion)[1]
         for unit in ("N", "N m"):
             drivers = [driver for driver in mechanism.drivers if effort_unit(driver) == unit]
             label = f"{drivers[0].name}, {unit}" if len(drivers) == 1 else f"driver effort, {unit}"
@@ -137,6 +135,14 @@ def _loads(motion: Trajectory) -> Panels:
     energy = motion.energy
     panels["energy, J"] = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
     return {label: lines for label, lines in panels.items() if lines}
+
+
+def reaction_sizes(motion: Trajectory) -> tuple[dict[str, ca.SX], dict[str, np.ndarray]]:
+    """Sizes of joint reactions as expressions, and over time, by joint; without those that never push."""
+    forces = {j.name: norm(j.reaction_on(reaction_body(j)).force) for j in joints_of(motion.mechanism)}
+    # what never pushes, such as the angle of a slider that is held, would only fill the legend
+    sizes = {name: size for name, size in columns(motion, forces).items() if np.any(size > 1e-9)}
+    return {name: forces[name] for name in sizes}, sizes
 
 
 def lines_over(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
@@ -155,9 +161,7 @@ def dress(axes: Axes, label: str, legend: bool) -> None:
     axes.set_ylabel(label)
     axes.grid(True, color="#d8dce0", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#8a929a")
-    axes.tick_params(color="#8a929a", labelsize="small")
+    two_spines(axes)
     # rounding errors of a quantity that rests would else fill the whole height
     low, high = axes.get_ylim()
     size = max(abs(low), abs(high))

@@ -101,8 +101,6 @@ class Scene:
         Frames whose angle is that of a vector: whole turns between two times are none of theirs.
     labels : list of Label
     items : list of Item
-    traces : list of casadi.SX
-        Points (2,) whose way is drawn.
     unit : float
         The length that symbols are made of, m.
     """
@@ -113,7 +111,6 @@ class Scene:
     directions: list[int] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
-    traces: list[ca.SX] = field(default_factory=list)
 
     def frame(self, position: Any, angle: Any = 0.0, length: Any = 1.0, direction: bool = False) -> int:
         """Add a frame and return its number; `direction` says that the angle is that of a vector, known up to turns."""

@@ -103,9 +103,8 @@ def test_impact_in_a_four_bar():
     np.testing.assert_array_equal(after.q, before.q)
 
 
-def test_impact_of_two_degrees_of_freedom():
-    """A double pendulum hits a wall with its tip: impulse and speeds from its 2 × 2 mass matrix, by hand."""
-    m, length = 1.3, 0.7
+def double_pendulum(m, length, forces_of=lambda tip: ()):
+    """Two equal rods that begin horizontal, their tip, and the mechanism."""
     first = mbd.Body("first", mass=m, inertia=m * length**2 / 12, pose=(length / 2, 0, 0))
     second = mbd.Body("second", mass=m, inertia=m * length**2 / 12, pose=(1.5 * length, 0, 0))
     pins = [
@@ -113,7 +112,13 @@ def test_impact_of_two_degrees_of_freedom():
         mbd.Revolute("lower", first.at(length / 2, 0), second.at(-length / 2, 0)),
     ]
     tip = second.at(length / 2, 0)
-    mechanism = mbd.Mechanism(bodies=[first, second], joints=pins, forces=[mbd.Gravity()])
+    return first, second, tip, mbd.Mechanism([first, second], pins, forces=[mbd.Gravity(), *forces_of(tip)])
+
+
+def test_impact_of_two_degrees_of_freedom():
+    """A double pendulum hits a wall with its tip: impulse and speeds from its 2 × 2 mass matrix, by hand."""
+    m, length = 1.3, 0.7
+    first, second, tip, mechanism = double_pendulum(m, length)
     wall = mbd.Event("wall", tip.x - 0.4, direction=-1, reset=[(tip.vx, -0.5 * tip.vx)])
     motion = mbd.simulate(mechanism, np.linspace(0, 0.7, 71), events=[wall])
     before, after = motion.events[0].state, motion.events[0].after
@@ -136,14 +141,7 @@ def test_a_stiff_contact_meets_the_impulse():
     m, length, wall = 1.3, 0.7, 0.4
 
     def run(forces_of, events_of):
-        first = mbd.Body("first", mass=m, inertia=m * length**2 / 12, pose=(length / 2, 0, 0))
-        second = mbd.Body("second", mass=m, inertia=m * length**2 / 12, pose=(1.5 * length, 0, 0))
-        pins = [
-            mbd.Revolute("upper", mbd.ground.at(0, 0), first.at(-length / 2, 0)),
-            mbd.Revolute("lower", first.at(length / 2, 0), second.at(-length / 2, 0)),
-        ]
-        tip = second.at(length / 2, 0)
-        mechanism = mbd.Mechanism([first, second], pins, forces=[mbd.Gravity(), *forces_of(tip)])
+        first, second, tip, mechanism = double_pendulum(m, length, forces_of)
         motion = mbd.simulate(mechanism, np.linspace(0, 0.65, 66), events=events_of(tip))
         return motion, np.array([motion[first.phi][-1], motion[second.phi][-1]])
 

@@ -12,12 +12,12 @@ from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, MechanismError, ModelError
 from ...model.conditions import Condition, read_conditions
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, entries, number, refuse_twice
+from ...model.symbols import Input, Parameter, number
 from ...numerics.least_squares import largest
 from ...results.state import State
 from ..assembly import assemble_at
 from ..inputs import Signals, read_signals
-from ..mappings import pairs_of, parameter_vector, position_in
+from ..mappings import inputs_and_parameters, pairs_of, parameter_vector, position_in
 from ..starting import carried_by
 from .search import newton, newton_nearby, to_stable
 from .statics import Statics, Stiffness
@@ -134,7 +134,7 @@ def equilibrium(
     p = parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
     given = own["inputs"] | dict(pairs_of(inputs, "inputs="))
     numeric, signals = NumericEquations(eom, p), read_signals(eom, given)
-    wanted = _unknowns(mechanism, unknowns)
+    wanted = inputs_and_parameters(mechanism, unknowns, "unknowns=")
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
     equalities = tuple(c for c in rows if c.equality) if wanted else ()
     if wanted and len(equalities) != len(wanted):
@@ -161,17 +161,6 @@ def equilibrium(
     result = Equilibrium(statics, found)
     _check_inequalities(rows, result)
     return result
-
-
-def _unknowns(mechanism: Mechanism, unknowns: Any) -> tuple[Any, ...]:
-    found = entries(unknowns, "unknowns=")
-    for symbol in found:
-        if not isinstance(symbol, Input | Parameter):
-            raise ModelError(f"unknowns= takes inputs and parameters, got {symbol!r}")
-        known = mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters
-        position_in(known, symbol, "unknowns=")
-    refuse_twice(found, "unknowns=")
-    return found
 
 
 def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:

@@ -14,6 +14,7 @@ from ...errors import SimulationError
 from ...model.mechanism import Mechanism
 from ...model.symbols import number
 from ...numerics.console import call
+from ...numerics.plugins import last_line
 from ...results.state import State
 from ..inputs import read_signals
 from ..mappings import pairs_of, parameter_vector, time_grid
@@ -165,10 +166,7 @@ class CompiledRun:
         try:
             return call(function, *arguments)
         except RuntimeError as error:
-            lines = [line for line in str(error).splitlines() if line.strip()]
-            raise SimulationError(
-                self._stopped(arguments[0], lines[-1] if lines else "no reason given", remedy)
-            ) from None
+            raise SimulationError(self._stopped(arguments[0], last_line(error), remedy)) from None
 
     def _stopped(self, d: np.ndarray, why: str, remedy: str | None = None) -> str:
         remedy = remedy or "simulate with these values says where and why"

@@ -31,7 +31,7 @@ class ByUnknown(dict):
         raise ModelError(f"'{getattr(key, 'label', key)}' was not among the unknowns: {names}")
 
 
-def _spread(residual: np.ndarray) -> float:
+def spread_of(residual: np.ndarray) -> float:
     """Root of the mean square of the residuals there are; NaN where there are none."""
     there = residual[np.isfinite(residual)]
     return float(np.sqrt(np.mean(there**2))) if there.size else float("nan")
@@ -87,7 +87,7 @@ class Fit:
             np.where(e.measured, y - e.samples, np.nan) for e, y in zip(experiments, outputs, strict=True)
         )
         self.noise = tuple(
-            {label: _spread(row) for label, row in zip(e.labels, r, strict=True)}
+            {label: spread_of(row) for label, row in zip(e.labels, r, strict=True)}
             for e, r in zip(experiments, self.residuals, strict=True)
         )
         self._parameters = parameters

@@ -12,11 +12,11 @@ from ...equations import Equations, equations
 from ...equations.numeric import NumericEquations
 from ...errors import ModelError
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, as_expression, entries, refuse_twice
+from ...model.symbols import Input, Parameter, as_expression, entries
 from ...printing import to_text
 from ...results.state import State
 from ..inputs import Signals, read_signals
-from ..mappings import pairs_of, parameter_vector, position_in
+from ..mappings import inputs_and_parameters, pairs_of, parameter_vector
 from ..starting import carried_by, start_state
 from .coordinates import independent
 from .directions import Directions
@@ -94,7 +94,7 @@ def linearize(
     signals = read_signals(eom, own["inputs"] | dict(pairs_of(inputs, "inputs=")))
     point = start_state(numeric, state, state.t, signals)
     _ = point[eom.a]  # raises where there are no accelerations
-    changed = _read_wrt(mechanism, wrt)
+    changed = inputs_and_parameters(mechanism, wrt, "wrt=")
     names, expressions = read_outputs(outputs)
     eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
     chosen = independent(numeric, point, coordinates)
@@ -118,16 +118,6 @@ def linearize(
         directions=directions,
         speeds=chosen.positions.numel(),
     )
-
-
-def _read_wrt(mechanism: Mechanism, wrt: Any) -> tuple[Any, ...]:
-    found = entries(wrt, "wrt=")
-    for symbol in found:
-        if not isinstance(symbol, Input | Parameter):
-            raise ModelError(f"wrt= takes inputs and parameters, got {symbol!r}")
-        position_in(mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters, symbol, "wrt=")
-    refuse_twice(found, "wrt=")
-    return found
 
 
 def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:

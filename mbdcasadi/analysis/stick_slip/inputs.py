@@ -14,6 +14,7 @@ from ..feed import read_answer
 from ..inputs import SampledController, read_signals
 from ..mappings import pairs_of, position_in
 from ..pieces import PiecewisePolynomial
+from ..schedule import periods_of
 
 
 class CutInputs:
@@ -46,11 +47,7 @@ class CutInputs:
 
     def instants(self, grid: np.ndarray) -> np.ndarray:
         """Ends of the stretches over which a controller's answer holds; the end of the run alone without one."""
-        if self.controller is None:
-            return grid[-1:]
-        span, period = grid[-1] - grid[0], self.controller.period
-        count = int(np.ceil(span / period * (1 - 1e-12)))
-        return np.minimum(grid[0] + period * np.arange(1, count + 1), grid[-1])
+        return grid[-1:] if self.controller is None else periods_of(grid, self.controller.period)
 
     def ask(self, state: Any) -> None:
         """Ask the controller, where there is one."""

@@ -17,7 +17,7 @@ from ...model.symbols import time_derivative
 from ...numerics.rank import analyse_rank
 from ...results.state import State
 from ..assembly import complete_state
-from ..impact import velocity_after
+from ..impact import velocities_with
 from ..inputs import read_signals
 from ..mappings import parameter_vector
 
@@ -233,10 +233,6 @@ class ModesOfFriction:
         """Velocities with the speeds of what rests at zero exactly."""
         if not resting:
             return state.v
-        eom = state.equations
-        numeric = NumericEquations(eom, state.parameters)
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
-        rows, nu = numeric.velocity(state.t, state.q)
-        along = np.reshape(state[ca.jacobian(speeds, eom.v)], (len(resting), -1))
-        rest = np.atleast_1d(state[ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))])
-        return velocity_after(numeric.mass, np.vstack([rows, along]), np.r_[nu, -rest], state.v)
+        numeric = NumericEquations(state.equations, state.parameters)
+        return velocities_with(numeric, state, speeds, np.zeros(len(resting)))[0]

@@ -78,12 +78,16 @@ class Sweep:
 
     def __getitem__(self, key: Any) -> np.ndarray:
         """Values of an output, by its name or by the expression."""
-        first = 0
-        for name, size, expression in self._outputs:
+        for (name, _, expression), values in zip(self._outputs, self._columns(), strict=True):
             if name == key if isinstance(key, str) else expression is not None and same(expression, key):
-                return self._values[:, :, first] if size == 1 else self._values[:, :, first : first + size]
-            first += size
+                return values
         raise ModelError(f"{key!r} is not among the outputs: {', '.join(self.names)}")
+
+    def _columns(self) -> list[np.ndarray]:
+        """Values of each output: (cases, n_t) of a scalar, else (cases, n_t, k)."""
+        sizes = [size for _, size, _ in self._outputs]
+        parts = np.split(self._values, np.cumsum(sizes)[:-1], axis=2)
+        return [part[:, :, 0] if size == 1 else part for part, size in zip(parts, sizes, strict=True)]
 
     @property
     def names(self) -> list[str]:
@@ -131,12 +135,9 @@ class Sweep:
             coordinates[f"{label}.value" if label in taken else label] = ("case", values)
         coordinates["failure"] = ("case", [self.failures.get(k, "") for k in range(len(self))])
         variables: dict[str, Any] = {}
-        first = 0
-        for name, size, _ in self._outputs:
+        for (name, size, _), values in zip(self._outputs, self._columns(), strict=True):
             last = () if size == 1 else ("axis",) if size == 2 else (f"{name}_0",)
-            columns = first if size == 1 else slice(first, first + size)
-            variables[name] = (("case", "t", *last), self._values[:, :, columns])
-            first += size
+            variables[name] = (("case", "t", *last), values)
             if size == 2:
                 coordinates["axis"] = ["x", "y"]
         return xr.Dataset(variables, coords=coordinates)

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.console import call
+from ...numerics.plugins import last_line
 
 _compiled: dict[tuple[str, int], ca.Function] = {}
 
@@ -65,8 +66,7 @@ def run_batch(
             arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))
             message = "" if arrived else "a step became too small, or a value was not finite"
         except RuntimeError as error:
-            lines = [line for line in str(error).splitlines() if line.strip()]
-            message = lines[-1] if lines else "no reason given"
+            message = last_line(error)
         if message:
             messages.append(
                 f"the integrator stopped: {message}; simulate with the values of this case says where and why"

@@ -12,7 +12,6 @@ from typing import Any
 
 import casadi as ca
 
-from .. import scene
 from ..pen import Pen
 
 
@@ -59,8 +58,3 @@ def tie(pen: Pen, first: Any, second: Any) -> None:
 
 def nothing(element: Any, pen: Pen) -> None:
     """For what has no place: weight, controllers, friction in a joint that is drawn itself."""
-
-
-def cross_bar(pen: Pen, frame: Any, half: float) -> None:
-    """A short line across the frame's x axis."""
-    frame.draw("line", [[0, -half * pen.unit], [0, half * pen.unit]], layer=scene.PIN)

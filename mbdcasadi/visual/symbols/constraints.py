@@ -142,10 +142,8 @@ def turning(pen: Pen, body: Any, bodies: Any, way: float) -> None:
     """A curved arrow about the pin that connects the bodies, else about the centre of mass; once at a place."""
     u = pen.unit
     place = pivot_of(pen, body, bodies)
-    key = tuple(np.round(pen.first(place) / u, 3))
-    if key in pen.arrows:
+    if not pen.is_new(pen.first(place), pen.arrows):
         return
-    pen.arrows.add(key)
     shaft, head = (points * [way, 1.0] for points in lines.arc_arrow(1.9 * u, 1.1 * u))
     frame = pen.at(place)
     frame.draw("motion", shaft, layer=scene.ARROW)

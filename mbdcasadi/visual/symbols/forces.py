@@ -30,14 +30,9 @@ def force(element: Force, pen: Pen) -> None:
     pen.dot(pen.on(element.at))
 
 
-@symbol.register
-def torque(element: Torque, pen: Pen) -> None:
-    """A curved arrow about the pin that it turns."""
-    turning(pen, element.body, element.bodies, sense(pen, element.torque))
-
-
-@symbol.register
-def motor(element: DCMotor, pen: Pen) -> None:
+@symbol.register(Torque)
+@symbol.register(DCMotor)
+def torque(element: Any, pen: Pen) -> None:
     """A curved arrow about the pin that it turns."""
     turning(pen, element.body, element.bodies, sense(pen, element.torque))
 
@@ -137,10 +132,8 @@ def _anchors(element: Any, pen: Pen) -> None:
 
 def _wall_behind(pen: Pen, marker: Marker, other: Marker) -> None:
     u, frame = pen.unit, pen.on(marker)
-    key = tuple(np.round(pen.first(marker.position) / u, 3))
-    if key in pen.stands:
+    if not pen.is_new(pen.first(marker.position), pen.stands):
         return
-    pen.stands.add(key)
     x, y = np.mean(pen.over(other.position - marker.position), axis=0)
     wall = Frame(pen, frame.number, frame.shift, float(np.arctan2(y, x)))
     pen.hatched(wall, (0, 1.7 * u), (0, -1.7 * u))

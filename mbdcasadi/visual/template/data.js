@@ -27,7 +27,7 @@ function sampleAt(column, k) {
 function valueAt(index, time) {
   const column = DATA.columns[index];
   if (column.c !== undefined) return column.c;
-  const place = Math.min(Math.max((time - DATA.t0) / (DATA.t1 - DATA.t0), 0), 1) * (DATA.count - 1);
+  const place = Math.min(Math.max(frameOf(time), 0), DATA.count - 1);
   const k = Math.min(Math.floor(place), DATA.count - 2);
   const first = sampleAt(column, k);
   return first + (place - k) * (sampleAt(column, k + 1) - first);
@@ -38,7 +38,7 @@ function valueAt(index, time) {
 function smoothAt(index, time) {
   const column = DATA.columns[index];
   if (column.c !== undefined) return column.c;
-  const last = DATA.count - 1, place = Math.min(Math.max((time - DATA.t0) / (DATA.t1 - DATA.t0), 0), 1) * last;
+  const last = DATA.count - 1, place = Math.min(Math.max(frameOf(time), 0), last);
   const k = Math.min(Math.floor(place), last - 1), s = place - k;
   const b = sampleAt(column, k), c = sampleAt(column, k + 1);
   const a = k > 0 ? sampleAt(column, k - 1) : last > 1 ? 3 * b - 3 * c + sampleAt(column, k + 2) : 2 * b - c;
