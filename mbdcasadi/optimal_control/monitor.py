@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.console import Interruption
+from .rows import violations
 
 
 class Monitor(ca.Callback):
@@ -82,8 +83,7 @@ class Monitor(ca.Callback):
         """Show the iterate; 1 asks the solver to stop."""
         if self._bar is not None:
             rows = arg[2].full().ravel()
-            violation = np.where(self._equalities, np.abs(rows), np.maximum(rows, 0.0))
-            worst = float(np.max(violation, initial=0.0))
+            worst = float(np.max(violations(rows, self._equalities), initial=0.0))
             cost = float(arg[1]) * self._cost_scale
             self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
             self._bar.update(1)

@@ -15,7 +15,7 @@ from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
 from .preparation import Preparation
-from .rows import OWN_UNIT, Rows, stack
+from .rows import OWN_UNIT, Rows, stack, violations
 from .transcription import Point
 
 #: Least length of a phase between free times, as a share of the typical duration.
@@ -246,7 +246,7 @@ class MotionProgram(Layout):
 
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
-        return float(np.max(np.where(self.equalities, np.abs(rows), np.maximum(rows, 0.0)), initial=0.0))
+        return float(np.max(violations(rows, self.equalities), initial=0.0))
 
     @cached_property
     def interval_rows(self) -> int:
