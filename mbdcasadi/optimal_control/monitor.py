@@ -28,22 +28,19 @@ class Monitor(ca.Callback):
         Which rows are equalities.
     cost_scale : float
         By which the cost was divided.
+    data_size : int
+        Parameters of the program.
     """
 
-    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float):
+    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float, data_size: int):
         super().__init__()
-        self._sizes = {"x": size, "f": 1, "g": equalities.size, "lam_x": size, "lam_g": equalities.size, "lam_p": 0}
+        rows = equalities.size
+        self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": data_size}
         self._equalities = equalities
         self._cost_scale = cost_scale
         self._bar: Any = None
         self.interruption: Interruption | None = None
-        self.data_size = 0
-
-    def finish(self, data_size: int) -> Monitor:
-        """Make it known to CasADi for a number of data."""
-        self._sizes["lam_p"] = data_size
         self.construct("monitor", {})
-        return self
 
     # --- one solve ------------------------------------------------------------------------
     @contextmanager

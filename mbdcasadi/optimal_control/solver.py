@@ -135,7 +135,7 @@ class Solver:
         return memory[key]
 
     def _compiled(self, program: MotionProgram, more: dict[str, Any]) -> tuple[ca.Function, Monitor]:
-        monitor = Monitor(program.size, program.equalities, program.cost_scale).finish(program.program.data_size)
+        monitor = Monitor(program.size, program.equalities, program.cost_scale, program.program.data_size)
         settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
         settings |= DEFAULTS | more | {"iteration_callback": monitor}
         try:
