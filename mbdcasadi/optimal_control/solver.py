@@ -152,11 +152,11 @@ class Solver:
         lower, upper = self.bounds(program)
         x0 = np.clip(known.x if known else guess.variables(program, mesh), lower, upper)
         p = program.data(self.numeric, mesh, guess.marks)
-        known_g = program.program.evaluate() if program.integrals and not known else None
-        if known_g is not None:
-            x0 = program.with_integrals(x0, known_g(x0, p)[1].full().ravel())
         solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
-        if warm and not known and program.violation(solver.get_function("nlp_g")(x0, p).full().ravel()) > NEAR:
+        rows = solver.get_function("nlp_g")
+        if program.integrals and not known:
+            x0 = program.with_integrals(x0, rows(x0, p).full().ravel())
+        if warm and not known and program.violation(rows(x0, p).full().ravel()) > NEAR:
             solver, monitor = self.compiled(program, mesh, "cold")
         built = clock.perf_counter()
         multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
