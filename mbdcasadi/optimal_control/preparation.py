@@ -86,7 +86,6 @@ class Preparation:
     def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
         self.problem, self.numeric, self.start = problem, numeric, start
         self.held = held_conditions(problem)
-        self.scattered: list = []
         #: conditions that others imply on one branch, with their windows; they are checked in the solution
         self.implied: dict[Condition, float] = {}
         low, high = problem.duration
@@ -112,29 +111,27 @@ class Preparation:
             return final
         free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
         ranks = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
-        self.scattered = ranks.states
         kept = ranks.independent(rows, state, with_rates(self.held))
-        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept)]
+        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept, ranks)]
 
-    def _windows(self, rows: list[Condition], kept: list[Condition]) -> list[Condition]:
+    def _windows(self, rows: list[Condition], kept: list[Condition], ranks: ConditionRank) -> list[Condition]:
         """Limits about conditions that others imply: implied they are on one branch alone."""
         found = []
         for condition in rows:
             if condition not in kept:
-                width = self.implied[condition] = self._window(condition)
+                width = self.implied[condition] = self._window(condition, ranks)
                 label = f"{condition.label} (on the same branch)"
                 found += [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
         return found
 
-    def _window(self, condition: Condition) -> float:
+    def _window(self, condition: Condition, ranks: ConditionRank) -> float:
         """Half width of such a limit: a share of what the quantity changes by."""
         eom = self.problem.equations
         slopes = eom.function(ca.jacobian(condition.expression, ca.vertcat(eom.q, eom.v, eom.z)))
         zero = np.zeros(eom.q.numel())
         m = np.zeros(eom.lam.numel())
         found = [
-            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, self.numeric.p).full())
-            for t, q, v, z in self.scattered
+            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, self.numeric.p).full()) for t, q, v, z in ranks.states
         ]
         typical = np.r_[self.numeric.typical_step, self.numeric.typical_step / self.marks[-1], np.ones(eom.z.numel())]
         return WINDOW * max((float(np.max(x * typical, initial=0.0)) for x in found), default=1.0)
@@ -157,8 +154,7 @@ class Preparation:
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
             if ConditionRank(self.numeric, ca.SX(0, 1)).complete([*held, *kept]):
                 return None
-        self.scattered = ranks.states
-        return [*kept, *others, *self._windows(rows, kept)]
+        return [*kept, *others, *self._windows(rows, kept, ranks)]
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem
