@@ -16,7 +16,7 @@ from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.rank import dependent_rows
 from ..results.state import State
-from .consistency import ConditionRank, on_states
+from .consistency import ConditionRank, on_states, stacked
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -150,9 +150,9 @@ class Preparation:
         kept = ranks.independent(rows, begin, held)
         others = [c for c in problem.initial if c not in rows]
         moving = {s.element_hash() for s in ca.vertsplit(free)}
-        fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in (*held, *kept)])
+        fixed = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, stacked([*held, *kept]))
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
-            if ConditionRank(self.numeric, ca.SX(0, 1)).complete([*held, *kept]):
+            if ranks.complete([*held, *kept]):  # nothing that is free occurs in the rows
                 return None
         return [*kept, *others, *self._windows(rows, kept, ranks)]
 
