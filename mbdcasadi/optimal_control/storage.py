@@ -6,7 +6,7 @@ import json
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from ..equations.numeric import NumericEquations
 from ..errors import FileError, ModelError
 from ..results.writing import whole_file
 from .mesh import Mesh
+from .preparation import Settings
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-from .records import Answer, Pass, SolveStatistics, Start
+from .records import Answer, Pass, SolveStatistics, Start, Step
 from .solution import Solution
-
-if TYPE_CHECKING:
-    from .solver import Solver
+from .solver import Solver
 
 _FORMAT = "mbdcasadi solution 1"
 #: Difference of scaled rows and costs up to which two problems count as the same.
@@ -91,16 +90,12 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
-    from .preparation import Settings
-    from .solver import Solver
-
     settings = Settings(**json.loads(str(content["settings"])), options={}, progress=False)
     phases = [content[f"phase {k}"] for k in range(sum(name.startswith("phase ") for name in content))]
     mesh = Mesh(tuple(phases))
     if len(phases) != len(problem.waypoints) + 1:
         raise FileError(f"{path}: the solution has {len(phases) - 1} waypoints, the problem {len(problem.waypoints)}")
-    solver: Solver = Solver(problem, settings, None)
-    program = solver.layout(mesh)
+    program = Solver(problem, settings, None).layout(mesh)
     labels = [row[0] for row in program.rows]
     theirs = content["row labels"].tolist()
     if program.size != content["x"].size or labels != theirs:
@@ -109,8 +104,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     parameters = NumericEquations(problem.equations, content["parameters"])
     _check_values(path, program, parameters, mesh, content)
     statistics = json.loads(str(content["statistics"]))
-    statistics["starts"] = [Start(**start) for start in statistics["starts"]]
-    statistics["passes"] = [Pass(**one) for one in statistics["passes"]]
+    for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
+        statistics[name] = [kind(**one) for one in statistics[name]]
     return Solution(
         problem,
         program,
