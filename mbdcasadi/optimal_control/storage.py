@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import FileError, ModelError
-from ..results.writing import whole_file
+from ..results.archives import read_arrays, write_arrays
 from .mesh import Mesh
 from .preparation import Settings
 from .problem import OptimalControlProblem
@@ -48,8 +47,7 @@ def save(solution: Solution, path: str | Path) -> None:
         "row labels": np.array([row[0] for row in program.rows], dtype=str),
     }
     content |= {f"phase {k}": shares for k, shares in enumerate(solution.shares.phases)}
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, allow_pickle=False, **content)
+    write_arrays(path, content)
 
 
 def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
@@ -76,13 +74,7 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
         raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
     if not isinstance(path, str | Path):
         raise FileError(f"read_solution takes the path of a file, got {path!r}")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise FileError(f"{path}: cannot be read as a solution: {error}") from None
-    if str(content.get("format")) != _FORMAT:
-        raise FileError(f"{path}: no solution that this package wrote")
+    content = read_arrays(path, _FORMAT, "solution", "Solution.save")
     try:
         return _restored(path, problem, content)
     except (KeyError, TypeError, json.JSONDecodeError) as error:
