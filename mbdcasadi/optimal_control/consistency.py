@@ -26,7 +26,7 @@ from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
 from ..numerics.rank import analyse_rank
 from ..results.state import State
-from .placeholders import placeholders_in
+from .placeholders import placeholders_in, with_values
 
 if TYPE_CHECKING:
     from .problem import OptimalControlProblem
@@ -201,10 +201,8 @@ def _at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     """Boundary conditions that speak of the end alone, as conditions there."""
     found = []
     for condition in problem.boundary:
-        placeholders = placeholders_in(condition.expression)
-        if all(p.kind == "at_end" for p in placeholders):
-            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in placeholders])
-            expression = ca.substitute(condition.expression, ca.vertcat(ca.SX(0, 1), *placeholders), inner)
+        if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
+            expression = with_values(condition.expression, lambda p: p.expression)
             found.append(Condition(expression, condition.equality, condition.label))
     return found
 

@@ -17,7 +17,7 @@ from ..model.symbols import Parameter, describe, entries, listed, role_of, symbo
 from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end
-from .placeholders import placeholder_of
+from .placeholders import placeholder_of, placeholders_in
 from .waypoints import Waypoint, time_span
 
 
@@ -108,8 +108,8 @@ class OptimalControlProblem(Immutable):
         for end in (self.initial, self.final):
             conditions += [] if isinstance(end, State) else end
         expressions = [self.running_cost, self.terminal_cost, *[c.expression for c in conditions]]
+        expressions += [p.expression for e in expressions for p in placeholders_in(e)]
         found = [s for e in expressions for s in symbols_of(e)]
-        found += [s for x in found if (p := placeholder_of(x)) is not None for s in symbols_of(p.expression)]
         return any(role is not None and role.kind == "input rate" for role in map(role_of, found))
 
     @property

@@ -14,6 +14,7 @@ from ..model.conditions import Condition
 from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
+from .placeholders import with_values
 from .preparation import Preparation
 from .rows import OWN_UNIT, Rows, stack, violations
 from .transcription import Point
@@ -74,10 +75,8 @@ class MotionProgram(Layout):
         found = {}
         for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
             found[c] = self.sizes.of_changes(c.expression) if c.equality else self.sizes.of_limit(c.expression)
-        symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
         for c in problem.boundary:
-            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in self.placeholders])
-            found[c] = self.sizes.of_changes(ca.substitute(c.expression, symbols, inner))
+            found[c] = self.sizes.of_changes(with_values(c.expression, lambda p: p.expression))
         return found
 
     # --- pieces -----------------------------------------------------------------------------------
