@@ -90,13 +90,15 @@ def test_parameters_that_were_given_come_back(tmp_path):
 
 
 def test_a_wrong_file_is_refused(stored, tmp_path):
-    """No file, no solution, half of one, one with a part missing."""
+    """No file, an empty one, no solution, a single array, half of a solution."""
     _solution, path, problem = stored
     (tmp_path / "text.npz").write_text("nothing of the kind")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "array.npy", np.zeros(3))
     np.savez(tmp_path / "junk.npz", a=3)
     whole = path.read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
-    for name in ("missing.npz", "text.npz", "junk.npz", "half.npz"):
+    for name in ("missing.npz", "empty.npz", "text.npz", "array.npy", "junk.npz", "half.npz"):
         with pytest.raises(mbd.FileError, match=name):
             mbd.read_solution(tmp_path / name, problem)
 
