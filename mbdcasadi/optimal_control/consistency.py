@@ -21,7 +21,8 @@ from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
-from ..model.symbols import symbols_of
+from ..model.mechanism import Mechanism
+from ..model.symbols import Symbol, symbols_of
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
 from ..numerics.rank import analyse_rank
@@ -177,6 +178,17 @@ def on_states(conditions: Sequence[Condition]) -> list[Condition]:
     return [c for c in conditions if not c.depends_on("acceleration", "multiplier", "input", "input rate")]
 
 
+def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
+    """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+    found = {}
+    for symbol in (*mechanism.inputs, *mechanism.states):
+        for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
+            if np.isfinite(bound):
+                text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
+                found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
+    return found
+
+
 def check_conditions(problem: OptimalControlProblem) -> None:
     """Refuse conditions that contradict each other, and those that the constraints already fix.
 
@@ -260,11 +272,7 @@ def _refuse_empty_limits(problem: OptimalControlProblem) -> None:
         sides.append((condition.expression, condition.label))
         if condition.equality:
             sides.append((-condition.expression, condition.label))
-    for symbol in (*problem.mechanism.inputs, *problem.mechanism.states):
-        if np.isfinite(symbol.lower):
-            sides.append((symbol.lower - symbol, f"{symbol.label} >= {symbol.lower:g}"))
-        if np.isfinite(symbol.upper):
-            sides.append((symbol - symbol.upper, f"{symbol.label} <= {symbol.upper:g}"))
+    sides += [(limit.expression, limit.label) for limit in own_limits(problem.mechanism)]
     for (one, first), (other, second) in itertools.combinations(sides, 2):
         gap = _constant(one + other)
         if gap is not None and gap > 1e-12 and first != second:

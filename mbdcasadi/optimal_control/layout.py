@@ -10,6 +10,7 @@ import numpy as np
 
 from ..model.conditions import Condition
 from ..model.symbols import Symbol
+from .consistency import own_limits
 from .mesh import Mesh
 from .placeholders import Placeholder, placeholders_in, with_values
 from .preparation import Preparation
@@ -166,10 +167,4 @@ class Layout:
     @cached_property
     def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
         """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
-        found = {}
-        for symbol in (*self.problem.mechanism.inputs, *self.problem.mechanism.states):
-            for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
-                if np.isfinite(bound):
-                    text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
-                    found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
-        return found
+        return own_limits(self.problem.mechanism)
