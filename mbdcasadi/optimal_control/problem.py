@@ -13,7 +13,7 @@ from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import quantity
-from ..model.symbols import Parameter, describe, entries, listed, role_of, symbols_of
+from ..model.symbols import Parameter, describe, entries, listed, refuse_twice, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end
@@ -71,9 +71,7 @@ class OptimalControlProblem(Immutable):
         self.equations: Equations = equations(mechanism)
         self.duration = time_span(duration, "OptimalControlProblem", "duration")
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
-        twice = [p for k, p in enumerate(self.free_parameters) if any(p is x for x in self.free_parameters[:k])]
-        if twice:
-            raise ModelError(f"free_parameters= lists '{twice[0].label}' twice")
+        refuse_twice(self.free_parameters, "free_parameters=")
         self.initial = _state_or_conditions(initial, mechanism)
         self.final = _state_or_conditions(final, mechanism)
         self.path = read_conditions(path)
