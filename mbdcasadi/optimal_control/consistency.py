@@ -25,7 +25,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Symbol, symbols_of
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
-from ..numerics.rank import analyse_rank
+from ..numerics.rank import analyse_rank, unit_rows
 from ..results.state import State
 from .placeholders import placeholders_in, with_values
 
@@ -98,9 +98,8 @@ class ConditionRank:
             arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
             slopes = ca.jacobian(expressions, self._x)
             self._functions[key] = Evaluator(ca.Function("gradients", arguments, [slopes]))
-        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel()))[0] * self._columns
-        size = np.linalg.norm(rows, axis=1, keepdims=True)
-        return rows / np.where(size > 1e-12, size, 1.0)
+        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel()))[0]
+        return unit_rows(rows * self._columns)
 
     def constraints_span(self, state: tuple) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints at a state, by row."""

@@ -21,7 +21,7 @@ from ..errors import AssemblyError, MechanismWarning, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
-from ..numerics.rank import dependent_rows
+from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .consistency import stacked
 from .constraints import held_conditions
@@ -236,9 +236,7 @@ def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[C
     conditions = [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in order]
     if eom.q.numel() * eom.lam.numel() > LARGE:
         return conditions
-    jacobian = numeric.velocity(t, target)[0] * numeric.column_scale
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    joints = jacobian / np.where(size > 1e-12, size, 1.0)
+    joints = unit_rows(numeric.velocity(t, target)[0] * numeric.column_scale)
     coordinates = np.eye(eom.q.numel())[order]
     dependent = set(dependent_rows(np.vstack([joints, coordinates]), TOO_NEAR))
     return [c for k, c in enumerate(conditions) if k + len(joints) not in dependent]

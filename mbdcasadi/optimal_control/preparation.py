@@ -14,7 +14,7 @@ from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
-from ..numerics.rank import dependent_rows
+from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .consistency import ConditionRank, on_states, stacked
 from .constraints import MotionConstraints, held_conditions, with_rates
@@ -177,9 +177,8 @@ class Preparation:
         """Constraint rows without those that others imply; of the poses passed the one with the most counts."""
         found: list[int] = []
         for q in (self.poses[0], self.poses[len(self.poses) // 2], self.poses[-1]):
-            jacobian = self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale
-            size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-            dependent = set(dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0)))
+            jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
+            dependent = set(dependent_rows(jacobian))
             rows = [k for k in range(jacobian.shape[0]) if k not in dependent]
             found = rows if len(rows) > len(found) else found
         return found
