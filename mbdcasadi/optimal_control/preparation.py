@@ -167,8 +167,18 @@ class Preparation:
         return scheme(constraints, weights, basis, settings.degree)
 
     def check_start(self, start: State) -> None:
-        """Refuse a state given as the start off the motion that path conditions prescribe."""
-        for condition in with_rates(self.held) if isinstance(self.problem.initial, State) else ():
+        """Refuse a state given as the start off the motion that path conditions prescribe, or true for one linkage."""
+        if not isinstance(self.problem.initial, State):
+            return
+        eom = self.problem.equations
+        rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+        for parameter in self.problem.free_parameters:
+            if ca.depends_on(rows, parameter) and np.any(np.abs(start[ca.jacobian(rows, parameter)]) > OFF):
+                raise ConditionError(
+                    f"the initial state meets the constraints at one value of the free parameter '{parameter.label}' "
+                    "alone; state conditions in its place"
+                )
+        for condition in with_rates(self.held):
             amount = float(start[condition.expression])
             if abs(amount) > OFF:
                 raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")

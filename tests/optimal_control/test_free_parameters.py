@@ -174,3 +174,20 @@ def test_the_radius_of_a_rolling_wheel():
     first = solution.trajectory.initial
     assert first[wheel.omega] == pytest.approx(1.0, abs=1e-9)
     assert first[wheel.vx] == pytest.approx(solution.parameters[r], abs=1e-9)
+
+
+def test_a_state_that_fixes_a_free_length_is_refused():
+    """A length changes the pose that the state gives as a whole; a mass does not."""
+    u = mbd.Input("u")
+    length, mass = mbd.Parameter("l", 0.5, lower=0.2, upper=2.0), mbd.Parameter("m", 1.0, lower=0.5, upper=2.0)
+    bob = mbd.Body("bob", mass=mass, inertia=1.0, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bob.at(-length, 0))
+    motor = mbd.Torque("motor", bob, u)
+    mechanism = mbd.Mechanism([bob], [pin], forces=[motor], inputs=[u], parameters=[length, mass])
+    state = mbd.assemble(mechanism, [bob.phi == 0])
+    wanted = dict(duration=1.0, initial=state, final=[bob.phi == 1], running_cost=u**2)
+    problem = mbd.OptimalControlProblem(mechanism, free_parameters=[length], **wanted)
+    with pytest.raises(mbd.ConditionError, match="'l' alone; state conditions"):
+        mbd.optimize(problem, intervals=6)
+    lighter = mbd.optimize(problem.replace(free_parameters=[mass]), intervals=6)
+    assert lighter.parameters[mass] == pytest.approx(0.5, abs=1e-6)
