@@ -129,9 +129,15 @@ def ends(body: Body) -> tuple[Any, Any]:
     return body.at(-half, 0), body.at(half, 0)
 
 
+def one_for_each(values: Any, count: int, what: str, name: str, single: str) -> list[float]:
+    """One number for each of some parts; a single number serves all."""
+    several = not isinstance(values, str) and (isinstance(values, Sequence) or getattr(values, "ndim", 0) > 0)
+    given = list(values) if several else [values] * count
+    if len(given) != count:
+        raise ModelError(f"{what}: {name} takes one number or {count}, got {len(given)}")
+    return [number(value, what, single) for value in given]
+
+
 def masses_of(masses: Any, count: int, what: str) -> list[float]:
-    """One mass for each of some bodies; a single number serves all."""
-    values = list(masses) if isinstance(masses, Sequence | np.ndarray) else [masses] * count
-    if len(values) != count:
-        raise ModelError(f"{what}: masses takes one number or {count}, got {len(values)}")
-    return [number(value, what, "mass") for value in values]
+    """One mass for each of some bodies."""
+    return one_for_each(masses, count, what, "masses", "mass")

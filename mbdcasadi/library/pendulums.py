@@ -6,14 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ModelError
 from ..model.bodies import ground
 from ..model.forces.applied import Torque
 from ..model.joints.lower_pairs import Revolute
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
-from ..model.symbols import Input, number
-from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, weight
+from ..model.symbols import Input
+from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, one_for_each, weight
 
 
 def pendulum_chain(
@@ -44,12 +43,9 @@ def pendulum_chain(
     count = whole(links, what, "links", 1)
     (long,) = lengths(what, length=length)
     m = masses_of(masses, count, what)
-    given = [angles] * count if np.ndim(angles) == 0 else list(angles)
-    if len(given) != count:
-        raise ModelError(f"{what}: angles takes one number or {count}, got {len(given)}")
     corners = [np.zeros(2)]
-    for angle in given:
-        corners.append(corners[-1] + at_angle(long, number(angle, what, "angle") - np.pi / 2))
+    for angle in one_for_each(angles, count, what, "angles", "angle"):
+        corners.append(corners[-1] + at_angle(long, angle - np.pi / 2))
     rods = [bar(f"rod {k + 1}", corners[k], corners[k + 1], m[k]) for k in range(count)]
     above = [ground.at(0, 0), *[ends(rod)[1] for rod in rods]]
     pins = [Revolute(f"pin {k + 1}", above[k], ends(rod)[0]) for k, rod in enumerate(rods)]

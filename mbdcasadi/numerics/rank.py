@@ -64,6 +64,12 @@ def sparse_rank(matrix: ca.DM, tolerance: float = RANK_TOLERANCE) -> int:
     return int(np.sum(diagonal > tolerance * np.max(diagonal, initial=0.0)))
 
 
+def unit_rows(matrix: np.ndarray) -> np.ndarray:
+    """Rows divided by their lengths; those that vanish stay as they are."""
+    size = np.linalg.norm(matrix, axis=1, keepdims=True)
+    return matrix / np.where(size > 1e-12, size, 1.0)
+
+
 def dependent_rows(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> list[int]:
     """Rows that depend on rows before them, in order (Gram–Schmidt with re-orthogonalisation)."""
     basis = np.zeros((0, matrix.shape[1]))

@@ -21,12 +21,13 @@ from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition
-from ..model.symbols import symbols_of
+from ..model.mechanism import Mechanism
+from ..model.symbols import Symbol, symbols_of
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
-from ..numerics.rank import analyse_rank
+from ..numerics.rank import analyse_rank, unit_rows
 from ..results.state import State
-from .placeholders import placeholders_in
+from .placeholders import placeholders_in, with_values
 
 if TYPE_CHECKING:
     from .problem import OptimalControlProblem
@@ -97,9 +98,8 @@ class ConditionRank:
             arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
             slopes = ca.jacobian(expressions, self._x)
             self._functions[key] = Evaluator(ca.Function("gradients", arguments, [slopes]))
-        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel()))[0] * self._columns
-        size = np.linalg.norm(rows, axis=1, keepdims=True)
-        return rows / np.where(size > 1e-12, size, 1.0)
+        rows = self._functions[key](*state, self.numeric.p, np.ones(self._own.numel()))[0]
+        return unit_rows(rows * self._columns)
 
     def constraints_span(self, state: tuple) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints at a state, by row."""
@@ -177,6 +177,17 @@ def on_states(conditions: Sequence[Condition]) -> list[Condition]:
     return [c for c in conditions if not c.depends_on("acceleration", "multiplier", "input", "input rate")]
 
 
+def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
+    """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+    found = {}
+    for symbol in (*mechanism.inputs, *mechanism.states):
+        for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
+            if np.isfinite(bound):
+                text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
+                found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
+    return found
+
+
 def check_conditions(problem: OptimalControlProblem) -> None:
     """Refuse conditions that contradict each other, and those that the constraints already fix.
 
@@ -201,10 +212,8 @@ def _at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     """Boundary conditions that speak of the end alone, as conditions there."""
     found = []
     for condition in problem.boundary:
-        placeholders = placeholders_in(condition.expression)
-        if all(p.kind == "at_end" for p in placeholders):
-            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in placeholders])
-            expression = ca.substitute(condition.expression, ca.vertcat(ca.SX(0, 1), *placeholders), inner)
+        if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
+            expression = with_values(condition.expression, lambda p: p.expression)
             found.append(Condition(expression, condition.equality, condition.label))
     return found
 
@@ -262,11 +271,7 @@ def _refuse_empty_limits(problem: OptimalControlProblem) -> None:
         sides.append((condition.expression, condition.label))
         if condition.equality:
             sides.append((-condition.expression, condition.label))
-    for symbol in (*problem.mechanism.inputs, *problem.mechanism.states):
-        if np.isfinite(symbol.lower):
-            sides.append((symbol.lower - symbol, f"{symbol.label} >= {symbol.lower:g}"))
-        if np.isfinite(symbol.upper):
-            sides.append((symbol - symbol.upper, f"{symbol.label} <= {symbol.upper:g}"))
+    sides += [(limit.expression, limit.label) for limit in own_limits(problem.mechanism)]
     for (one, first), (other, second) in itertools.combinations(sides, 2):
         gap = _constant(one + other)
         if gap is not None and gap > 1e-12 and first != second:

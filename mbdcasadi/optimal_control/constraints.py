@@ -118,15 +118,15 @@ class MotionConstraints:
             sizes.append(np.where(np.isfinite(least), least, 1.0))
         return sizes[0], sizes[1] / scales.time
 
-    def _words(self, scales: Scales, per: str) -> tuple[list[str], list[str]]:
+    def _words(self, per: str) -> tuple[list[str], list[str]]:
         """Names and units of the rows."""
         names = [self.eom.row_names[k] for k in self.rows] + [f"path condition {c.label}" for c in self.held]
-        units = [("rad" if scales.angular_rows[k] else "m") + per for k in self.rows]
+        units = [("rad" if self.eom.angular_rows[k] else "m") + per for k in self.rows]
         return names, units + [OWN_UNIT] * len(self.held)
 
     def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> Rows:
         """``Phi = 0``."""
-        names, units = self._words(scales, "")
+        names, units = self._words("")
         at_position = [self.rows.index(k) for k in self._joint_positions]
         at_position += range(len(self.rows), len(self.rows) + self.position_count - len(at_position))
         return Rows(
@@ -140,13 +140,13 @@ class MotionConstraints:
     def velocity_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> Rows:
         """``Phi_q v - nu = 0``."""
         _, _, jacobian, nu = self.function(t, q, p)
-        names, units = self._words(scales, "/s")
+        names, units = self._words("/s")
         labels = tuple(f"velocity equation of {name}" for name in names)
         size = self._sizes(scales) * scales.steps / scales.time
         return Rows(jacobian @ v - nu, labels, share, size, tuple(units))
 
     def acceleration_rows(self, residual: ca.SX, share: float, scales: Scales) -> Rows:
         """``Phi_q a - gamma = 0`` from its residual."""
-        names, units = self._words(scales, "/s²")
+        names, units = self._words("/s²")
         labels = tuple(f"acceleration equation of {name}" for name in names)
         return Rows(residual, labels, share, self._sizes(scales) * (scales.steps / scales.time) ** 2, tuple(units))

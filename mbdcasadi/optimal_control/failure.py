@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MechanismError
+from .rows import violations
 
 if TYPE_CHECKING:
     from .solution import Solution
@@ -116,7 +117,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
 def violations_of(solution: Solution) -> list[Violation]:
     """Rows that are not met, the largest first."""
     program, mesh, rows = solution.program, solution.mesh, solution.answer.rows
-    amount = np.where(program.equalities, np.abs(rows), np.maximum(rows, 0.0))
+    amount = violations(rows, program.equalities)
     found = []
     for k in np.flatnonzero(~(amount <= COUNTS)):
         label, unit, size, _, _, interval, share = program.rows[k]

@@ -106,24 +106,34 @@ def kinematic_guess(
         lam, u = balance.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
-    return Guess(sample, marks, np.array([p.value for p in problem.free_parameters]), "kinematic")
+    return Guess(sample, marks, _own_values(problem), "kinematic")
+
+
+def _own_values(problem: OptimalControlProblem) -> np.ndarray:
+    """The free parameters' own values."""
+    return np.array([p.value for p in problem.free_parameters])
+
+
+def _stretched(motion: Trajectory, marks: np.ndarray) -> tuple[float, Callable[[np.ndarray], Trajectory]]:
+    """By how much longer a motion is to take, and the motion at times of the longer one."""
+    begin, end = motion.t[0], motion.t[-1]
+    stretch = (marks[-1] - marks[0]) / (end - begin)
+    return stretch, lambda wanted: motion.at(np.clip(begin + wanted / stretch, begin, end))
 
 
 def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks: np.ndarray) -> Guess:
     """A motion stretched to the times of a problem."""
-    begin, span = motion.t[0], motion.t[-1] - motion.t[0]
-    stretch = (marks[-1] - marks[0]) / span
-    free = np.array([p.value for p in problem.free_parameters])
+    stretch, motion_at = _stretched(motion, marks)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        at = motion.at(np.clip(begin + wanted / stretch, begin, motion.t[-1]))
+        at = motion_at(wanted)
         rates = at._state_rates if at.z.shape[1] else at.z
         return {
             "q": at.q, "v": at.v / stretch, "a": at.a / stretch**2, "z": at.z,
             "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),
         }  # fmt: skip
 
-    return Guess(sample, marks, free, "trajectory")
+    return Guess(sample, marks, _own_values(problem), "trajectory")
 
 
 def guess_from_other(problem: OptimalControlProblem, balance: Balance, motion: Trajectory, marks: np.ndarray) -> Guess:
@@ -143,13 +153,13 @@ def guess_from_other(problem: OptimalControlProblem, balance: Balance, motion: T
     if missing:
         raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
     columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
-    begin, stretch = motion.t[0], (marks[-1] - marks[0]) / (motion.t[-1] - motion.t[0])
+    stretch, motion_at = _stretched(motion, marks)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-        at = motion.at(np.clip(begin + wanted / stretch, begin, motion.t[-1]))
+        at = motion_at(wanted)
         q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
         z = np.tile(eom.estimate[2], (wanted.size, 1))
         lam, u = balance.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
-    return Guess(sample, marks, np.array([p.value for p in problem.free_parameters]), "inverse dynamics")
+    return Guess(sample, marks, _own_values(problem), "inverse dynamics")

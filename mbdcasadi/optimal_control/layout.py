@@ -10,8 +10,9 @@ import numpy as np
 
 from ..model.conditions import Condition
 from ..model.symbols import Symbol
+from .consistency import own_limits
 from .mesh import Mesh
-from .placeholders import Placeholder, placeholders_in
+from .placeholders import Placeholder, placeholders_in, with_values
 from .preparation import Preparation
 from .scaling import Sizes, parameter_size
 from .transcription import Interval
@@ -71,8 +72,7 @@ class Layout:
         self.integrals = [p for p in self.placeholders if p.kind == "integral"]
         self.node_size = scheme.node_size + len(self.integrals)
         node_scale, self.block_scale = scheme.sizes(scales)
-        gained = [scales.time * self.sizes.of_values(p.expression) for p in self.integrals]
-        self.node_scale = np.concatenate([node_scale, gained])
+        self.node_scale = np.concatenate([node_scale, [self._typical(p) for p in self.integrals]])
         self.mark_count = len(problem.waypoints) + 2 if problem.has_free_times else 0
         free = [parameter_size(p.value, p.lower, p.upper) for p in problem.free_parameters]
         self.global_scale = np.r_[np.full(self.mark_count, scales.time), free]
@@ -89,14 +89,13 @@ class Layout:
         running, terminal = self.problem.running_cost, self.problem.terminal_cost
         size = 0.0 if running.is_zero() else self.scales.time * self.sizes.of_values(running)
         if not terminal.is_zero():
-            symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
-            typical = [self.sizes.of_values(p.expression) for p in self.placeholders]
-            typical = [
-                x * (self.scales.time if p.kind == "integral" else 1.0)
-                for x, p in zip(typical, self.placeholders, strict=True)
-            ]
-            size += self.sizes.of_values(ca.substitute(terminal, symbols, ca.DM(typical)))
+            size += self.sizes.of_values(with_values(terminal, self._typical))
         return size or 1.0
+
+    def _typical(self, placeholder: Placeholder) -> float:
+        """Typical value of a placeholder."""
+        span = self.scales.time if placeholder.kind == "integral" else 1.0
+        return span * self.sizes.of_values(placeholder.expression)
 
     # --- layout ------------------------------------------------------------------------------
     @property
@@ -168,10 +167,4 @@ class Layout:
     @cached_property
     def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
         """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
-        found = {}
-        for symbol in (*self.problem.mechanism.inputs, *self.problem.mechanism.states):
-            for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
-                if np.isfinite(bound):
-                    text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
-                    found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
-        return found
+        return own_limits(self.problem.mechanism)

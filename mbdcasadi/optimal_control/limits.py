@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -93,44 +94,43 @@ def _of_bounds(solution: Solution) -> list[tuple[str, int, float]]:
     """Label, interval and multiplier of the limits that are bounds of variables."""
     program, found = solution.program, []
     multipliers = solution.answer.lam_x * program.cost_scale / program.scale
-    last = program.count - 1
-    for label, sign, index, intervals in _bounded(program):
-        for place, interval in zip(index, intervals, strict=True):
-            value = max(sign * multipliers[place], 0.0)
-            if interval is None:  # shared by the intervals before and after
-                k = place // program.stride
-                around = [i for i in (k - 1, k) if 0 <= i <= last]
-                found += [(label, i, value / len(around)) for i in around]
-            else:
-                found.append((label, interval, value))
+    for bound in _bounds(program):
+        value = max(bound.sign * multipliers[bound.place], 0.0)
+        found += [(bound.label, i, value / len(bound.intervals)) for i in bound.intervals]
     return found
 
 
-def _bounded(program: MotionProgram) -> list[tuple[str, int, list[int], list[int | None]]]:
-    """Labels of limits that are bounds, their side, the variables that they bound, and their intervals.
+@dataclass(frozen=True)
+class _Bound:
+    """A limit of an input or a first-order state where it is the bound of a variable."""
 
-    None where the variable belongs to a mesh point.
-    """
+    label: str
+    sign: int
+    value: float
+    place: int
+    #: those that the variable belongs to: two for one of a mesh point between them
+    intervals: tuple[int, ...]
+
+
+def _bounds(program: MotionProgram) -> Iterator[_Bound]:
+    """Limits that are bounds of variables, one by one."""
     scheme, mechanism, count = program.scheme, program.problem.mechanism, program.count
-    n, inputs, result = program.problem.equations.q.numel(), len(mechanism.inputs), []
+    n, inputs = program.problem.equations.q.numel(), len(mechanism.inputs)
     for condition, (symbol, sign) in program.limit_owners.items():
-        index: list[int] = []
-        where: list[int | None] = []
+        limit = condition.label, sign, symbol.upper if sign > 0 else symbol.lower
         input_place = next((k for k, u in enumerate(mechanism.inputs) if u is symbol), None)
         if input_place is None:
             node = 2 * n + next(k for k, z in enumerate(mechanism.states) if z is symbol)
         else:
             first = scheme.block_slice("u").start + input_place
+            inside = slice(first, first + inputs * len(scheme.inputs.inner), inputs)
             for i in range(count):
-                places = program.block_index(i)[first : first + inputs * len(scheme.inputs.inner) : inputs]
-                index += places.tolist()
-                where += [i] * places.size
+                yield from (_Bound(*limit, place, (i,)) for place in program.block_index(i)[inside].tolist())
             node = scheme.node_size - inputs + input_place
         if input_place is None or scheme.inputs.joined:
-            index += [int(program.node_index(i)[node]) for i in range(count + 1)]
-            where += [None] * (count + 1)
-        result.append((condition.label, sign, index, where))
-    return result
+            for i in range(count + 1):
+                around = tuple(k for k in (i - 1, i) if 0 <= k < count)
+                yield _Bound(*limit, int(program.node_index(i)[node]), around)
 
 
 def active_limits(solution: Solution) -> list[ActiveLimit]:
@@ -179,16 +179,10 @@ def _touched_bounds(solution: Solution) -> list[tuple[str, int]]:
     """Limits that are bounds of variables, with the intervals where these lie on them."""
     program, found = solution.program, []
     x = solution.variables / program.scale
-    owners = {c.label: symbol for c, (symbol, _) in program.limit_owners.items()}
-    for label, sign, index, intervals in _bounded(program):
-        bound = owners[label].upper if sign > 0 else owners[label].lower
-        for place, interval in zip(index, intervals, strict=True):
-            slack = sign * (bound / program.scale[place] - x[place])
-            if sign * solution.answer.lam_x[place] > slack:
-                k = place // program.stride
-                found += [
-                    (label, i) for i in ([k - 1, k] if interval is None else [interval]) if 0 <= i < program.count
-                ]
+    for bound in _bounds(program):
+        slack = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
+        if bound.sign * solution.answer.lam_x[bound.place] > slack:
+            found += [(bound.label, i) for i in bound.intervals]
     return found
 
 

@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.console import Interruption
+from .rows import violations
 
 
 class Monitor(ca.Callback):
@@ -27,22 +28,19 @@ class Monitor(ca.Callback):
         Which rows are equalities.
     cost_scale : float
         By which the cost was divided.
+    data_size : int
+        Parameters of the program.
     """
 
-    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float):
+    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float, data_size: int):
         super().__init__()
-        self._sizes = {"x": size, "f": 1, "g": equalities.size, "lam_x": size, "lam_g": equalities.size, "lam_p": 0}
+        rows = equalities.size
+        self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": data_size}
         self._equalities = equalities
         self._cost_scale = cost_scale
         self._bar: Any = None
         self.interruption: Interruption | None = None
-        self.data_size = 0
-
-    def finish(self, data_size: int) -> Monitor:
-        """Make it known to CasADi for a number of data."""
-        self._sizes["lam_p"] = data_size
         self.construct("monitor", {})
-        return self
 
     # --- one solve ------------------------------------------------------------------------
     @contextmanager
@@ -82,8 +80,7 @@ class Monitor(ca.Callback):
         """Show the iterate; 1 asks the solver to stop."""
         if self._bar is not None:
             rows = arg[2].full().ravel()
-            violation = np.where(self._equalities, np.abs(rows), np.maximum(rows, 0.0))
-            worst = float(np.max(violation, initial=0.0))
+            worst = float(np.max(violations(rows, self._equalities), initial=0.0))
             cost = float(arg[1]) * self._cost_scale
             self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
             self._bar.update(1)

@@ -9,6 +9,7 @@ import numpy as np
 from ..analysis.mappings import pairs_of
 from ..analysis.monitors import tell_monitors
 from ..errors import ModelError
+from ..model.quantities import yes_or_no
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
 from .continuation import by_continuation, read_continuation
@@ -137,12 +138,11 @@ def _settings(transcription: Any, degree: Any, control: Any, options: Any, progr
         )
     if isinstance(degree, bool) or degree not in (1, 2, 3, 4, 5):
         raise ModelError(f"optimize: degree must be 1 to 5, got {degree!r}")
-    if not isinstance(progress, bool):
-        raise ModelError(f"optimize: progress must be True or False, got {progress!r}")
+    shown = yes_or_no(progress, "optimize", "progress")
     given = {} if options is None else options
     if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
         raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-    return Settings(transcription, int(degree), control, dict(given), progress)
+    return Settings(transcription, int(degree), control, dict(given), shown)
 
 
 def _count(intervals: Any, waypoints: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
@@ -80,3 +81,10 @@ def placeholders_in(expression: Any) -> list[Placeholder]:
     """Placeholders on which an expression depends."""
     found = (placeholder_of(symbol) for symbol in symbols_of(expression))
     return [p for p in found if p is not None]
+
+
+def with_values(expression: ca.SX, value: Callable[[Placeholder], Any]) -> ca.SX:
+    """Return an expression with a value, or another expression, put in for each of its placeholders."""
+    found = placeholders_in(expression)
+    values = [ca.SX(value(p)) for p in found]
+    return ca.substitute(expression, ca.vertcat(ca.SX(0, 1), *found), ca.vertcat(ca.SX(0, 1), *values))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,11 +21,11 @@ from ..errors import AssemblyError, MechanismWarning, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
-from ..numerics.rank import dependent_rows
+from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .consistency import stacked
 from .constraints import held_conditions
-from .placeholders import placeholder_of, placeholders_in
+from .placeholders import Placeholder, placeholders_in, with_values
 from .problem import OptimalControlProblem
 
 #: Steps from place to place, and parts of a step at great speed, at the most.
@@ -202,19 +203,22 @@ def _on_positions(problem: OptimalControlProblem, conditions: Sequence[Condition
 
 def _periodic(problem: OptimalControlProblem, start: State) -> list[Condition]:
     """Boundary conditions as conditions at the end, with the start's values put in."""
+
+    def value(placeholder: Placeholder) -> Any:
+        inner = placeholder.expression
+        return float(start[inner]) if placeholder.kind == "at_start" else inner
+
     found = []
+    own = {p.element_hash() for p in problem.own_parameters}
     for condition in problem.boundary:
-        placeholders = [p for s in symbols_of(condition.expression) if (p := placeholder_of(s)) is not None]
-        own = {p.element_hash() for p in problem.own_parameters}
+        placeholders = placeholders_in(condition.expression)
         inner = [s.element_hash() for p in placeholders for s in symbols_of(p.expression)]
         kinds = {p.kind for p in placeholders}
         if not kinds <= {"at_start", "at_end"} or own & {*inner} or not condition.equality:
             continue
         if any(p.kind == "at_start" and _unknown_at_start(p.expression, problem) for p in placeholders):
             continue
-        values = [ca.SX(float(start[p.expression])) if p.kind == "at_start" else p.expression for p in placeholders]
-        replaced = ca.substitute(condition.expression, ca.vertcat(*placeholders), ca.vertcat(*values))
-        found.append(Condition(replaced, True, condition.label))
+        found.append(Condition(with_values(condition.expression, value), True, condition.label))
     return found
 
 
@@ -232,9 +236,7 @@ def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[C
     conditions = [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in order]
     if eom.q.numel() * eom.lam.numel() > LARGE:
         return conditions
-    jacobian = numeric.velocity(t, target)[0] * numeric.column_scale
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    joints = jacobian / np.where(size > 1e-12, size, 1.0)
+    joints = unit_rows(numeric.velocity(t, target)[0] * numeric.column_scale)
     coordinates = np.eye(eom.q.numel())[order]
     dependent = set(dependent_rows(np.vstack([joints, coordinates]), TOO_NEAR))
     return [c for k, c in enumerate(conditions) if k + len(joints) not in dependent]

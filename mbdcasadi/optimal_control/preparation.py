@@ -14,9 +14,9 @@ from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition
 from ..model.symbols import symbols_of
-from ..numerics.rank import dependent_rows
+from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
-from .consistency import ConditionRank, on_states
+from .consistency import ConditionRank, on_states, stacked
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -86,7 +86,6 @@ class Preparation:
     def __init__(self, problem: OptimalControlProblem, settings: Settings, numeric: NumericEquations, start: State):
         self.problem, self.numeric, self.start = problem, numeric, start
         self.held = held_conditions(problem)
-        self.scattered: list = []
         #: conditions that others imply on one branch, with their windows; they are checked in the solution
         self.implied: dict[Condition, float] = {}
         low, high = problem.duration
@@ -112,29 +111,27 @@ class Preparation:
             return final
         free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
         ranks = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
-        self.scattered = ranks.states
         kept = ranks.independent(rows, state, with_rates(self.held))
-        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept)]
+        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept, ranks)]
 
-    def _windows(self, rows: list[Condition], kept: list[Condition]) -> list[Condition]:
+    def _windows(self, rows: list[Condition], kept: list[Condition], ranks: ConditionRank) -> list[Condition]:
         """Limits about conditions that others imply: implied they are on one branch alone."""
         found = []
         for condition in rows:
             if condition not in kept:
-                width = self.implied[condition] = self._window(condition)
+                width = self.implied[condition] = self._window(condition, ranks)
                 label = f"{condition.label} (on the same branch)"
                 found += [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
         return found
 
-    def _window(self, condition: Condition) -> float:
+    def _window(self, condition: Condition, ranks: ConditionRank) -> float:
         """Half width of such a limit: a share of what the quantity changes by."""
         eom = self.problem.equations
         slopes = eom.function(ca.jacobian(condition.expression, ca.vertcat(eom.q, eom.v, eom.z)))
         zero = np.zeros(eom.q.numel())
         m = np.zeros(eom.lam.numel())
         found = [
-            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, self.numeric.p).full())
-            for t, q, v, z in self.scattered
+            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, self.numeric.p).full()) for t, q, v, z in ranks.states
         ]
         typical = np.r_[self.numeric.typical_step, self.numeric.typical_step / self.marks[-1], np.ones(eom.z.numel())]
         return WINDOW * max((float(np.max(x * typical, initial=0.0)) for x in found), default=1.0)
@@ -153,12 +150,11 @@ class Preparation:
         kept = ranks.independent(rows, begin, held)
         others = [c for c in problem.initial if c not in rows]
         moving = {s.element_hash() for s in ca.vertsplit(free)}
-        fixed = ca.vertcat(eom.Phi, eom.nu, *[c.expression for c in (*held, *kept)])
+        fixed = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, stacked([*held, *kept]))
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
-            if ConditionRank(self.numeric, ca.SX(0, 1)).complete([*held, *kept]):
+            if ranks.complete([*held, *kept]):  # nothing that is free occurs in the rows
                 return None
-        self.scattered = ranks.states
-        return [*kept, *others, *self._windows(rows, kept)]
+        return [*kept, *others, *self._windows(rows, kept, ranks)]
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem
@@ -171,8 +167,18 @@ class Preparation:
         return scheme(constraints, weights, basis, settings.degree)
 
     def check_start(self, start: State) -> None:
-        """Refuse a state given as the start off the motion that path conditions prescribe."""
-        for condition in with_rates(self.held) if isinstance(self.problem.initial, State) else ():
+        """Refuse a state given as the start off the motion that path conditions prescribe, or true for one linkage."""
+        if not isinstance(self.problem.initial, State):
+            return
+        eom = self.problem.equations
+        rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+        for parameter in self.problem.free_parameters:
+            if ca.depends_on(rows, parameter) and np.any(np.abs(start[ca.jacobian(rows, parameter)]) > OFF):
+                raise ConditionError(
+                    f"the initial state meets the constraints at one value of the free parameter '{parameter.label}' "
+                    "alone; state conditions in its place"
+                )
+        for condition in with_rates(self.held):
             amount = float(start[condition.expression])
             if abs(amount) > OFF:
                 raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")
@@ -181,9 +187,8 @@ class Preparation:
         """Constraint rows without those that others imply; of the poses passed the one with the most counts."""
         found: list[int] = []
         for q in (self.poses[0], self.poses[len(self.poses) // 2], self.poses[-1]):
-            jacobian = self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale
-            size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-            dependent = set(dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0)))
+            jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
+            dependent = set(dependent_rows(jacobian))
             rows = [k for k in range(jacobian.shape[0]) if k not in dependent]
             found = rows if len(rows) > len(found) else found
         return found

@@ -13,11 +13,11 @@ from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import quantity
-from ..model.symbols import Parameter, describe, entries, listed, role_of, symbols_of
+from ..model.symbols import Parameter, describe, entries, listed, refuse_twice, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end
-from .placeholders import placeholder_of
+from .placeholders import placeholder_of, placeholders_in
 from .waypoints import Waypoint, time_span
 
 
@@ -71,9 +71,7 @@ class OptimalControlProblem(Immutable):
         self.equations: Equations = equations(mechanism)
         self.duration = time_span(duration, "OptimalControlProblem", "duration")
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
-        twice = [p for k, p in enumerate(self.free_parameters) if any(p is x for x in self.free_parameters[:k])]
-        if twice:
-            raise ModelError(f"free_parameters= lists '{twice[0].label}' twice")
+        refuse_twice(self.free_parameters, "free_parameters=")
         self.initial = _state_or_conditions(initial, mechanism)
         self.final = _state_or_conditions(final, mechanism)
         self.path = read_conditions(path)
@@ -108,8 +106,8 @@ class OptimalControlProblem(Immutable):
         for end in (self.initial, self.final):
             conditions += [] if isinstance(end, State) else end
         expressions = [self.running_cost, self.terminal_cost, *[c.expression for c in conditions]]
+        expressions += [p.expression for e in expressions for p in placeholders_in(e)]
         found = [s for e in expressions for s in symbols_of(e)]
-        found += [s for x in found if (p := placeholder_of(x)) is not None for s in symbols_of(p.expression)]
         return any(role is not None and role.kind == "input rate" for role in map(role_of, found))
 
     @property

@@ -14,8 +14,9 @@ from ..model.conditions import Condition
 from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
+from .placeholders import with_values
 from .preparation import Preparation
-from .rows import OWN_UNIT, Rows, stack
+from .rows import OWN_UNIT, Rows, stack, violations
 from .transcription import Point
 
 #: Least length of a phase between free times, as a share of the typical duration.
@@ -74,10 +75,8 @@ class MotionProgram(Layout):
         found = {}
         for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
             found[c] = self.sizes.of_changes(c.expression) if c.equality else self.sizes.of_limit(c.expression)
-        symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
         for c in problem.boundary:
-            inner = ca.vertcat(ca.SX(0, 1), *[p.expression for p in self.placeholders])
-            found[c] = self.sizes.of_changes(ca.substitute(c.expression, symbols, inner))
+            found[c] = self.sizes.of_changes(with_values(c.expression, lambda p: p.expression))
         return found
 
     # --- pieces -----------------------------------------------------------------------------------
@@ -246,7 +245,7 @@ class MotionProgram(Layout):
 
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
-        return float(np.max(np.where(self.equalities, np.abs(rows), np.maximum(rows, 0.0)), initial=0.0))
+        return float(np.max(violations(rows, self.equalities), initial=0.0))
 
     @cached_property
     def interval_rows(self) -> int:

@@ -60,6 +60,11 @@ class Rows:
 OWN_UNIT = "in the units of the condition"
 
 
+def violations(rows: np.ndarray, equalities: np.ndarray) -> np.ndarray:
+    """By how much scaled rows are not met: equalities by their size, limits by what is above zero."""
+    return np.where(equalities, np.abs(rows), np.maximum(rows, 0.0))
+
+
 def stack(groups: list[Rows]) -> ca.SX:
     """All rows of groups, scaled, as one column."""
     return ca.vertcat(ca.SX(0, 1), *[group.scaled for group in groups if group.labels])

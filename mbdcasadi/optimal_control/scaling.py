@@ -38,8 +38,8 @@ class Scales:
         Of the constraint rows, m or rad (m,).
     z, u : numpy.ndarray
         Of first-order states and inputs.
-    angles, angular_rows : numpy.ndarray
-        Which coordinates are angles (n,), and which rows (m,).
+    angles : numpy.ndarray
+        Which coordinates are angles (n,).
     steps : int
         Intervals of the mesh. Rows of velocities count by what they do to the
         coordinates in one interval, those of accelerations and loads likewise.
@@ -55,7 +55,6 @@ class Scales:
     z: np.ndarray
     u: np.ndarray
     angles: np.ndarray
-    angular_rows: np.ndarray
     steps: int = 1
 
 
@@ -87,13 +86,12 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
     load = np.where(angles, force * length, force)
     jacobian = numeric.velocity(0.0, q0)[0]
     # a row in metres changes by a length with displacements; a row of angles by one with angles alone
-    angular_rows = ~np.any(np.abs(jacobian[:, ~angles]) > 0, axis=1)
     rows = np.max(np.abs(jacobian) * q, axis=1, initial=0.0)
-    rows = np.where(rows > 0, rows, np.where(angular_rows, 1.0, length))
+    rows = np.where(rows > 0, rows, np.where(eom.angular_rows, 1.0, length))
     lam = force * length / rows
-    base = duration, q, q / duration, q / duration**2, load, lam, rows
-    u, z = _inputs_and_states(numeric, base)
-    return Scales(*base, z, u, angles, angular_rows)
+    v, a = q / duration, q / duration**2
+    u, z = _inputs_and_states(numeric, duration, v, load)
+    return Scales(duration, q, v, a, load, lam, rows, z, u, angles)
 
 
 def _length(numeric: NumericEquations, poses: np.ndarray) -> float:
@@ -126,10 +124,11 @@ def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.nd
     return float(np.max(found[np.isfinite(found)], initial=0.0))
 
 
-def _inputs_and_states(numeric: NumericEquations, base: tuple) -> tuple[np.ndarray, np.ndarray]:
+def _inputs_and_states(
+    numeric: NumericEquations, duration: float, v: np.ndarray, load: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Sizes of inputs, from the loads that they make or their limits, and of first-order states."""
     eom = numeric.eom
-    duration, load = base[0], base[4]
     q0, v0, z0 = eom.estimate
     at = (0.0, q0, v0, 0 * q0, z0, np.zeros(eom.lam.numel()), eom.input_values, numeric.p)
     by_input = np.abs(eom.function(ca.jacobian(eom.Q, eom.u))(*at).full()) if eom.u.numel() else np.zeros((q0.size, 0))
@@ -145,7 +144,7 @@ def _inputs_and_states(numeric: NumericEquations, base: tuple) -> tuple[np.ndarr
     for k, symbol in enumerate(eom.mechanism.states):
         span = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=0.0)
         rates = eom.function(ca.jacobian(eom.z_rate[k], ca.vertcat(eom.v, eom.u)))(*at).full().ravel()
-        reached = np.abs(rates[np.isfinite(rates)]) @ np.r_[base[2], u][np.isfinite(rates)] * duration
+        reached = np.abs(rates[np.isfinite(rates)]) @ np.r_[v, u][np.isfinite(rates)] * duration
         z[k] = span or max(abs(symbol.initial), float(reached)) or 1.0
     return u, z
 

@@ -135,7 +135,7 @@ class Solver:
         return memory[key]
 
     def _compiled(self, program: MotionProgram, more: dict[str, Any]) -> tuple[ca.Function, Monitor]:
-        monitor = Monitor(program.size, program.equalities, program.cost_scale).finish(program.program.data_size)
+        monitor = Monitor(program.size, program.equalities, program.cost_scale, program.program.data_size)
         settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
         settings |= DEFAULTS | more | {"iteration_callback": monitor}
         try:
@@ -152,11 +152,11 @@ class Solver:
         lower, upper = self.bounds(program)
         x0 = np.clip(known.x if known else guess.variables(program, mesh), lower, upper)
         p = program.data(self.numeric, mesh, guess.marks)
-        known_g = program.program.evaluate() if program.integrals and not known else None
-        if known_g is not None:
-            x0 = program.with_integrals(x0, known_g(x0, p)[1].full().ravel())
         solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
-        if warm and not known and program.violation(solver.get_function("nlp_g")(x0, p).full().ravel()) > NEAR:
+        rows = solver.get_function("nlp_g")
+        if program.integrals and not known:
+            x0 = program.with_integrals(x0, rows(x0, p).full().ravel())
+        if warm and not known and program.violation(rows(x0, p).full().ravel()) > NEAR:
             solver, monitor = self.compiled(program, mesh, "cold")
         built = clock.perf_counter()
         multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..numerics.least_squares import solve
+from ..numerics.rank import analyse_rank
 from .failure import OptimizationError
 from .guess import Guess, kinematic_guess
 from .mesh import Mesh
@@ -48,9 +49,8 @@ def wandering(solver: Solver, random: np.random.Generator) -> Guess:
     moved, before = [], 0.0
     q = poses[0]
     for k, pose in enumerate(poses):
-        _, _, basis = np.linalg.svd(numeric.velocity(float(times[k]), q)[0])
-        free = basis[np.linalg.matrix_rank(numeric.velocity(float(times[k]), q)[0]) :]
-        step = (pose - poses[max(k - 1, 0)]) + free.T @ (free @ direction) * (detour[k] - before)
+        free = analyse_rank(numeric.velocity(float(times[k]), q)[0]).null_columns
+        step = (pose - poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (detour[k] - before)
         before = detour[k]
         rows = partial(numeric.position, float(times[k]))
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import FileError, ModelError
-from ..results.writing import whole_file
+from ..results.archives import read_arrays, write_arrays
 from .mesh import Mesh
+from .preparation import Settings
 from .problem import OptimalControlProblem
 from .program import MotionProgram
-from .records import Answer, Pass, SolveStatistics, Start
+from .records import Answer, Pass, SolveStatistics, Start, Step
 from .solution import Solution
-
-if TYPE_CHECKING:
-    from .solver import Solver
+from .solver import Solver
 
 _FORMAT = "mbdcasadi solution 1"
 #: Difference of scaled rows and costs up to which two problems count as the same.
@@ -49,8 +47,7 @@ def save(solution: Solution, path: str | Path) -> None:
         "row labels": np.array([row[0] for row in program.rows], dtype=str),
     }
     content |= {f"phase {k}": shares for k, shares in enumerate(solution.shares.phases)}
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, allow_pickle=False, **content)
+    write_arrays(path, content)
 
 
 def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
@@ -77,13 +74,7 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
         raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
     if not isinstance(path, str | Path):
         raise FileError(f"read_solution takes the path of a file, got {path!r}")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
-        raise FileError(f"{path}: cannot be read as a solution: {error}") from None
-    if str(content.get("format")) != _FORMAT:
-        raise FileError(f"{path}: no solution that this package wrote")
+    content = read_arrays(path, _FORMAT, "solution", "Solution.save")
     try:
         return _restored(path, problem, content)
     except (KeyError, TypeError, json.JSONDecodeError) as error:
@@ -91,16 +82,12 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
-    from .preparation import Settings
-    from .solver import Solver
-
     settings = Settings(**json.loads(str(content["settings"])), options={}, progress=False)
     phases = [content[f"phase {k}"] for k in range(sum(name.startswith("phase ") for name in content))]
     mesh = Mesh(tuple(phases))
     if len(phases) != len(problem.waypoints) + 1:
         raise FileError(f"{path}: the solution has {len(phases) - 1} waypoints, the problem {len(problem.waypoints)}")
-    solver: Solver = Solver(problem, settings, None)
-    program = solver.layout(mesh)
+    program = Solver(problem, settings, None).layout(mesh)
     labels = [row[0] for row in program.rows]
     theirs = content["row labels"].tolist()
     if program.size != content["x"].size or labels != theirs:
@@ -109,8 +96,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     parameters = NumericEquations(problem.equations, content["parameters"])
     _check_values(path, program, parameters, mesh, content)
     statistics = json.loads(str(content["statistics"]))
-    statistics["starts"] = [Start(**start) for start in statistics["starts"]]
-    statistics["passes"] = [Pass(**one) for one in statistics["passes"]]
+    for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
+        statistics[name] = [kind(**one) for one in statistics[name]]
     return Solution(
         problem,
         program,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import importlib
 import json
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -18,6 +17,7 @@ from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import FileError, MechanismError
 from ..model.mechanism import Mechanism
+from .archives import read_arrays, write_arrays
 from .columns import columns, read_expressions
 from .state import State
 from .trajectory import EventOccurrence, Statistics, Trajectory
@@ -127,8 +127,7 @@ def save(motion: Trajectory, path: str | Path) -> None:
         values = [getattr(event.after or event.state, name) for event in motion.events]
         content[f"event after {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
     content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, allow_pickle=False, **content)
+    write_arrays(path, content)
 
 
 def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
@@ -159,7 +158,7 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
     >>> mbd.simulate(model, duration=0.1).save("run.npz")  # doctest: +SKIP
     >>> motion = mbd.read_trajectory("run.npz", model)  # doctest: +SKIP
     """
-    content = _read_arrays(Path(path))
+    content = read_arrays(Path(path), _FORMAT, "trajectory", "Trajectory.save")
     eom = equations(mechanism)
     for kind, names in _names(eom).items():
         _check_names(path, kind, content[f"{kind} names"].tolist(), names)
@@ -191,19 +190,6 @@ def _event(mechanism: Mechanism, content: dict[str, np.ndarray], k: int) -> Even
 
     after = state("event after") if "event resets" in content and content["event resets"][k] else None
     return EventOccurrence(str(content["event names"][k]), time, state("event"), after)
-
-
-def _read_arrays(path: Path) -> dict[str, np.ndarray]:
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
-    except OSError as error:
-        raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError):
-        raise FileError(f"{path}: the file is no trajectory; Trajectory.save writes one") from None
-    if str(content.get("format")) != _FORMAT:
-        raise FileError(f"{path}: the file is no trajectory of this version of the package; Trajectory.save writes one")
-    return content
 
 
 def _names(eom: Equations) -> dict[str, tuple[str, ...]]:

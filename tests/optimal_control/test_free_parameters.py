@@ -153,3 +153,41 @@ def test_a_free_parameter_without_inputs():
     assert solution.parameters[k] == pytest.approx(np.pi**2 / 4, rel=1e-7)
     assert solution.mesh_error < 1e-6
     assert solution.verify().final_error < 1e-6
+
+
+def test_the_radius_of_a_rolling_wheel():
+    """Spinning at 1 rad/s it must go 1 m in 1 s: effort is least at the radius whose speed needs no torque, r = 1."""
+    u, r = mbd.Input("u"), mbd.Parameter("r", 0.5, lower=0.2, upper=2.0)
+    wheel = mbd.Body("wheel", mass=1.0, inertia=1.0)
+    rolling = mbd.NonholonomicConstraint("rolling", wheel.vx - r * wheel.omega)
+    motor = mbd.Torque("motor", wheel, u)
+    problem = mbd.OptimalControlProblem(
+        mbd.Mechanism(bodies=[wheel], joints=[rolling], forces=[motor], inputs=[u], parameters=[r]),
+        duration=1.0,
+        initial=[wheel.x == 0, wheel.y == 0, wheel.phi == 0, wheel.vy == 0, wheel.omega == 1],
+        final=[wheel.x == 1],
+        running_cost=u**2,
+        free_parameters=[r],
+    )
+    solution = mbd.optimize(problem, intervals=6)
+    assert solution.parameters[r] == pytest.approx(1.0, abs=1e-4) and solution.cost < 1e-7
+    first = solution.trajectory.initial
+    assert first[wheel.omega] == pytest.approx(1.0, abs=1e-9)
+    assert first[wheel.vx] == pytest.approx(solution.parameters[r], abs=1e-9)
+
+
+def test_a_state_that_fixes_a_free_length_is_refused():
+    """A length changes the pose that the state gives as a whole; a mass does not."""
+    u = mbd.Input("u")
+    length, mass = mbd.Parameter("l", 0.5, lower=0.2, upper=2.0), mbd.Parameter("m", 1.0, lower=0.5, upper=2.0)
+    bob = mbd.Body("bob", mass=mass, inertia=1.0, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bob.at(-length, 0))
+    motor = mbd.Torque("motor", bob, u)
+    mechanism = mbd.Mechanism([bob], [pin], forces=[motor], inputs=[u], parameters=[length, mass])
+    state = mbd.assemble(mechanism, [bob.phi == 0])
+    wanted = dict(duration=1.0, initial=state, final=[bob.phi == 1], running_cost=u**2)
+    problem = mbd.OptimalControlProblem(mechanism, free_parameters=[length], **wanted)
+    with pytest.raises(mbd.ConditionError, match="'l' alone; state conditions"):
+        mbd.optimize(problem, intervals=6)
+    lighter = mbd.optimize(problem.replace(free_parameters=[mass]), intervals=6)
+    assert lighter.parameters[mass] == pytest.approx(0.5, abs=1e-6)

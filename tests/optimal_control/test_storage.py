@@ -61,6 +61,20 @@ def test_refined_solutions_keep_their_passes_and_starts(tmp_path):
     assert back.mesh_error == pytest.approx(solution.mesh_error, rel=1e-6)
 
 
+def test_the_steps_of_a_continuation_come_back(tmp_path):
+    """As records, with the values of the parameter by name."""
+    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
+    spring = lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]  # noqa: E731
+    block, mechanism = guided_block(1.0, u, parameters=[k], extra=spring)
+    ends = dict(initial=[block.x == 0, block.vx == 0], final=[block.x == 1, block.vx == 0])
+    problem = mbd.OptimalControlProblem(mechanism, duration=1.0, running_cost=u**2, **ends)
+    solution = mbd.optimize(problem, intervals=6, continuation={k: [3.0, 4.0]})
+    solution.save(tmp_path / "s.npz")
+    back = mbd.read_solution(tmp_path / "s.npz", problem)
+    assert back.statistics == solution.statistics
+    assert [step.values for step in back.statistics.steps] == [{"k": 3.0}, {"k": 4.0}]
+
+
 def test_parameters_that_were_given_come_back(tmp_path):
     """Values other than the mechanism's own."""
     u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
@@ -76,13 +90,15 @@ def test_parameters_that_were_given_come_back(tmp_path):
 
 
 def test_a_wrong_file_is_refused(stored, tmp_path):
-    """No file, no solution, half of one, one with a part missing."""
+    """No file, an empty one, no solution, a single array, half of a solution."""
     _solution, path, problem = stored
     (tmp_path / "text.npz").write_text("nothing of the kind")
+    (tmp_path / "empty.npz").write_bytes(b"")
+    np.save(tmp_path / "array.npy", np.zeros(3))
     np.savez(tmp_path / "junk.npz", a=3)
     whole = path.read_bytes()
     (tmp_path / "half.npz").write_bytes(whole[: len(whole) // 2])
-    for name in ("missing.npz", "text.npz", "junk.npz", "half.npz"):
+    for name in ("missing.npz", "empty.npz", "text.npz", "array.npy", "junk.npz", "half.npz"):
         with pytest.raises(mbd.FileError, match=name):
             mbd.read_solution(tmp_path / name, problem)
 
