@@ -176,11 +176,6 @@ class ConstraintElement(Element):
         labels = self.row_labels or tuple(str(k) for k in range(self.multipliers.numel()))
         return (self.name,) if len(labels) == 1 and not self.row_labels else tuple(f"{self.name}.{x}" for x in labels)
 
-    @property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """What changes within a short time."""
-        return ()
-
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
         found = dict.fromkeys(marker.body for marker in self.markers)
