@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ModelError
 from ..bodies import Body, Marker, as_marker
 from ..elements import ConstraintElement, at_poses
-from ..symbols import symbols_of
+from ..symbols import symbols_of, time_derivative
 
 
 class Joint(ConstraintElement):
@@ -63,7 +63,7 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
 
 
 class AlongLine:
-    """Natural coordinate of joints in which b moves along a's x axis."""
+    """Natural coordinate, and its rate, of joints in which b moves along a's x axis."""
 
     a: Marker
     b: Marker
@@ -72,3 +72,8 @@ class AlongLine:
     def displacement(self) -> ca.SX:
         """Position of b along a's x axis, m."""
         return ca.dot(self.a.x_axis, self.b.position - self.a.position)
+
+    @cached_property
+    def speed(self) -> ca.SX:
+        """Rate of :attr:`displacement`, m/s."""
+        return time_derivative(self.displacement)

@@ -70,11 +70,6 @@ class Translational(AlongLine, Joint):
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
 
-    @cached_property
-    def speed(self) -> ca.SX:
-        """Rate of :attr:`displacement`, m/s."""
-        return time_derivative(self.displacement)
-
 
 class Weld(Joint):
     """Rigid joint: points and axes coincide (3 rows: m, m, rad).
