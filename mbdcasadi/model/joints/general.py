@@ -12,7 +12,7 @@ from ..elements import ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column
 
 #: Operations whose value is a truth, not a length or an angle.
-RELATIONS = (ca.OP_EQ, ca.OP_NE, ca.OP_LE, ca.OP_LT)
+_RELATIONS = (ca.OP_EQ, ca.OP_NE, ca.OP_LE, ca.OP_LT)
 
 
 class Constraint(ConstraintElement):
@@ -38,12 +38,7 @@ class Constraint(ConstraintElement):
 
     def __init__(self, name: str, expression: Any):
         what = f"constraint '{name}'"
-        rows = column(expression, what)
-        for row in ca.vertsplit(rows):
-            if not row.is_constant() and row.op() in RELATIONS:
-                raise ModelError(
-                    f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
-                )
+        rows = held_at_zero(expression, what)
         refuse_kinds(
             rows,
             ("velocity", "acceleration", "multiplier", "input", "state"),
@@ -53,3 +48,14 @@ class Constraint(ConstraintElement):
         if rows.numel() == 0 or not holds_coordinates(rows):
             raise ModelError(f"{what} depends on no coordinate: {expression}")
         super().__init__(name, rows)
+
+
+def held_at_zero(expression: Any, what: str) -> ca.SX:
+    """Rows (k,) that the user wrote to be held at zero; a relation is refused."""
+    rows = column(expression, what)
+    for row in ca.vertsplit(rows):
+        if not row.is_constant() and row.op() in _RELATIONS:
+            raise ModelError(
+                f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
+            )
+    return rows
