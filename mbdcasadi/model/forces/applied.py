@@ -7,16 +7,9 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import Body, as_marker, ground, rotation
+from ..bodies import as_body, as_marker, ground, rotation
 from ..elements import Element, cross, owners, refuse_kinds
 from ..quantities import quantity, vector2
-
-
-def as_body(value: Any, what: str, argument: str) -> Body:
-    """Return the body, or raise with the name of the element that was given something else."""
-    if not isinstance(value, Body):
-        raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
-    return value
 
 
 class Force(Element):

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Body, Marker, as_marker
+from ..bodies import Body, Marker, as_body, markers_on_two
 from ..elements import ConstraintElement, at_poses
 from ..symbols import symbols_of, time_derivative
 
@@ -32,22 +32,18 @@ class Joint(ConstraintElement):
 
 def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
     """Check the two markers of a joint: they must sit on two bodies."""
-    what = f"joint '{name}'"
-    a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
-    if a.body is b.body:
-        raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")
-    return a, b
+    return markers_on_two(a, b, f"joint '{name}'")
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
     """Check the body that carries two shafts: a third one."""
-    if not isinstance(value, Body):
-        raise ModelError(f"{what}: carrier must be a body, got {value!r}")
-    if not value.is_ground and (value is a.body or value is b.body):
+    carrier = as_body(value, what, "carrier")
+    if not carrier.is_ground and (carrier is a.body or carrier is b.body):
         raise ModelError(
-            f"{what}: carrier '{value.name}' is one of the two bodies that turn; name the body that carries both shafts"
+            f"{what}: carrier '{carrier.name}' is one of the two bodies that turn; "
+            "name the body that carries both shafts"
         )
-    return value
+    return carrier
 
 
 def relative_angle(a: Marker, b: Marker) -> ca.SX:
