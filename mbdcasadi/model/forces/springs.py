@@ -14,6 +14,7 @@ from ..elements import Element
 from ..expressions import norm
 from ..quantities import function_of, quantity
 from ..symbols import time_derivative
+from .laws import stored_energy
 
 
 class _SpringDamper(Element):
@@ -58,8 +59,7 @@ class _SpringDamper(Element):
     def potential(self) -> ca.SX:
         """Energy stored in the spring, J; zero for a law of its own that has no ``potential(length)``."""
         if self.law is not None:
-            energy = getattr(self.law, "potential", None)
-            return ca.SX(0) if energy is None else ca.SX(energy(self._coordinate))
+            return stored_energy(self.law, self._coordinate)
         return ca.SX(0.5 * self.stiffness * (self._coordinate - self.free) ** 2)
 
 

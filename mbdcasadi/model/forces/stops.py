@@ -11,10 +11,10 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import ground
 from ..elements import Element, owners, refuse_kinds
-from ..expressions import if_else
 from ..quantities import function_of, quantity
 from ..smoothing import Smoothing
 from ..symbols import time_derivative
+from .laws import pushing_force, stored_energy
 
 
 class EndStop(Element):
@@ -67,10 +67,7 @@ class EndStop(Element):
     @cached_property
     def force(self) -> ca.SX:
         """Force that opens the gap, N or N m."""
-        closed = self.gap < 0
-        # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
-        depth, speed = if_else(closed, -self.gap, 0), if_else(closed, -self.rate, 0)
-        return if_else(closed, ca.SX(quantity(self.law(depth, speed), self.what, "law")), 0)
+        return pushing_force(self.law, self.gap, self.rate, self.what)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
@@ -80,5 +77,4 @@ class EndStop(Element):
     @cached_property
     def potential(self) -> ca.SX:
         """Elastic energy, J, where the law knows it."""
-        energy = getattr(self.law, "potential", None)
-        return ca.SX(0) if energy is None else ca.SX(energy(-self.gap))
+        return stored_energy(self.law, -self.gap)
