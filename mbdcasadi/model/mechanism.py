@@ -12,8 +12,9 @@ from .bodies import Body
 from .drivers import Driver
 from .elements import ConstraintElement, Element
 from .immutable import Immutable
+from .lists import entries, listed
 from .quantities import quantity
-from .symbols import Coordinate, Input, Parameter, StateVariable, describe, entries, listed, role_of, symbols_of, t
+from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t
 
 
 class Mechanism(Immutable):

@@ -11,9 +11,10 @@ from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
+from ..model.lists import entries, listed
 from ..model.mechanism import Mechanism
 from ..model.quantities import quantity
-from ..model.symbols import Parameter, describe, entries, listed, role_of, symbols_of
+from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end

@@ -12,7 +12,7 @@ from ..errors import MechanismError
 from ..model.expressions import norm
 from ..model.joints.composite import PointOnLine
 from ..model.joints.lower_pairs import Revolute, Translational
-from ..model.symbols import time_derivative
+from ..model.rates import time_derivative
 from ..results.columns import columns, joints_of, reaction_body, read_lines
 from .plots import COLOURS, dress
 

@@ -11,8 +11,9 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, MechanismError, ModelError
 from ...model.conditions import Condition, read_conditions
+from ...model.lists import entries, refuse_twice
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, entries, number, refuse_twice
+from ...model.symbols import Input, Parameter, number
 from ...numerics.least_squares import largest
 from ...results.state import State
 from ..assembly import assemble_at

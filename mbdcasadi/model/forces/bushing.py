@@ -11,7 +11,7 @@ from ...errors import ModelError
 from ..bodies import markers_on_two
 from ..elements import Element
 from ..quantities import Limit, quantity
-from ..symbols import time_derivative
+from ..rates import time_derivative
 
 
 class Bushing(Element):

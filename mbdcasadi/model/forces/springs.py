@@ -13,7 +13,7 @@ from ..bodies import markers_on_two
 from ..elements import Element
 from ..expressions import norm
 from ..quantities import function_of, quantity
-from ..symbols import time_derivative
+from ..rates import time_derivative
 from .laws import stored_energy
 
 

@@ -12,8 +12,8 @@ from ...errors import ModelError
 from ..bodies import ground
 from ..elements import Element, owners, refuse_kinds
 from ..quantities import function_of, quantity
+from ..rates import time_derivative
 from ..smoothing import Smoothing
-from ..symbols import time_derivative
 from .laws import pushing_force, stored_energy
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from ...errors import ModelError
 from ..bodies import Body, Marker, as_body, markers_on_two
 from ..elements import ConstraintElement, at_poses
-from ..symbols import symbols_of, time_derivative
+from ..rates import time_derivative
+from ..symbols import symbols_of
 
 
 class Joint(ConstraintElement):

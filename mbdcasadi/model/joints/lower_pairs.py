@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..symbols import time_derivative
+from ..rates import time_derivative
 from .base import AlongLine, Joint, pair, relative_angle
 
 
