@@ -13,7 +13,7 @@ from .closed_splines import closed_spline
 from .immutable import Immutable
 from .quantities import column, function_of, yes_or_no
 from .splines import spline
-from .symbols import describe, number, role_of, symbols_of, values_of
+from .symbols import describe, number, symbols_of, values_of, varying_in
 
 #: Places at which a curve is looked at when it is made.
 SAMPLES = 1440
@@ -66,10 +66,8 @@ class Curve(Immutable):
         if not self.upper > self.lower:
             raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")
         self.closed = yes_or_no(closed, what, "closed")
-        for other in symbols_of(ca.vertcat(point, tangent)):
-            role = role_of(other)
-            if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
-                raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(other)}")
+        if varying := varying_in(ca.vertcat(point, tangent), besides=symbol):
+            raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(varying[0])}")
         self._symbol, self._point, self._tangent = symbol, ca.densify(point), ca.densify(tangent)
         self._check(what, cusp)
 

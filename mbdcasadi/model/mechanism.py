@@ -14,7 +14,7 @@ from .elements import ConstraintElement, Element
 from .immutable import Immutable
 from .lists import entries, listed
 from .quantities import quantity
-from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t
+from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 
 class Mechanism(Immutable):
@@ -152,12 +152,10 @@ class Mechanism(Immutable):
                     raise ExpressionError(self._stray(symbol, what))
         for body in self.bodies:
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):
-                for symbol in symbols_of(value):
-                    role = role_of(symbol)
-                    if role is None or role.kind != "parameter":
-                        raise ExpressionError(
-                            f"body '{body.name}': {name} may hold parameters only, not {describe(symbol)}"
-                        )
+                if varying := varying_in(value):
+                    raise ExpressionError(
+                        f"body '{body.name}': {name} may hold parameters only, not {describe(varying[0])}"
+                    )
 
     @staticmethod
     def _stray(symbol: ca.SX, what: str) -> str:

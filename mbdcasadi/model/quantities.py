@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
-from .symbols import Parameter, describe, number, role_of, symbols_of
+from .symbols import Parameter, describe, number, varying_in
 
 
 def known_value(value: Any) -> float | None:
@@ -100,7 +100,10 @@ def quantity(
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
     if fixed:
-        _refuse_varying(value, what, name)
+        if varying := varying_in(value):
+            raise ExpressionError(
+                f"{what}: {name} depends on {describe(varying[0])}; it is a number or an expression in parameters only"
+            )
     limit = Limit(what, name, ca.SX(value), at_least, above)
     known = known_value(value)
     if known is not None:
@@ -110,16 +113,6 @@ def quantity(
     if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
         return known
     return value
-
-
-def _refuse_varying(value: Any, what: str, name: str) -> None:
-    """Raise where an expression holds anything but parameters."""
-    for symbol in symbols_of(value):
-        role = role_of(symbol)
-        if role is None or role.kind != "parameter":
-            raise ExpressionError(
-                f"{what}: {name} depends on {describe(symbol)}; it is a number or an expression in parameters only"
-            )
 
 
 def yes_or_no(value: Any, what: str, name: str) -> bool:

@@ -276,6 +276,13 @@ def values_of(expression: Any) -> np.ndarray:
     return ca.Function("value", [ca.vertcat(ca.SX(0, 1), *used)], [ca.densify(expression)])(at).full()
 
 
+def varying_in(expression: Any, besides: ca.SX | None = None) -> list[ca.SX]:
+    """Symbols of an expression that are no parameters; one of them, `besides`, left out."""
+    found = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
+    varying = [symbol for symbol, role in found if role is None or role.kind != "parameter"]
+    return [symbol for symbol in varying if besides is None or not ca.is_equal(symbol, besides)]
+
+
 def describe(symbol: ca.SX) -> str:
     """A symbol in words: its kind and its name."""
     role = role_of(symbol)
