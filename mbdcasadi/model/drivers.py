@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import ConstraintElement, holds_coordinates, refuse_kinds
+from .elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from .quantities import quantity
 from .symbols import t as time
 
@@ -45,9 +45,9 @@ class Driver(ConstraintElement):
         what = f"driver '{name}'"
         self.expression = ca.SX(quantity(expression, what, "expression"))
         self.value = ca.SX(quantity(value, what, "value"))
-        others = ("velocity", "acceleration", "multiplier", "input", "state")
-        refuse_kinds(self.expression, others, what, "a driver prescribes coordinates")
-        refuse_kinds(self.value, ("position", *others), what, "its value is a function of time and parameters")
+        refuse_kinds(self.expression, BEYOND_COORDINATES, what, "a driver prescribes coordinates")
+        beyond = ("position", *BEYOND_COORDINATES)
+        refuse_kinds(self.value, beyond, what, "its value is a function of time and parameters")
         if not holds_coordinates(self.expression):
             raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
         if relative_to is not None:

@@ -112,6 +112,10 @@ def holds_coordinates(expression: Any) -> bool:
     return any(role is not None and role.kind == "position" for role in roles)
 
 
+#: What an expression in coordinates, parameters and time does not hold.
+BEYOND_COORDINATES = ("velocity", "acceleration", "multiplier", "input", "state")
+
+
 def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) -> None:
     """Raise where an expression depends on symbols of the kinds that are not allowed."""
     for symbol in symbols_of(expression):

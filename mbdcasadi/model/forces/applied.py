@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import as_body, as_marker, ground, rotation
-from ..elements import Element, cross, owners, refuse_kinds
+from ..elements import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
 from ..quantities import quantity, vector2
 
 
@@ -131,12 +131,7 @@ class GeneralizedForce(Element):
                     f"{self.what}: an expression of {expression.numel()} components is paired "
                     f"with a force of {force.numel()}"
                 )
-            refuse_kinds(
-                expression,
-                ("velocity", "acceleration", "multiplier", "input", "state"),
-                self.what,
-                "a virtual displacement is one of coordinates",
-            )
+            refuse_kinds(expression, BEYOND_COORDINATES, self.what, "a virtual displacement is one of coordinates")
             quantities = [quantity(part, self.what, "force") for part in ca.vertsplit(force)]
             checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
         if not checked:

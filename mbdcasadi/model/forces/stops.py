@@ -10,7 +10,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import ground
-from ..elements import Element, owners, refuse_kinds
+from ..elements import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..quantities import function_of, quantity
 from ..rates import time_derivative
 from ..smoothing import Smoothing
@@ -48,8 +48,7 @@ class EndStop(Element):
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
         self.gap = ca.SX(quantity(gap, self.what, "gap"))
-        others = ("velocity", "acceleration", "multiplier", "input", "state")
-        refuse_kinds(self.gap, others, self.what, "a gap is one of coordinates")
+        refuse_kinds(self.gap, BEYOND_COORDINATES, self.what, "a gap is one of coordinates")
         if not owners(self.gap):
             raise ModelError(f"{self.what}: the gap {gap} depends on no coordinate of a body")
         self.law = function_of(law, self.what, "law", "penetration", "rate")

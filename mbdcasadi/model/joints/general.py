@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...printing import to_text
-from ..elements import ConstraintElement, holds_coordinates, refuse_kinds
+from ..elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column
 
 #: Operations whose value is a truth, not a length or an angle.
@@ -39,12 +39,7 @@ class Constraint(ConstraintElement):
     def __init__(self, name: str, expression: Any):
         what = f"constraint '{name}'"
         rows = held_at_zero(expression, what)
-        refuse_kinds(
-            rows,
-            ("velocity", "acceleration", "multiplier", "input", "state"),
-            what,
-            "a Constraint holds coordinates, parameters and time only",
-        )
+        refuse_kinds(rows, BEYOND_COORDINATES, what, "a Constraint holds coordinates, parameters and time only")
         if rows.numel() == 0 or not holds_coordinates(rows):
             raise ModelError(f"{what} depends on no coordinate: {expression}")
         super().__init__(name, rows)
