@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,10 +12,8 @@ from ..errors import ModelError
 from .immutable import Immutable
 from .markers import Marker, rotation
 from .quantities import Limit, quantity, triple
+from .shapes import Shape, rotation_matrix
 from .symbols import check_name, register
-
-if TYPE_CHECKING:
-    from .shapes import Shape
 
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
 
@@ -135,7 +133,7 @@ class Body(Immutable):
         what = f"body '{name}'"
         x, y, phi = triple(pose, what, "pose", "(x, y, phi)")
         vx, vy, omega = triple(velocity, what, "velocity", "(vx, vy, omega)")
-        arm = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ centroid
+        arm = rotation_matrix(phi) @ centroid
         body = cls(
             name,
             total,
