@@ -14,6 +14,8 @@ import numpy as np
 from ..errors import ExpressionError, ModelError
 from .symbols import Parameter, describe, number, varying_in
 
+_RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
+
 
 def known_value(value: Any) -> float | None:
     """Number behind a constant, a parameter or a plain number; None for other expressions."""
@@ -159,6 +161,11 @@ def vector2(value: Any, what: str, name: str) -> ca.SX:
     if len(parts) != 2:
         raise ModelError(f"{what}: {name} must have two components, got {value!r}")
     return ca.vertcat(*[ca.SX(quantity(p, what, f"{name} {axis}")) for p, axis in zip(parts, "xy", strict=True)])
+
+
+def is_relation(value: ca.SX) -> bool:
+    """Whether a scalar is a truth, 0 or 1, and no quantity."""
+    return any(value.is_op(op) for op in _RELATIONS)
 
 
 def column(value: Any, what: str) -> ca.SX:

@@ -9,10 +9,7 @@ import casadi as ca
 from ...errors import ModelError
 from ...printing import to_text
 from ..elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
-from ..quantities import column
-
-#: Operations whose value is a truth, not a length or an angle.
-_RELATIONS = (ca.OP_EQ, ca.OP_NE, ca.OP_LE, ca.OP_LT)
+from ..quantities import column, is_relation
 
 
 class Constraint(ConstraintElement):
@@ -49,7 +46,7 @@ def held_at_zero(expression: Any, what: str) -> ca.SX:
     """Rows (k,) that the user wrote to be held at zero; a relation is refused."""
     rows = column(expression, what)
     for row in ca.vertsplit(rows):
-        if not row.is_constant() and row.op() in _RELATIONS:
+        if is_relation(row):
             raise ModelError(
                 f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
             )
