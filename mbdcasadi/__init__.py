@@ -88,9 +88,10 @@ from .model.joints.nonholonomic import KnifeEdge, NonholonomicConstraint
 from .model.joints.rolling import Rolling
 from .model.mechanism import Mechanism
 from .model.motion_programs import MotionProgram, dwell, fall, rise
+from .model.rates import time_derivative
 from .model.shaking import ShakingForce, shaking_force
 from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
-from .model.symbols import Coordinate, Input, Parameter, StateVariable, t, time_derivative
+from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .optimal_control.failure import OptimizationError
 from .optimal_control.optimize import optimize
 from .optimal_control.placeholders import at_end, at_start, integral

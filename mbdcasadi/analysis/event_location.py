@@ -12,7 +12,7 @@ import numpy as np
 from ..equations import Equations
 from ..errors import ExpressionError, ModelError
 from ..model.events import Event
-from ..model.symbols import time_derivative
+from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
 from ..results.state import State
 from .outputs import Outputs

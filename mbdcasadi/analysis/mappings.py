@@ -9,8 +9,9 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ModelError, SimulationError
+from ..model.lists import entries, refuse_twice
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input, Parameter, entries, number, refuse_twice
+from ..model.symbols import Input, Parameter, number
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:

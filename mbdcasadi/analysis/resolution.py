@@ -19,8 +19,8 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.mechanism import Mechanism
+from ..model.rates import time_derivative
 from ..model.smoothing import Smoothing
-from ..model.symbols import time_derivative
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).

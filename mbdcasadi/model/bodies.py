@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,12 +12,10 @@ from ..errors import ModelError
 from .immutable import Immutable
 from .markers import Marker, rotation
 from .quantities import Limit, quantity, triple
+from .shapes import Shape, rotation_matrix
 from .symbols import check_name, register
 
-if TYPE_CHECKING:
-    from .shapes import Shape
-
-__all__ = ["Body", "Ground", "Marker", "as_marker", "ground", "rotation"]
+__all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
 
 
 class Body(Immutable):
@@ -135,7 +133,7 @@ class Body(Immutable):
         what = f"body '{name}'"
         x, y, phi = triple(pose, what, "pose", "(x, y, phi)")
         vx, vy, omega = triple(velocity, what, "velocity", "(vx, vy, omega)")
-        arm = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]]) @ centroid
+        arm = rotation_matrix(phi) @ centroid
         body = cls(
             name,
             total,
@@ -229,9 +227,24 @@ class Ground(Body):
 ground = Ground()
 
 
+def as_body(value: Any, what: str, argument: str) -> Body:
+    """Return the body, or raise with the name of the element that was given something else."""
+    if not isinstance(value, Body):
+        raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
+    return value
+
+
 def as_marker(value: Any, what: str, argument: str) -> Marker:
     """Return the marker, or raise with the name of the element that was given something else."""
     if isinstance(value, Marker):
         return value
     hint = f"; write {value.name}.at(x, y)" if isinstance(value, Body) else ""
     raise ModelError(f"{what}: {argument} must be a marker, as body.at(x, y) makes it, got {value!r}{hint}")
+
+
+def markers_on_two(a: Any, b: Any, what: str) -> tuple[Marker, Marker]:
+    """Return the two markers of an element that connects bodies: they must sit on two of them."""
+    a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
+    if a.body is b.body:
+        raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")
+    return a, b

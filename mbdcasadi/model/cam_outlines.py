@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ModelError
 from .closed_splines import closed_spline
-from .curves import Curve, checked_points, chord_lengths, crossing
+from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
 from .quantities import quantity, yes_or_no
 from .symbols import number
 from .turn_laws import TURN, lift_law, polar_law
@@ -60,10 +60,9 @@ class CamOutline(Curve):
 
         super().__init__(point, 0.0, TURN, closed=True)
         self._radius = ca.dot(self._point, ca.vertcat(ca.cos(self._symbol), ca.sin(self._symbol)))
-        values = self.sampled(self._radius, self.samples).ravel()
-        if np.min(values) <= 0:
-            k = int(np.argmin(values))
-            raise ModelError(f"CamOutline: radius must be above 0, got {values[k]:.6g} at {self.samples[k]:.4g} rad")
+        smallest, place = _least(self._radius, self._symbol)
+        if smallest <= 0:
+            raise ModelError(f"CamOutline: radius must be above 0, got {smallest:.6g} at {place:.4g} rad")
 
     def radius(self, parameter: Any) -> ca.SX:
         """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
@@ -171,19 +170,16 @@ class _FlatProfile(CamOutline):
         support = base + lift(turned)
         slope = ca.jacobian(support, alpha)
         self._bend = support + ca.jacobian(slope, alpha)
-        out, along = ca.vertcat(ca.cos(alpha), ca.sin(alpha)), ca.vertcat(-ca.sin(alpha), ca.cos(alpha))
-        self._out, self._along = out, along
-        self._symbol = alpha
-        places = np.linspace(0, TURN, 1440, endpoint=False)
-        bends = self.sampled(self._bend, places).ravel()
-        if np.min(bends) <= 0:
-            k = int(np.argmin(bends))
+        self._out, self._along = ca.vertcat(ca.cos(alpha), ca.sin(alpha)), ca.vertcat(-ca.sin(alpha), ca.cos(alpha))
+        bend, place = _least(self._bend, alpha)
+        if bend <= 0:
             raise ModelError(
-                f"CamOutline: the profile is undercut where the cam has turned by {(direction - places[k]) % TURN:.4g}"
-                f" rad: its radius of curvature would be {bends[k]:.6g} m; make base_radius larger by more than "
-                f"{-bends[k]:.6g} m, or the program gentler"
+                f"CamOutline: the profile is undercut where the cam has turned by {(direction - place) % TURN:.4g}"
+                f" rad: its radius of curvature would be {bend:.6g} m; make base_radius larger by more than "
+                f"{-bend:.6g} m, or the program gentler"
             )
-        self._define(alpha, support * out + slope * along, self._bend * along, 0.0, TURN, True)
+        point = support * self._out + slope * self._along
+        self._define(alpha, point, self._bend * self._along, 0.0, TURN, True)
 
     def _direction_at_symbol(self) -> ca.SX:
         # of unit length: the second derivative of the lift, which may have kinks, is left out
@@ -217,14 +213,11 @@ class _RollerProfile(CamOutline):
         self.roller_radius = roller
         self._path = Curve(lambda place: ca.substitute(path, alpha, place), 0.0, TURN, closed=True)
         bend = 1 - roller * self._path.curvature(alpha)
-        self._symbol = alpha
-        places = np.linspace(0, TURN, 1440, endpoint=False)
-        left = self.sampled(bend, places).ravel()
-        if np.min(left) <= 0:
-            k = int(np.argmin(left))
+        left, place = _least(bend, alpha)
+        if left <= 0:
             raise ModelError(
-                f"{what}: the profile is undercut where the cam has turned by {-places[k] % TURN:.4g} rad: the path "
-                f"of the roller's centre has the radius of curvature {roller / (1 - left[k]):.6g} m there, less than "
+                f"{what}: the profile is undercut where the cam has turned by {-place % TURN:.4g} rad: the path "
+                f"of the roller's centre has the radius of curvature {roller / (1 - left):.6g} m there, less than "
                 f"the roller's {roller:g} m; take a smaller roller or a larger base_radius"
             )
         normal = self._path.normal(alpha)
@@ -246,3 +239,11 @@ class _RollerProfile(CamOutline):
         if not isinstance(distance, ca.SX):
             return self._path.beside(parameter, distance - self.roller_radius)
         return super().beside(parameter, distance)
+
+
+def _least(expression: ca.SX, symbol: ca.SX) -> tuple[float, float]:
+    """Least value of an expression over one turn, and the angle at which it is found."""
+    places = np.linspace(0, TURN, SAMPLES, endpoint=False)
+    values = values_over(expression, symbol, places).ravel()
+    k = int(np.argmin(values))
+    return float(values[k]), float(places[k])

@@ -10,7 +10,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from .splines import picked_piece
+from .splines import piecewise
 
 
 def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
@@ -23,16 +23,8 @@ def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
     xs, ys : numpy.ndarray
         (n,), `xs` increasing, the last of `ys` the same as the first; at least five points.
     """
-    period = xs[-1] - xs[0]
-    x = x - period * ca.floor((x - xs[0]) / period)
     pieces = _coefficients(np.diff(xs), ys)
-    table = np.vstack([xs, np.column_stack([pieces, pieces[:, :1]])])
-    anchor, *terms = picked_piece(x, xs, table, "periodic")
-    d = x - anchor
-    value = terms[-1]
-    for term in reversed(terms[:-1]):
-        value = term + d * value
-    return value
+    return piecewise(x, xs, xs, np.column_stack([pieces, pieces[:, :1]]), "periodic")
 
 
 def _coefficients(h: np.ndarray, ys: np.ndarray) -> np.ndarray:

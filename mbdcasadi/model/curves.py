@@ -13,7 +13,7 @@ from .closed_splines import closed_spline
 from .immutable import Immutable
 from .quantities import column, function_of, yes_or_no
 from .splines import spline
-from .symbols import describe, number, role_of, symbols_of, values_of
+from .symbols import describe, number, symbols_of, values_of, varying_in
 
 #: Places at which a curve is looked at when it is made.
 SAMPLES = 1440
@@ -57,23 +57,19 @@ class Curve(Immutable):
             raise ModelError(f"{what}: point must return two coordinates, got {coordinates.numel()}")
         self._define(symbol, coordinates, ca.jacobian(coordinates, symbol), lower, upper, closed)
 
-    def _define(
-        self, symbol: ca.SX, point: ca.SX, tangent: ca.SX, lower: float, upper: float, closed: bool, cusp: str = ""
-    ) -> None:
-        """Keep the curve as expressions in a symbol, and check it; `cusp` says what a missing tangent means."""
+    def _define(self, symbol: ca.SX, point: ca.SX, tangent: ca.SX, lower: float, upper: float, closed: bool) -> None:
+        """Keep the curve as expressions in a symbol, and check it."""
         what = self._called
         self.lower, self.upper = number(lower, what, "lower"), number(upper, what, "upper")
         if not self.upper > self.lower:
             raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")
         self.closed = yes_or_no(closed, what, "closed")
-        for other in symbols_of(ca.vertcat(point, tangent)):
-            role = role_of(other)
-            if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
-                raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(other)}")
+        if varying := varying_in(ca.vertcat(point, tangent), besides=symbol):
+            raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(varying[0])}")
         self._symbol, self._point, self._tangent = symbol, ca.densify(point), ca.densify(tangent)
-        self._check(what, cusp)
+        self._check(what)
 
-    def _check(self, what: str, cusp: str) -> None:
+    def _check(self, what: str) -> None:
         alpha = self.samples
         values = self.sampled(ca.vertcat(self._point, self._tangent), alpha)
         if not np.all(np.isfinite(values)):
@@ -85,7 +81,7 @@ class Curve(Immutable):
         if np.min(speed) <= 1e-6 * self.size or np.min(turning) <= 0:
             k = int(np.argmin(speed) if np.min(speed) <= 1e-6 * self.size else np.argmin(turning))
             raise ModelError(
-                f"{what}: the curve has a cusp or a corner, without a tangent, near the parameter {alpha[k]:.6g}" + cusp
+                f"{what}: the curve has a cusp or a corner, without a tangent, near the parameter {alpha[k]:.6g}"
             )
         if self.closed:
             ends = self.sampled(ca.vertcat(self._point, self._tangent), np.array([self.lower, self.upper]))

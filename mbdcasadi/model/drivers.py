@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import ConstraintElement, holds_coordinates, refuse_kinds
+from .elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from .quantities import quantity
 from .symbols import t as time
 
@@ -44,15 +44,16 @@ class Driver(ConstraintElement):
     def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"
         self.expression = ca.SX(quantity(expression, what, "expression"))
-        self.value = ca.SX(quantity(value, what, "value"))
-        others = ("velocity", "acceleration", "multiplier", "input", "state")
-        refuse_kinds(self.expression, others, what, "a driver prescribes coordinates")
-        refuse_kinds(self.value, ("position", *others), what, "its value is a function of time and parameters")
+        course = ca.SX(quantity(value, what, "value"))
+        refuse_kinds(self.expression, BEYOND_COORDINATES, what, "a driver prescribes coordinates")
+        beyond = ("position", *BEYOND_COORDINATES)
+        refuse_kinds(course, beyond, what, "its value is a function of time and parameters")
         if not holds_coordinates(self.expression):
             raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
+        self.value = course
         if relative_to is not None:
-            self.value += _at_state(self.expression, relative_to, what)
-            self.value -= ca.substitute(ca.SX(quantity(value, what, "value")), time, ca.SX(relative_to.t))
+            there = _at_state(self.expression, relative_to, what)
+            self.value = course + there - ca.substitute(course, time, ca.SX(relative_to.t))
         super().__init__(name, self.expression - self.value)
 
     @property

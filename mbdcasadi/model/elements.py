@@ -112,6 +112,10 @@ def holds_coordinates(expression: Any) -> bool:
     return any(role is not None and role.kind == "position" for role in roles)
 
 
+#: What an expression in coordinates, parameters and time does not hold.
+BEYOND_COORDINATES = ("velocity", "acceleration", "multiplier", "input", "state")
+
+
 def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) -> None:
     """Raise where an expression depends on symbols of the kinds that are not allowed."""
     for symbol in symbols_of(expression):
@@ -175,11 +179,6 @@ class ConstraintElement(Element):
         """Name of each row: the element and what the row holds."""
         labels = self.row_labels or tuple(str(k) for k in range(self.multipliers.numel()))
         return (self.name,) if len(labels) == 1 and not self.row_labels else tuple(f"{self.name}.{x}" for x in labels)
-
-    @property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """What changes within a short time."""
-        return ()
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:

@@ -10,11 +10,8 @@ import casadi as ca
 from ..errors import ModelError
 from .elements import refuse_kinds
 from .immutable import Immutable
-from .quantities import quantity, yes_or_no
+from .quantities import is_relation, quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of
-
-#: Operations that make a relation.
-RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 
 
 class Event(Immutable):
@@ -61,7 +58,7 @@ class Event(Immutable):
         self.expression = quantity(expression, what, "expression")
         if not isinstance(self.expression, ca.SX):
             raise ModelError(f"{what}: the expression is the number {self.expression}, which never passes through zero")
-        if any(self.expression.is_op(op) for op in RELATIONS):
+        if is_relation(self.expression):
             raise ModelError(
                 f"{what}: {self.expression} is a relation, 0 or 1, which never passes through zero; give the "
                 "difference of both sides, and direction= for the sense"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from .immutable import Immutable
-from .symbols import time_derivative
+from .rates import time_derivative
 
 if TYPE_CHECKING:
     from .bodies import Body

@@ -12,9 +12,10 @@ from .bodies import Body
 from .drivers import Driver
 from .elements import ConstraintElement, Element
 from .immutable import Immutable
+from .lists import entries, listed
 from .memory import Memory
 from .quantities import Limit, quantity
-from .symbols import Coordinate, Input, Parameter, StateVariable, describe, entries, listed, role_of, symbols_of, t
+from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 
 class Mechanism(Immutable):
@@ -152,12 +153,10 @@ class Mechanism(Immutable):
                     raise ExpressionError(self._stray(symbol, what))
         for body in self.bodies:
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):
-                for symbol in symbols_of(value):
-                    role = role_of(symbol)
-                    if role is None or role.kind != "parameter":
-                        raise ExpressionError(
-                            f"body '{body.name}': {name} may hold parameters only, not {describe(symbol)}"
-                        )
+                if varying := varying_in(value):
+                    raise ExpressionError(
+                        f"body '{body.name}': {name} may hold parameters only, not {describe(varying[0])}"
+                    )
 
     @staticmethod
     def _stray(symbol: ca.SX, what: str) -> str:

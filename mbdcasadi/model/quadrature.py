@@ -7,7 +7,7 @@ from functools import singledispatch
 import numpy as np
 
 from ..errors import ModelError
-from .shapes import Composite, Disc, Polygon, Rectangle, Rod, Shape
+from .shapes import Composite, Disc, Polygon, Rectangle, Rod, Shape, rotation_matrix
 
 #: Points (k, 2) in the shape's frame, m, and weights (k,), m² (of rods: m).
 Rule = tuple[np.ndarray, np.ndarray]
@@ -41,8 +41,7 @@ def _line(order: int) -> Rule:
 
 
 def _turned(points: np.ndarray, angle: float, center: tuple[float, float]) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return points @ np.array([[c, s], [-s, c]]) + center
+    return points @ rotation_matrix(angle).T + center
 
 
 @quadrature.register

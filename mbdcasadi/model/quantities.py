@@ -12,7 +12,9 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
-from .symbols import Parameter, describe, number, role_of, symbols_of
+from .symbols import Parameter, describe, number, varying_in
+
+_RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 
 
 def known_value(value: Any) -> float | None:
@@ -100,7 +102,10 @@ def quantity(
     elif value.numel() != 1:
         raise ModelError(f"{what}: {name} must be a scalar, got an expression of shape {value.shape}")
     if fixed:
-        _refuse_varying(value, what, name)
+        if varying := varying_in(value):
+            raise ExpressionError(
+                f"{what}: {name} depends on {describe(varying[0])}; it is a number or an expression in parameters only"
+            )
     limit = Limit(what, name, ca.SX(value), at_least, above)
     known = known_value(value)
     if known is not None:
@@ -110,16 +115,6 @@ def quantity(
     if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
         return known
     return value
-
-
-def _refuse_varying(value: Any, what: str, name: str) -> None:
-    """Raise where an expression holds anything but parameters."""
-    for symbol in symbols_of(value):
-        role = role_of(symbol)
-        if role is None or role.kind != "parameter":
-            raise ExpressionError(
-                f"{what}: {name} depends on {describe(symbol)}; it is a number or an expression in parameters only"
-            )
 
 
 def yes_or_no(value: Any, what: str, name: str) -> bool:
@@ -166,6 +161,11 @@ def vector2(value: Any, what: str, name: str) -> ca.SX:
     if len(parts) != 2:
         raise ModelError(f"{what}: {name} must have two components, got {value!r}")
     return ca.vertcat(*[ca.SX(quantity(p, what, f"{name} {axis}")) for p, axis in zip(parts, "xy", strict=True)])
+
+
+def is_relation(value: ca.SX) -> bool:
+    """Whether a scalar is a truth, 0 or 1, and no quantity."""
+    return any(value.is_op(op) for op in _RELATIONS)
 
 
 def column(value: Any, what: str) -> ca.SX:

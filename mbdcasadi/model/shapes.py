@@ -37,7 +37,7 @@ def _pair(value: tuple[float, float], what: str, name: str) -> tuple[float, floa
     return _number(x, what, f"x of {name}"), _number(y, what, f"y of {name}")
 
 
-def _rotation(angle: float) -> np.ndarray:
+def rotation_matrix(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
@@ -163,7 +163,7 @@ class _Centered(Shape):
 
     def _moved(self, shift: np.ndarray, angle: float) -> Shape:
         turned = {"angle": self.angle + angle} if hasattr(self, "angle") else {}
-        return replace(self, center=shift + _rotation(angle) @ self.center, **turned)  # type: ignore[type-var]
+        return replace(self, center=shift + rotation_matrix(angle) @ self.center, **turned)  # type: ignore[type-var]
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Rectangle(_Centered):
 
     def _corners(self) -> np.ndarray:
         corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * [self.width / 2, self.height / 2]
-        return self.center + corners @ _rotation(self.angle).T
+        return self.center + corners @ rotation_matrix(self.angle).T
 
 
 @dataclass(frozen=True)
@@ -255,7 +255,7 @@ class Polygon(Shape):
         return float(d.sum() / 2), origin, float(second_moment)
 
     def _moved(self, shift: np.ndarray, angle: float) -> Polygon:
-        return Polygon(tuple(shift + np.array(self.points) @ _rotation(angle).T))
+        return Polygon(tuple(shift + np.array(self.points) @ rotation_matrix(angle).T))
 
 
 @dataclass(frozen=True)

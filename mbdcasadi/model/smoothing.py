@@ -17,7 +17,7 @@ class Smoothing:
         Scalar in coordinates, velocities, first-order states, parameters and time.
     span : float
         From its least to its largest value.
-    subject    subject : str
+    subject : str
         What it is, with the element, in words.
     remedy : str
         What to do besides tightening the tolerances.

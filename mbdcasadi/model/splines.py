@@ -94,10 +94,7 @@ def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: st
     widths = np.diff(anchors)
     pieces = widths * (rising[0, :-1] + widths * (rising[1, :-1] + widths * (rising[2, :-1] + widths * rising[3, :-1])))
     before = np.concatenate([[0.0], np.cumsum(pieces)])
-    anchor, offset, *terms = picked_piece(x, xs, np.vstack([anchors, before, rising]), outside)
-    c1, c2, c3, c4 = terms
-    d = x - anchor
-    return offset + d * (c1 + d * (c2 + d * (c3 + d * c4)))
+    return piecewise(x, xs, anchors, np.vstack([before, rising]), outside)
 
 
 def _numbers(values: Any, name: str) -> np.ndarray:
@@ -159,17 +156,27 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
 def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> ca.SX:
     """Return the curve as an expression in a scalar."""
     anchors, coefficients = _pieces(xs, ys, kind, outside)
+    return piecewise(x, xs, anchors, coefficients, outside)
+
+
+def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.ndarray, outside: str) -> ca.SX:
+    """Polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
+
+    Parameters
+    ----------
+    x : casadi.SX
+        Scalar.
+    xs : numpy.ndarray
+        The points (n,) between which the pieces lie.
+    anchors, coefficients : numpy.ndarray
+        Of the pieces, (p,) and (k, p): one from each point on, and first and last
+        those outside, where `outside` is "constant" or "linear".
+    outside : str
+        As for :func:`spline`.
+    """
     if outside == "periodic":
         period = xs[-1] - xs[0]
         x = x - period * ca.floor((x - xs[0]) / period)
-    anchor, *terms = picked_piece(x, xs, np.vstack([anchors, coefficients]), outside)
-    c0, c1, c2, c3 = terms
-    d = x - anchor
-    return c0 + d * (c1 + d * (c2 + d * c3))
-
-
-def picked_piece(x: ca.SX, xs: np.ndarray, table: np.ndarray, outside: str) -> list[ca.SX]:
-    """Column of the table (k, p) that belongs to the piece in which `x` lies; the first row holds the anchors."""
     # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
     # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
     # derivatives are those of the polynomial that is picked.
@@ -178,13 +185,17 @@ def picked_piece(x: ca.SX, xs: np.ndarray, table: np.ndarray, outside: str) -> l
         passed = [x >= xs[0], *passed, x > xs[-1]]
     reached = ca.vertcat(1, *passed)
     picked = reached - ca.vertcat(*passed, 0)
-    anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(table), picked))
+    anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(np.vstack([anchors, coefficients])), picked))
     if outside == "error":
         # Added to every coefficient, so that the derivatives are NaN too; inside, 0 changes nothing.
         slack = _ROUNDING * (xs[-1] - xs[0])
         inside = ca.logic_and(x >= xs[0] - slack, x <= xs[-1] + slack)
         terms = [term + ca.if_else(inside, 0, np.nan) for term in terms]
-    return [anchor, *terms]
+    d = x - anchor
+    *terms, value = terms
+    for term in reversed(terms):
+        value = term + d * value
+    return value
 
 
 def _pieces(xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:

@@ -10,17 +10,13 @@ from __future__ import annotations
 
 import math
 import weakref
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
-
-if TYPE_CHECKING:
-    from .mechanism import Mechanism
 
 #: What a symbol can stand for.
 KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
@@ -280,82 +276,14 @@ def values_of(expression: Any) -> np.ndarray:
     return ca.Function("value", [ca.vertcat(ca.SX(0, 1), *used)], [ca.densify(expression)])(at).full()
 
 
+def varying_in(expression: Any, besides: ca.SX | None = None) -> list[ca.SX]:
+    """Symbols of an expression that are no parameters; one of them, `besides`, left out."""
+    found = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
+    varying = [symbol for symbol, role in found if role is None or role.kind != "parameter"]
+    return [symbol for symbol in varying if besides is None or not ca.is_equal(symbol, besides)]
+
+
 def describe(symbol: ca.SX) -> str:
     """A symbol in words: its kind and its name."""
     role = role_of(symbol)
     return f"{role.kind} '{role.label}'" if role else f"symbol '{symbol.name()}'"
-
-
-def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.SX:
-    """Rate of change of an expression, by the chain rule.
-
-    ``de/dt = e_q v + e_v a + e_z ż + e_t``
-
-    Parameters
-    ----------
-    expression : casadi.SX
-        Any shape, in coordinates, velocities, first-order states, parameters and time.
-    mechanism : Mechanism, optional
-        Needed where first-order states occur: it knows their rates.
-
-    Returns
-    -------
-    casadi.SX
-        Same shape; accelerations occur where velocities did, and ``Input.rate``, which
-        optimal control alone knows, where inputs did.
-
-    Raises
-    ------
-    ExpressionError
-        Where the expression holds an acceleration or a multiplier, whose rates the model does not know.
-
-    Examples
-    --------
-    >>> import mbdcasadi as mbd
-    >>> arm = mbd.Body("arm", mass=1, inertia=1)
-    >>> mbd.time_derivative(mbd.sin(arm.phi))
-    SX((cos(arm.phi)*arm.omega))
-    """
-    expression = as_expression(expression, "time_derivative")
-    rates = {} if mechanism is None else {s.element_hash(): r for s, r in mechanism.state_rates.items()}
-    varying, rate = [], []
-    for symbol in symbols_of(expression):
-        role = role_of(symbol)
-        if role is not None and role.kind == "parameter":
-            continue
-        found = rates.get(symbol.element_hash(), None if role is None else role.rate)
-        if found is None:
-            hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
-            raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
-        varying.append(symbol)
-        rate.append(found)
-    if not varying:
-        return ca.SX(*expression.shape)
-    derivative = ca.jtimes(ca.vec(expression), ca.vertcat(*varying), ca.vertcat(*rate))
-    return ca.reshape(derivative, *expression.shape)
-
-
-def entries(values: Any, argument: str) -> tuple:
-    """Entries of a list as a tuple; a single part without brackets is refused, and what is no list."""
-    # a casadi.SX has entries too, and so do texts and mappings; none of them is meant as a list of parts
-    if isinstance(values, ca.SX | str | bytes | Mapping) or not isinstance(values, Iterable):
-        raise ModelError(f"{argument} takes a list, got {values!r}; write {argument}[…]")
-    return tuple(values)
-
-
-def refuse_twice(symbols: Iterable[Any], what: str) -> None:
-    """Refuse a symbol that stands in a list twice."""
-    seen: list[Any] = []
-    for symbol in symbols:
-        if any(symbol is other for other in seen):
-            raise ModelError(f"{what} holds '{symbol.label}' twice")
-        seen.append(symbol)
-
-
-def listed(values: Any, kind: type, what: str) -> tuple:
-    """The symbols of a list as a tuple; anything of another kind is refused."""
-    result = entries(values, what)
-    for value in result:
-        if not isinstance(value, kind):
-            raise ModelError(f"{what} takes {kind.__name__} objects, got {value!r}")
-    return result

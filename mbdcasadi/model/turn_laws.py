@@ -13,7 +13,7 @@ from .closed_splines import closed_spline
 from .curves import values_over
 from .motion_programs import MotionProgram
 from .quantities import function_of, quantity
-from .symbols import describe, role_of, symbols_of
+from .symbols import describe, varying_in
 
 TURN = 2 * np.pi
 
@@ -69,10 +69,8 @@ def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.S
     """A function of an angle from 0 to 2π, repeated every turn; as it is, where it repeats itself."""
     symbol = ca.SX.sym("angle")
     value = ca.SX(quantity(function_of(law, "CamOutline", name, "the angle")(symbol), "CamOutline", name))
-    for other in symbols_of(value):
-        role = role_of(other)
-        if not ca.is_equal(other, symbol) and (role is None or role.kind != "parameter"):
-            raise ExpressionError(f"CamOutline: {name} may hold parameters only, not {describe(other)}")
+    if varying := varying_in(value, besides=symbol):
+        raise ExpressionError(f"CamOutline: {name} may hold parameters only, not {describe(varying[0])}")
     places = np.linspace(0, TURN, 37)
     here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * TURN))
     if np.allclose(here, later, rtol=1e-11, atol=0):

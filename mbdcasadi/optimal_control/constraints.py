@@ -9,7 +9,8 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..model.symbols import role_of, symbols_of, time_derivative
+from ..model.rates import time_derivative
+from ..model.symbols import role_of, symbols_of
 from .problem import OptimalControlProblem
 from .rows import OWN_UNIT, Rows
 from .scaling import Scales

@@ -11,9 +11,10 @@ from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
+from ..model.lists import entries, listed, refuse_twice
 from ..model.mechanism import Mechanism
-from ..model.quantities import quantity
-from ..model.symbols import Parameter, describe, entries, listed, refuse_twice, role_of, symbols_of
+from ..model.quantities import is_relation, quantity
+from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
 from .consistency import check_conditions, check_end
@@ -175,7 +176,7 @@ class OptimalControlProblem(Immutable):
 
 def _cost(given: Any, name: str) -> ca.SX:
     value = ca.SX(quantity(given, "OptimalControlProblem", name))
-    if value.n_dep() == 2 and value.op() in (ca.OP_EQ, ca.OP_LE, ca.OP_LT, ca.OP_NE):
+    if is_relation(value):
         raise ExpressionError(
             f"{name} is the relation {to_text(value)}; a cost is an expression, conditions go to path="
         )

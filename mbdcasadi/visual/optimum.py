@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import MechanismError
 from ..model.joints.composite import PointOnLine
 from ..model.joints.lower_pairs import Revolute, Translational
-from ..model.symbols import time_derivative
+from ..model.rates import time_derivative
 from ..results.columns import columns, read_lines
 from .plots import COLOURS, dress, reaction_sizes
 

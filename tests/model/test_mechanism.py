@@ -266,6 +266,7 @@ def test_mass_holds_parameters_only():
         (lambda: mbd.Constraint("written", "x"), ["written", "expression", "'x'"]),
         (lambda: mbd.Constraint("written", [arm.x, None]), ["written", "expression", "None"]),
         (lambda: mbd.Constraint("written", arm.x == 1), ["written", "relation", "zero"]),
+        (lambda: mbd.Constraint("written", ca.logic_and(arm.x < 1, arm.y < 1)), ["written", "relation", "zero"]),
         (lambda: mbd.Constraint("written", []), ["written", "no coordinate"]),
         (lambda: mbd.Driver("lift", arm.position, 1.0), ["lift", "scalar"]),
         (lambda: mbd.Driver("lift", arm.omega, 1.0), ["lift", "velocity", "upper arm.omega"]),

@@ -11,7 +11,8 @@ import numpy as np
 
 from ...errors import ModelError
 from ...model.conditions import Condition, read_conditions
-from ...model.symbols import Input, Parameter, StateVariable, entries
+from ...model.lists import entries
+from ...model.symbols import Input, Parameter, StateVariable
 from ...results.state import State
 from ..mappings import position_in
 from .motion import Flow

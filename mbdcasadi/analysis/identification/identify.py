@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import MechanismWarning, ModelError
+from ...model.lists import listed, refuse_twice
 from ...model.mechanism import Mechanism
-from ...model.symbols import Parameter, listed, refuse_twice
+from ...model.symbols import Parameter
 from ..flow.run import Problem
 from ..mappings import pairs_of, position_in
 from .data import Experiment, IdentificationError, read_experiments

@@ -11,8 +11,9 @@ import numpy as np
 from ...equations import Equations, equations
 from ...equations.numeric import NumericEquations
 from ...errors import ModelError
+from ...model.lists import entries
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, as_expression, entries
+from ...model.symbols import Input, Parameter, as_expression
 from ...printing import to_text
 from ...results.state import State
 from ..inputs import Signals, read_signals

@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...model.lists import entries
 from ...model.mechanism import Mechanism
-from ...model.symbols import as_expression, entries
+from ...model.symbols import as_expression
 from ..flow.design import Design, same
 from ..flow.run import CompiledRun, Problem
 

@@ -13,7 +13,7 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.mechanism import Mechanism
-from ...model.symbols import time_derivative
+from ...model.rates import time_derivative
 from ...numerics.rank import analyse_rank
 from ...results.state import State
 from ..assembly import complete_state

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...errors import MechanismError, ModelError
+from ...model.lists import refuse_twice
 from ...model.mechanism import Mechanism
-from ...model.symbols import Input, Parameter, number, refuse_twice
+from ...model.symbols import Input, Parameter, number
 from ..mappings import pairs_of, position_in
 
 Symbol = Parameter | Input

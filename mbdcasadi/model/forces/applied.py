@@ -7,16 +7,9 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import Body, as_marker, ground, rotation
-from ..elements import Element, cross, owners, refuse_kinds
+from ..bodies import as_body, as_marker, ground, rotation
+from ..elements import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
 from ..quantities import quantity, vector2
-
-
-def as_body(value: Any, what: str, argument: str) -> Body:
-    """Return the body, or raise with the name of the element that was given something else."""
-    if not isinstance(value, Body):
-        raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
-    return value
 
 
 class Force(Element):
@@ -138,12 +131,7 @@ class GeneralizedForce(Element):
                     f"{self.what}: an expression of {expression.numel()} components is paired "
                     f"with a force of {force.numel()}"
                 )
-            refuse_kinds(
-                expression,
-                ("velocity", "acceleration", "multiplier", "input", "state"),
-                self.what,
-                "a virtual displacement is one of coordinates",
-            )
+            refuse_kinds(expression, BEYOND_COORDINATES, self.what, "a virtual displacement is one of coordinates")
             quantities = [quantity(part, self.what, "force") for part in ca.vertsplit(force)]
             checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
         if not checked:

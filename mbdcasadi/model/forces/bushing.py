@@ -8,10 +8,10 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import as_marker
+from ..bodies import markers_on_two
 from ..elements import Element
 from ..quantities import Limit, quantity
-from ..symbols import time_derivative
+from ..rates import time_derivative
 
 
 class Bushing(Element):
@@ -56,10 +56,7 @@ class Bushing(Element):
         angular_damping: Any = 0.0,
     ):
         super().__init__(name)
-        self.a, self.b = as_marker(a, self.what, "a"), as_marker(b, self.what, "b")
-        if self.a.body is self.b.body:
-            raise ModelError(f"{self.what} connects body '{self.a.body.name}' with itself")
-        self.markers = (self.a, self.b)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.what)
         limits: list[Limit] = []
 
         def by_axis(value: Any, quantity_name: str) -> ca.SX:

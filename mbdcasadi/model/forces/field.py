@@ -9,12 +9,11 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Body
+from ..bodies import Body, as_body
 from ..elements import Element, cross
 from ..markers import Marker
 from ..quadrature import quadrature
 from ..quantities import function_of, known_value, vector2, whole
-from .applied import as_body
 
 #: By how much mass properties may differ from those of the shape (relative).
 _SPREAD = 1e-6

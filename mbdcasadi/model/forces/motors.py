@@ -7,11 +7,10 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import ground
+from ..bodies import as_body, ground
 from ..elements import Element
 from ..quantities import Limit, known_value, quantity
 from ..symbols import StateVariable, state_of
-from .applied import as_body
 
 
 class DCMotor(Element):

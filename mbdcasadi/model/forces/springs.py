@@ -9,11 +9,12 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import as_marker
+from ..bodies import markers_on_two
 from ..elements import Element
 from ..expressions import norm
 from ..quantities import function_of, quantity
-from ..symbols import time_derivative
+from ..rates import time_derivative
+from .laws import stored_energy
 
 
 class _SpringDamper(Element):
@@ -25,10 +26,7 @@ class _SpringDamper(Element):
         self, name: str, a: Any, b: Any, stiffness: Any, free: Any, damping: Any, actuator: Any, law: Callable | None
     ):
         super().__init__(name)
-        self.a, self.b = as_marker(a, self.what, "a"), as_marker(b, self.what, "b")
-        if self.a.body is self.b.body:
-            raise ModelError(f"{self.what} connects body '{self.a.body.name}' with itself")
-        self.markers = (self.a, self.b)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.what)
         self.stiffness = quantity(stiffness, self.what, "stiffness")
         self.damping = quantity(damping, self.what, "damping")
         self.actuator = quantity(actuator, self.what, "actuator")
@@ -61,8 +59,7 @@ class _SpringDamper(Element):
     def potential(self) -> ca.SX:
         """Energy stored in the spring, J; zero for a law of its own that has no ``potential(length)``."""
         if self.law is not None:
-            energy = getattr(self.law, "potential", None)
-            return ca.SX(0) if energy is None else ca.SX(energy(self._coordinate))
+            return stored_energy(self.law, self._coordinate)
         return ca.SX(0.5 * self.stiffness * (self._coordinate - self.free) ** 2)
 
 

@@ -10,11 +10,11 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import ground
-from ..elements import Element, owners, refuse_kinds
-from ..expressions import if_else
+from ..elements import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..quantities import function_of, quantity
+from ..rates import time_derivative
 from ..smoothing import Smoothing
-from ..symbols import time_derivative
+from .laws import pushing_force, stored_energy
 
 
 class EndStop(Element):
@@ -48,8 +48,7 @@ class EndStop(Element):
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
         self.gap = ca.SX(quantity(gap, self.what, "gap"))
-        others = ("velocity", "acceleration", "multiplier", "input", "state")
-        refuse_kinds(self.gap, others, self.what, "a gap is one of coordinates")
+        refuse_kinds(self.gap, BEYOND_COORDINATES, self.what, "a gap is one of coordinates")
         if not owners(self.gap):
             raise ModelError(f"{self.what}: the gap {gap} depends on no coordinate of a body")
         self.law = function_of(law, self.what, "law", "penetration", "rate")
@@ -67,10 +66,7 @@ class EndStop(Element):
     @cached_property
     def force(self) -> ca.SX:
         """Force that opens the gap, N or N m."""
-        closed = self.gap < 0
-        # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
-        depth, speed = if_else(closed, -self.gap, 0), if_else(closed, -self.rate, 0)
-        return if_else(closed, ca.SX(quantity(self.law(depth, speed), self.what, "law")), 0)
+        return pushing_force(self.law, self.gap, self.rate, self.what)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
@@ -80,5 +76,4 @@ class EndStop(Element):
     @cached_property
     def potential(self) -> ca.SX:
         """Elastic energy, J, where the law knows it."""
-        energy = getattr(self.law, "potential", None)
-        return ca.SX(0) if energy is None else ca.SX(energy(-self.gap))
+        return stored_energy(self.law, -self.gap)

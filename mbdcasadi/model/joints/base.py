@@ -9,8 +9,9 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Body, Marker, as_marker
+from ..bodies import Body, Marker, as_body, markers_on_two
 from ..elements import ConstraintElement, at_poses
+from ..rates import time_derivative
 from ..symbols import symbols_of
 
 
@@ -32,22 +33,18 @@ class Joint(ConstraintElement):
 
 def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
     """Check the two markers of a joint: they must sit on two bodies."""
-    what = f"joint '{name}'"
-    a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
-    if a.body is b.body:
-        raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")
-    return a, b
+    return markers_on_two(a, b, f"joint '{name}'")
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
     """Check the body that carries two shafts: a third one."""
-    if not isinstance(value, Body):
-        raise ModelError(f"{what}: carrier must be a body, got {value!r}")
-    if not value.is_ground and (value is a.body or value is b.body):
+    carrier = as_body(value, what, "carrier")
+    if not carrier.is_ground and (carrier is a.body or carrier is b.body):
         raise ModelError(
-            f"{what}: carrier '{value.name}' is one of the two bodies that turn; name the body that carries both shafts"
+            f"{what}: carrier '{carrier.name}' is one of the two bodies that turn; "
+            "name the body that carries both shafts"
         )
-    return value
+    return carrier
 
 
 def relative_angle(a: Marker, b: Marker) -> ca.SX:
@@ -63,7 +60,7 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
 
 
 class AlongLine:
-    """Natural coordinate of joints in which b moves along a's x axis."""
+    """Natural coordinate, and its rate, of joints in which b moves along a's x axis."""
 
     a: Marker
     b: Marker
@@ -72,3 +69,8 @@ class AlongLine:
     def displacement(self) -> ca.SX:
         """Position of b along a's x axis, m."""
         return ca.dot(self.a.x_axis, self.b.position - self.a.position)
+
+    @cached_property
+    def speed(self) -> ca.SX:
+        """Rate of :attr:`displacement`, m/s."""
+        return time_derivative(self.displacement)

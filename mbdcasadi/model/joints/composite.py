@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ...errors import ModelError
 from ..quantities import Limit, known_value, quantity
-from ..symbols import time_derivative
 from .base import AlongLine, Joint, pair
 
 
@@ -80,8 +78,3 @@ class PointOnLine(AlongLine, Joint):
         self.offset = quantity(offset, f"joint '{name}'", "offset")
         row = ca.dot(a.y_axis, b.position - a.position) - self.offset
         super().__init__(name, a, b, row)
-
-    @cached_property
-    def speed(self) -> ca.SX:
-        """Rate of :attr:`displacement`, m/s."""
-        return time_derivative(self.displacement)

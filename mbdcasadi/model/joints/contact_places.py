@@ -9,6 +9,7 @@ from ..bodies import Marker, rotation
 from ..cam_outlines import CamOutline
 from ..curves import Curve, least
 from ..elements import at_poses
+from ..shapes import rotation_matrix
 from ..symbols import values_of
 
 
@@ -45,7 +46,7 @@ def touching_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) ->
     bodies = [a.body, b.body]
     offset = _in_frame(a, b.position - a.position, bodies)
     turn = float(values_of(at_poses(b.angle - a.angle, bodies))[0, 0])
-    matrix = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    matrix = rotation_matrix(turn)
     size = max(one.size, other.size)
     grids = [np.linspace(0, 2 * np.pi, 180, endpoint=False)] * 2
     step = grids[0][1]

@@ -8,11 +8,8 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...printing import to_text
-from ..elements import ConstraintElement, holds_coordinates, refuse_kinds
-from ..quantities import column
-
-#: Operations whose value is a truth, not a length or an angle.
-RELATIONS = (ca.OP_EQ, ca.OP_NE, ca.OP_LE, ca.OP_LT)
+from ..elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from ..quantities import column, is_relation
 
 
 class Constraint(ConstraintElement):
@@ -38,18 +35,19 @@ class Constraint(ConstraintElement):
 
     def __init__(self, name: str, expression: Any):
         what = f"constraint '{name}'"
-        rows = column(expression, what)
-        for row in ca.vertsplit(rows):
-            if not row.is_constant() and row.op() in RELATIONS:
-                raise ModelError(
-                    f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
-                )
-        refuse_kinds(
-            rows,
-            ("velocity", "acceleration", "multiplier", "input", "state"),
-            what,
-            "a Constraint holds coordinates, parameters and time only",
-        )
+        rows = held_at_zero(expression, what)
+        refuse_kinds(rows, BEYOND_COORDINATES, what, "a Constraint holds coordinates, parameters and time only")
         if rows.numel() == 0 or not holds_coordinates(rows):
             raise ModelError(f"{what} depends on no coordinate: {expression}")
         super().__init__(name, rows)
+
+
+def held_at_zero(expression: Any, what: str) -> ca.SX:
+    """Rows (k,) that the user wrote to be held at zero; a relation is refused."""
+    rows = column(expression, what)
+    for row in ca.vertsplit(rows):
+        if is_relation(row):
+            raise ModelError(
+                f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
+            )
+    return rows

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..symbols import time_derivative
+from ..rates import time_derivative
 from .base import AlongLine, Joint, pair, relative_angle
 
 
@@ -69,11 +69,6 @@ class Translational(AlongLine, Joint):
         a, b = pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
-
-    @cached_property
-    def speed(self) -> ca.SX:
-        """Rate of :attr:`displacement`, m/s."""
-        return time_derivative(self.displacement)
 
 
 class Weld(Joint):

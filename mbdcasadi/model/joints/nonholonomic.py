@@ -11,9 +11,8 @@ from ...errors import ModelError
 from ...printing import to_text
 from ..bodies import as_marker
 from ..elements import ConstraintElement, refuse_kinds
-from ..quantities import column
 from ..symbols import role_of, symbols_of
-from .general import RELATIONS
+from .general import held_at_zero
 
 
 class NonholonomicConstraint(ConstraintElement):
@@ -76,12 +75,7 @@ class KnifeEdge(ConstraintElement):
 
 def _velocity_rows(name: str, expression: Any) -> ca.SX:
     what = f"constraint '{name}'"
-    rows = column(expression, what)
-    for row in ca.vertsplit(rows):
-        if not row.is_constant() and row.op() in RELATIONS:
-            raise ModelError(
-                f"{what} is the relation {to_text(row)}; give what is held at zero, left side less right side"
-            )
+    rows = held_at_zero(expression, what)
     others = ("acceleration", "multiplier", "input", "state")
     refuse_kinds(rows, others, what, "a velocity-level constraint holds velocities, coordinates, parameters and time")
     roles = [(symbol, role_of(symbol)) for symbol in symbols_of(rows)]

@@ -25,12 +25,18 @@ def _place(outline: Curve, k: int) -> str:
     return f"the parameter {outline.samples[k]:.4g}, the point ({x:.4g}, {y:.4g}) m of the outline"
 
 
-def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
+def _most_hollow(outline: CamOutline) -> tuple[int, float]:
+    """Sample at which the outline is bent inwards most, or outwards least, and its curvature there, 1/m."""
     bends = outline.curvatures(outline.samples)
     k = int(np.argmin(bends))
-    if bends[k] <= 1e-9 / outline.size:
+    return k, float(bends[k])
+
+
+def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
+    k, bend = _most_hollow(outline)
+    if bend <= 1e-9 / outline.size:
         raise ModelError(
-            f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bends[k]:.4g} "
+            f"{what}: a flat face cannot follow the outline at {_place(outline, k)}: its curvature is {bend:.4g} "
             "1/m, and it must be positive (convex) everywhere"
         )
     return _limits(what, "curvature of the outline", outline, outline.curvature)
@@ -38,12 +44,11 @@ def convex(what: str, outline: CamOutline) -> tuple[Limit, ...]:
 
 def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...]:
     known = float(values_of(radius)[0, 0])
-    bends = outline.curvatures(outline.samples)
-    k = int(np.argmin(bends))
-    if 1 + known * bends[k] <= 0:
+    k, bend = _most_hollow(outline)
+    if 1 + known * bend <= 0:
         raise ModelError(
             f"{what}: the roller of radius {known:g} m does not fit into the hollow at {_place(outline, k)}: the "
-            f"radius of curvature there is {-1 / bends[k]:.4g} m; take a smaller roller"
+            f"radius of curvature there is {-1 / bend:.4g} m; take a smaller roller"
         )
     name = "1 + roller radius × curvature of the outline"
     return _limits(what, name, outline, lambda place: 1 + radius * outline.curvature(place))
@@ -67,11 +72,10 @@ def _limits(what: str, name: str, outline: CamOutline, value: Callable[[float], 
 
 def fitting(what: str, one: CamOutline, other: CamOutline) -> None:
     for first, second in ((one, other), (other, one)):
-        bends = first.curvatures(first.samples)
-        k = int(np.argmin(bends))
+        k, bend = _most_hollow(first)
         sharpest = float(np.max(second.curvatures(second.samples)))
-        if bends[k] + sharpest <= 0:
+        if bend + sharpest <= 0:
             raise ModelError(
                 f"{what}: no part of the other outline fits into the hollow at {_place(first, k)}: the radius of "
-                f"curvature is {-1 / bends[k]:.4g} m there, and the other's smallest one {1 / sharpest:.4g} m"
+                f"curvature is {-1 / bend:.4g} m there, and the other's smallest one {1 / sharpest:.4g} m"
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -10,7 +9,6 @@ import casadi as ca
 from ..elements import at_poses
 from ..monitors import Monitor
 from ..quantities import Limit, quantity
-from ..symbols import time_derivative
 from .base import AlongLine, Joint, pair
 
 
@@ -55,11 +53,6 @@ class Rolling(AlongLine, Joint):
         super().__init__(name, a, b, rows, ("contact", "rolling"))
         leaving = "the normal force is negative: the wheel would leave the track, and the joint pulled it"
         self.monitors = (Monitor(self.normal_force, f"{self.what}: {leaving}"),)
-
-    @cached_property
-    def speed(self) -> ca.SX:
-        """Rate of :attr:`displacement`, m/s."""
-        return time_derivative(self.displacement)
 
     @property
     def normal_force(self) -> ca.SX:

@@ -12,9 +12,10 @@ from ....errors import ModelError
 from ...elements import Element, cross
 from ...expressions import if_else
 from ...markers import Marker
-from ...quantities import function_of, quantity
+from ...quantities import function_of
 from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
+from ..laws import pushing_force, stored_energy
 from .outlines import Outline
 from .places import Touch
 from .touching import touches
@@ -179,8 +180,7 @@ class Contact(Element):
     @cached_property
     def potential(self) -> ca.SX:
         """Elastic energy, J, where the law knows it."""
-        energy = getattr(self.law, "potential", None)
-        return ca.SX(0) if energy is None else sum((ca.SX(energy(-p.touch.gap)) for p in self._places), ca.SX(0))
+        return sum((stored_energy(self.law, -place.touch.gap) for place in self._places), ca.SX(0))
 
 
 class Place:
@@ -192,17 +192,13 @@ class Place:
         self.touch = touch
         tangent = ca.vertcat(touch.normal[1], -touch.normal[0])
         relative = _speed_at(a, touch.point) - _speed_at(b, touch.point)
-        closed = touch.gap < 0
-        # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
-        depth = if_else(closed, -touch.gap, 0)
-        rate = if_else(closed, -ca.dot(touch.normal, relative), 0)
-        self.normal_force = if_else(closed, ca.SX(quantity(law(depth, rate), what, "law")), 0)
+        self.normal_force = pushing_force(law, touch.gap, ca.dot(touch.normal, relative), what)
         self.sliding_speed = ca.dot(tangent, relative)
         self.friction_force, self.rates = ca.SX(0), {}
         self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
             found = friction.resistance(name, self.sliding_speed, self.normal_force)
-            self.friction_force, self.rates = if_else(closed, found.force, 0), dict(found.rates)
+            self.friction_force, self.rates = if_else(touch.gap < 0, found.force, 0), dict(found.rates)
             self.smoothed = found.smoothed
         self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(

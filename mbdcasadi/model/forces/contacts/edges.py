@@ -8,12 +8,12 @@ import numpy as np
 from ....errors import ModelError
 from ...expressions import if_else, norm
 from .outlines import PolygonEdges, Segment
-from .places import Touch, between_discs, nearest_point
+from .places import Touch, between_discs, nearest_point, share_along
 
 
 def segment_segment(a: Segment, b: Segment) -> list[Touch]:
     """Ends of either bar beside the other one."""
-    if _thin(a) and _thin(b):
+    if a.thin and b.thin:
         raise ModelError("two bars without thickness pass through each other; give one of them radius=")
     found = [between_discs(end, a.radius, nearest_point(end, *b.ends), b.radius) for end in a.ends]
     return found + [_beside(end, b.radius, a).reversed() for end in b.ends]
@@ -21,21 +21,16 @@ def segment_segment(a: Segment, b: Segment) -> list[Touch]:
 
 def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
     """Ends of a bar beside a polygon, and the polygon's corners beside the bar."""
-    if _thin(a):
+    if a.thin:
         raise ModelError("a corner passes through a bar without thickness; give Segment(…, radius=)")
     found = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
     return found + [_beside(corner, 0.0, a).reversed() for corner in b.corners]
 
 
-def _thin(bar: Segment) -> bool:
-    return bool(ca.SX(bar.radius).is_zero())
-
-
 def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
     """A disc beside the straight part of a bar; what its round ends touch counts as contact of these ends."""
     first, second = bar.ends
-    along = second - first
-    share = ca.dot(centre - first, along) / ca.sumsqr(along)
+    share = share_along(centre, first, second - first)
     touch = between_discs(centre, radius, nearest_point(centre, first, second), bar.radius)
     straight = ca.logic_and(share > 0, share < 1)
     return Touch(if_else(straight, touch.gap, ca.fabs(touch.gap)), touch.normal, touch.point)
@@ -118,8 +113,7 @@ def _facing(faces: list[ca.SX], normal: ca.SX) -> ca.SX:
 def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
     """A corner above an edge: below it in front of its ends, where `closed` at them too, it penetrates."""
     normal, start, end = face[:2], face[2:4], face[4:6]
-    along = end - start
-    share = ca.dot(corner - start, along) / ca.sumsqr(along)
+    share = share_along(corner, start, end - start)
     height = ca.dot(normal, corner - start)
     on = ca.logic_and(share >= 0, share <= 1) if closed else ca.logic_and(share > 0, share < 1)
     distance = norm(corner - nearest_point(corner, start, end))

@@ -19,11 +19,24 @@ class Outline(Immutable):
     marker: Marker
     limits: tuple[Limit, ...] = ()
 
+    def __init__(self, marker: Any):
+        self.marker = as_marker(marker, type(self).__name__, "marker")
+
     def __repr__(self) -> str:
         return f"{type(self).__name__} on '{self.marker.body.name}'"
 
 
-class Circle(Outline):
+class _Round(Outline):
+    """A centre and a radius."""
+
+    def __init__(self, marker: Any, radius: Any):
+        super().__init__(marker)
+        limits: list[Limit] = []
+        self.radius = quantity(radius, repr(self), "radius", above=0.0, limits=limits)
+        self.limits = tuple(limits)
+
+
+class Circle(_Round):
     """A disc, touched from outside.
 
     Parameters
@@ -34,14 +47,8 @@ class Circle(Outline):
         m, above 0.
     """
 
-    def __init__(self, marker: Any, radius: Any):
-        self.marker = as_marker(marker, "Circle", "marker")
-        limits: list[Limit] = []
-        self.radius = quantity(radius, f"Circle on '{self.marker.body.name}'", "radius", above=0.0, limits=limits)
-        self.limits = tuple(limits)
 
-
-class HollowCircle(Outline):
+class HollowCircle(_Round):
     """A round hole, touched from inside: a bore, a drum.
 
     Parameters
@@ -51,12 +58,6 @@ class HollowCircle(Outline):
     radius : float or expression
         m, above 0.
     """
-
-    def __init__(self, marker: Any, radius: Any):
-        self.marker = as_marker(marker, "HollowCircle", "marker")
-        limits: list[Limit] = []
-        self.radius = quantity(radius, f"HollowCircle on '{self.marker.body.name}'", "radius", above=0.0, limits=limits)
-        self.limits = tuple(limits)
 
 
 class Point(Outline):
@@ -69,9 +70,6 @@ class Point(Outline):
     """
 
     radius = 0.0
-
-    def __init__(self, marker: Any):
-        self.marker = as_marker(marker, "Point", "marker")
 
 
 class Segment(Outline):
@@ -88,11 +86,16 @@ class Segment(Outline):
     """
 
     def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
-        self.marker = as_marker(marker, "Segment", "marker")
-        what, limits = f"Segment on '{self.marker.body.name}'", []  # type: tuple[str, list[Limit]]
-        self.length = quantity(length, what, "length", above=0.0, limits=limits)
-        self.radius = quantity(radius, what, "radius", at_least=0.0, limits=limits)
+        super().__init__(marker)
+        limits: list[Limit] = []
+        self.length = quantity(length, repr(self), "length", above=0.0, limits=limits)
+        self.radius = quantity(radius, repr(self), "radius", at_least=0.0, limits=limits)
         self.limits = tuple(limits)
+
+    @property
+    def thin(self) -> bool:
+        """Whether it is a line, which points and corners pass through."""
+        return bool(ca.SX(self.radius).is_zero())
 
     @property
     def ends(self) -> tuple[ca.SX, ca.SX]:
@@ -110,9 +113,6 @@ class HalfPlane(Outline):
         A point of its surface; the y axis points out of it.
     """
 
-    def __init__(self, marker: Any):
-        self.marker = as_marker(marker, "HalfPlane", "marker")
-
 
 class PolygonEdges(Outline):
     """A convex polygon: a block, a wedge.
@@ -126,8 +126,8 @@ class PolygonEdges(Outline):
     """
 
     def __init__(self, marker: Any, points: Any):
-        self.marker = as_marker(marker, "PolygonEdges", "marker")
-        what = f"PolygonEdges on '{self.marker.body.name}'"
+        super().__init__(marker)
+        what = repr(self)
         self.points = number_pairs(points, what, "points")
         if len(self.points) < 3:
             raise ModelError(f"{what}: a polygon has at least three corners, got {len(self.points)}")

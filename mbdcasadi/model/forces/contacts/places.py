@@ -43,9 +43,14 @@ def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -
     return Touch(distance - radius - other_radius, normal, other + normal * other_radius)
 
 
+def share_along(point: ca.SX, first: ca.SX, along: ca.SX) -> ca.SX:
+    """Where a point is beside a segment, from its first end along it: 0 at that end and 1 at the other."""
+    return ca.dot(point - first, along) / ca.sumsqr(along)
+
+
 def nearest_point(point: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
     """Nearest point of a segment."""
     along = second - first
-    share = ca.dot(point - first, along) / ca.sumsqr(along)
+    share = share_along(point, first, along)
     share = if_else(share > 0, if_else(share < 1, share, 1), 0)
     return first + share * along

@@ -34,7 +34,7 @@ def disc_disc(a: Any, b: Any) -> list[Touch]:
 
 def disc_segment(a: Any, b: Segment) -> list[Touch]:
     """A circle or a point beside a bar."""
-    if isinstance(a, Point) and b.radius is not None and ca.SX(b.radius).is_zero():
+    if isinstance(a, Point) and b.thin:
         raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or take a Circle")
     centre = a.marker.position
     return [between_discs(centre, a.radius, nearest_point(centre, *b.ends), b.radius)]

@@ -1,0 +1,62 @@
+"""Rates of change of expressions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+
+from ..errors import ExpressionError
+from .symbols import as_expression, describe, role_of, symbols_of
+
+if TYPE_CHECKING:
+    from .mechanism import Mechanism
+
+
+def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.SX:
+    """Rate of change of an expression, by the chain rule.
+
+    ``de/dt = e_q v + e_v a + e_z ż + e_t``
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Any shape, in coordinates, velocities, first-order states, parameters and time.
+    mechanism : Mechanism, optional
+        Needed where first-order states occur: it knows their rates.
+
+    Returns
+    -------
+    casadi.SX
+        Same shape; accelerations occur where velocities did, and ``Input.rate``, which
+        optimal control alone knows, where inputs did.
+
+    Raises
+    ------
+    ExpressionError
+        Where the expression holds an acceleration or a multiplier, whose rates the model does not know.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1)
+    >>> mbd.time_derivative(mbd.sin(arm.phi))
+    SX((cos(arm.phi)*arm.omega))
+    """
+    expression = as_expression(expression, "time_derivative")
+    rates = {} if mechanism is None else {s.element_hash(): r for s, r in mechanism.state_rates.items()}
+    varying, rate = [], []
+    for symbol in symbols_of(expression):
+        role = role_of(symbol)
+        if role is not None and role.kind == "parameter":
+            continue
+        found = rates.get(symbol.element_hash(), None if role is None else role.rate)
+        if found is None:
+            hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
+            raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
+        varying.append(symbol)
+        rate.append(found)
+    if not varying:
+        return ca.SX(*expression.shape)
+    derivative = ca.jtimes(ca.vec(expression), ca.vertcat(*varying), ca.vertcat(*rate))
+    return ca.reshape(derivative, *expression.shape)
