@@ -15,7 +15,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import Equations, Outcome, largest, polish, solve
 from ..numerics.nearest import multipliers_at, nearest, nearest_within
@@ -153,7 +153,7 @@ class PoseProblem:
     def _compile(self, conditions: Sequence[Condition]) -> Evaluator:
         key = tuple(id(c) for c in conditions)
         if key not in self._functions:
-            values = ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
+            values = stacked(conditions)
             results = [values, ca.jacobian(values, self.numeric.eom.q)]
             self._functions[key] = Evaluator(ca.Function("conditions", self._arguments, results))
         return self._functions[key]

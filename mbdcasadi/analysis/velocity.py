@@ -10,7 +10,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import Equations, largest, polish, solve
 from ..numerics.nearest import multipliers_at, nearest, nearest_within
@@ -129,7 +129,7 @@ class VelocityProblem:
     # --- conditions -------------------------------------------------------------------
     def _function(self, conditions: Sequence[Condition]) -> Evaluator:
         v = self.numeric.eom.v
-        values = ca.substitute(ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions]), *self._known)
+        values = ca.substitute(stacked(conditions), *self._known)
         return Evaluator(ca.Function("conditions", [v], [values, ca.jacobian(values, v)]))
 
     def _values(self, conditions: Sequence[Condition], v: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -38,13 +39,23 @@ class Condition:
     equality: bool
     label: str
 
+    @cached_property
+    def kinds(self) -> frozenset[str]:
+        """Kinds of the symbols that occur (see ``symbols.KINDS``)."""
+        roles = (role_of(symbol) for symbol in symbols_of(self.expression))
+        return frozenset(role.kind for role in roles if role is not None)
+
     def depends_on(self, *kinds: str) -> bool:
         """Whether a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""
-        roles = (role_of(symbol) for symbol in symbols_of(self.expression))
-        return any(role is not None and role.kind in kinds for role in roles)
+        return not self.kinds.isdisjoint(kinds)
 
     def __repr__(self) -> str:
         return self.label
+
+
+def stacked(conditions: Sequence[Condition]) -> ca.SX:
+    """Expressions of conditions as a column."""
+    return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from ..analysis.assembly import assemble_at
 from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..model.mechanism import Mechanism
 from ..model.symbols import Symbol, symbols_of
 from ..numerics.evaluation import Evaluator
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 STATES, ATTEMPTS = 3, 12
 #: Rest of a unit row outside the span of others below which it counts as dependent.
 DEPENDENT = 1e-7
+#: Rest of a unit row at one state below which a condition counts as met at a singular pose.
+SINGULAR = 1e-4
 #: Violation of a limit that counts, relative to its values.
 COUNTS = 1e-6
 
@@ -156,14 +158,16 @@ class ConditionRank:
             kept += group
         return [c for c in conditions if c in kept]
 
+    def meets_singular(self, conditions: Sequence[Condition], state: tuple) -> bool:
+        """Whether conditions that are independent elsewhere depend on the constraints at a state: atop a circle."""
+        span = self.constraints_span(state)
+        rows = self.gradients(stacked(conditions), state)
+        left = np.linalg.svd(rows - rows @ span.T @ span, compute_uv=False)
+        return len(left) < len(conditions) or bool(np.min(left, initial=1.0) < SINGULAR)
+
     def complete(self, conditions: Sequence[Condition]) -> bool:
         """Whether conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
-
-
-def stacked(conditions: Sequence[Condition]) -> ca.SX:
-    """Expressions of conditions as a column."""
-    return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 
 def _span(rows: np.ndarray, least: float = 0.0) -> np.ndarray:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..model.conditions import Condition
+from ..equations.reduced import ReducedEquations
+from ..model.conditions import Condition, stacked
 from ..model.rates import time_derivative
 from ..model.symbols import role_of, symbols_of
 from .problem import OptimalControlProblem
@@ -56,10 +56,12 @@ class MotionConstraints:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
+    eom : ReducedEquations
+        Equations in the independent coordinates.
+    p : numpy.ndarray
+        Parameters, for the sizes of the rows.
     rows : sequence of int
-        Independent rows of the joints.
+        Independent rows of the joints, of those that `eom` has.
     held : sequence of Condition
         Path conditions that prescribe the motion, see :func:`prescribes_motion`;
         their parameters are those of the mechanism.
@@ -72,16 +74,14 @@ class MotionConstraints:
         Rows at the level of positions, and of velocities and accelerations.
     """
 
-    def __init__(self, numeric: NumericEquations, rows: Sequence[int], held: Sequence[Condition]):
-        eom = numeric.eom
+    def __init__(self, eom: ReducedEquations, p: np.ndarray, rows: Sequence[int], held: Sequence[Condition]):
         self.eom, self.rows = eom, [int(k) for k in rows]
         place = {int(k): i for i, k in enumerate(eom.position_rows)}
         positions = [c for c in held if not c.depends_on("velocity")]
         velocities = [c for c in held if c.depends_on("velocity")]
         self._joint_positions = [k for k in self.rows if k in place]
         self.held = [*positions, *velocities]
-        prescribed = ca.vertcat(ca.SX(0, 1), *[c.expression for c in positions])
-        speeds = ca.vertcat(ca.SX(0, 1), *[c.expression for c in velocities])
+        prescribed, speeds = eom.of(stacked(positions), stacked(velocities))
         position_jacobian = ca.jacobian(prescribed, eom.q)
         speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
         jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
@@ -102,7 +102,7 @@ class MotionConstraints:
                 nu,
             ],
         )
-        slopes = self.function(0.0, eom.estimate[0], numeric.p)
+        slopes = self.function(0.0, eom.estimate, p)
         self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
 
     def _sizes(self, scales: Scales) -> np.ndarray:

@@ -68,7 +68,7 @@ class Guess:
         scheme, x = program.scheme, np.zeros(program.size)
         times = mesh.times(self.marks)
         nodes = self.sample(times)
-        columns = [nodes[name] for name, size in scheme.node_parts.items() if size]
+        columns = [scheme.own(name, nodes[name]) for name, size in scheme.node_parts.items() if size]
         values = np.hstack(columns)
         for k in range(times.size):
             x[program.node_index(k)[: values.shape[1]]] = values[k]
@@ -76,8 +76,7 @@ class Guess:
         for name, (size, shares) in scheme.block_parts.items():
             if size and shares.size and np.all(np.isfinite(shares)):
                 inner = (times[:-1, None] + lengths[:, None] * shares[None, :]).ravel()
-                found = self.sample(inner)[name]
-                found = (found[:, scheme.rows] if name == "lam" else found).reshape(lengths.size, -1)
+                found = scheme.own(name, self.sample(inner)[name]).reshape(lengths.size, -1)
                 part = scheme.block_slice(name)
                 for i in range(lengths.size):
                     x[program.block_index(i)[part]] = found[i]

@@ -59,7 +59,9 @@ class Layout:
 
     def __init__(self, prepared: Preparation, mesh: Mesh):
         problem, scheme = prepared.problem, prepared.scheme
-        scales = replace(prepared.scales, steps=mesh.count)
+        scales, reduced = prepared.scales, scheme.eom
+        #: sizes of what the transcription works in
+        self.own_scales = replace(scales.of(reduced.independent, reduced.rows), steps=mesh.count)
         self.problem, self.scheme, self.scales = problem, scheme, scales
         self.count, self._phase = mesh.count, mesh.phase
         eom = problem.equations
@@ -71,7 +73,7 @@ class Layout:
         self.placeholders = self._collect_placeholders()
         self.integrals = [p for p in self.placeholders if p.kind == "integral"]
         self.node_size = scheme.node_size + len(self.integrals)
-        node_scale, self.block_scale = scheme.sizes(scales)
+        node_scale, self.block_scale = scheme.sizes(self.own_scales)
         self.node_scale = np.concatenate([node_scale, [self._typical(p) for p in self.integrals]])
         self.mark_count = len(problem.waypoints) + 2 if problem.has_free_times else 0
         free = [parameter_size(p.value, p.lower, p.upper) for p in problem.free_parameters]

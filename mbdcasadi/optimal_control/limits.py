@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from ..model.conditions import stacked
 from ..results.state import State
 
 if TYPE_CHECKING:
@@ -73,11 +74,11 @@ def _of_start(solution: Solution) -> dict[str, float]:
     program, problem = solution.program, solution.problem
     if program.initial is not None or isinstance(problem.initial, State):
         return {}
-    eom = problem.equations
+    whole, eom = problem.equations, program.scheme.eom
     conditions = [c for c in problem.initial if c.equality]
     x = ca.vertcat(eom.q, eom.v, eom.z)
-    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *[c.expression for c in conditions])
-    jacobian = eom.function(ca.jacobian(rows, x))
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *eom.of(stacked(conditions)))
+    jacobian = whole.function(ca.jacobian(rows, x))
     first = solution.trajectory
     at = (first.t[0], first.q[0], first.v[0], first.a[0], first.z[0], first.lam[0], first.inputs[0], first.parameters)
     slopes = jacobian(*at).full()
@@ -115,7 +116,7 @@ class _Bound:
 def _bounds(program: MotionProgram) -> Iterator[_Bound]:
     """Limits that are bounds of variables, one by one."""
     scheme, mechanism, count = program.scheme, program.problem.mechanism, program.count
-    n, inputs = program.problem.equations.q.numel(), len(mechanism.inputs)
+    n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
     for condition, (symbol, sign) in program.limit_owners.items():
         limit = condition.label, sign, symbol.upper if sign > 0 else symbol.lower
         input_place = next((k for k, u in enumerate(mechanism.inputs) if u is symbol), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -116,10 +117,23 @@ class Polynomials:
             parts = [ca.SX.sym(x, n) for x, n in (("w", scheme.node_size), ("b", scheme.block_size))]
             after, start, length = ca.SX.sym("x", scheme.node_size), ca.SX.sym("t"), ca.SX.sym("h")
             share, p = ca.SX.sym("s"), scheme.eom.p
-            at = scheme.point(Interval(parts[0], parts[1], after, start, length, p), share)
+            at = scheme.expanded(scheme.point(Interval(parts[0], parts[1], after, start, length, p), share), p)
             arguments = [*parts, after, start, length, share, p]
             memory["motion"] = ca.Function("motion", arguments, [ca.densify(x) for x in at.arguments])
         return memory["motion"]
+
+    @cached_property
+    def at_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``q, v, z`` at the mesh points, each (N + 1, size)."""
+        scheme = self.scheme
+        own = scheme.node(self.nodes.T)
+        nothing = [
+            np.zeros((symbol.numel(), self.mesh.size)) for symbol in (scheme.eom.a, scheme.eom.lam, scheme.eom.u)
+        ]
+        p = np.tile(self.numeric.p[:, None], (1, self.mesh.size))
+        arguments = (self.mesh[None, :], own["q"], own["v"], nothing[0], own["z"], *nothing[1:], p)
+        q, v, *_ = scheme.eom.expansion(*arguments)
+        return q.full().T, v.full().T, own["z"].T
 
     def _located(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         slack = 1e-12 * max(1.0, abs(self.mesh[-1]))
@@ -159,9 +173,9 @@ class Polynomials:
         shares = np.r_[0.0, scheme.stages[(scheme.stages > 0) & (scheme.stages < 1)]]
         intervals = np.repeat(np.arange(count), shares.size)
         t, q, v, _, z, _, u, _ = self.at(np.r_[intervals, count - 1], np.r_[np.tile(shares, count), 1.0])
-        t, n = t.ravel(), q.shape[1]
+        t = t.ravel()
         t[:: shares.size] = self.mesh
-        q[-1], v[-1], z[-1] = np.split(self.nodes[-1, : 2 * n + z.shape[1]], [n, 2 * n])
+        q[-1], v[-1], z[-1] = (values[-1] for values in self.at_nodes)
         refine = self._refine(redundant=redundant)
         q, v, a, lam, u = refine(t, q, v, z, u)
         arrays = (q, v, a, z, lam, u)

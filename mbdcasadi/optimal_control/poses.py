@@ -18,12 +18,11 @@ import numpy as np
 from ..analysis.pose import LARGEST_TURN, PoseProblem
 from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, MechanismWarning, ModelError
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..model.symbols import symbols_of
 from ..numerics.least_squares import solve
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
-from .consistency import stacked
 from .constraints import held_conditions
 from .placeholders import Placeholder, placeholders_in, with_values
 from .problem import OptimalControlProblem

@@ -11,12 +11,13 @@ import numpy as np
 from ..analysis.assembly import assemble_at
 from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
+from ..equations.reduced import ReducedEquations, reduced_equations
 from ..errors import AssemblyError, ConditionError
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from ..model.symbols import symbols_of
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
-from .consistency import ConditionRank, on_states, stacked
+from .consistency import ConditionRank, on_states
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -88,6 +89,8 @@ class Preparation:
         self.held = held_conditions(problem)
         #: conditions that others imply on one branch, with their windows; they are checked in the solution
         self.implied: dict[Condition, float] = {}
+        #: whether a place is met at a pose that is singular together with its conditions
+        self.singular = False
         low, high = problem.duration
         self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)
@@ -112,6 +115,7 @@ class Preparation:
         free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
         ranks = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
         kept = ranks.independent(rows, state, with_rates(self.held))
+        self.singular |= ranks.meets_singular(kept, state)
         return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept, ranks)]
 
     def _windows(self, rows: list[Condition], kept: list[Condition], ranks: ConditionRank) -> list[Condition]:
@@ -154,12 +158,14 @@ class Preparation:
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
             if ranks.complete([*held, *kept]):  # nothing that is free occurs in the rows
                 return None
+        self.singular |= ranks.meets_singular(kept, begin)
         return [*kept, *others, *self._windows(rows, kept, ranks)]
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem
-        constraints = MotionConstraints(self.numeric, self._independent_rows(), self.held)
-        weights, rates = self.numeric.weights, problem.has_input_rates
+        eom = reduced_equations(problem.equations, curved=not self.singular)
+        constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), self.held)
+        weights, rates = self.numeric.weights[eom.independent], problem.has_input_rates
         chosen = settings.transcription
         scheme = TRANSCRIPTIONS[chosen] if isinstance(chosen, str) else chosen
         inner, joined = scheme.input_points(settings.degree)
@@ -183,13 +189,16 @@ class Preparation:
             if abs(amount) > OFF:
                 raise ConditionError(f"the initial state does not meet {condition.label}: it is off by {amount:.3g}")
 
-    def _independent_rows(self) -> list[int]:
-        """Constraint rows without those that others imply; of the poses passed the one with the most counts."""
+    def _independent_rows(self, eom: ReducedEquations) -> list[int]:
+        """Rows that are left without those that others imply; of the poses passed the one with the most counts."""
         found: list[int] = []
+        if not eom.rows:
+            return found
+        order, explicit = [*eom.explicit, *eom.rows], len(eom.explicit)
         for q in (self.poses[0], self.poses[len(self.poses) // 2], self.poses[-1]):
             jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
-            dependent = set(dependent_rows(jacobian))
-            rows = [k for k in range(jacobian.shape[0]) if k not in dependent]
+            dependent = set(dependent_rows(jacobian[order]))
+            rows = [k for k in range(len(eom.rows)) if k + explicit not in dependent]
             found = rows if len(rows) > len(found) else found
         return found
 

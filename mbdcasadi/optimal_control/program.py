@@ -55,6 +55,7 @@ class MotionProgram(Layout):
     # --- expressions ------------------------------------------------------------------------------
     def _value(self, expression: ca.SX, at: Point, unknowns: Unknowns) -> ca.SX:
         function = ca.Function("e", self.arguments, [expression])
+        at = self.scheme.expanded(at, unknowns.interval.p)
         return function(*at.arguments, unknowns.interval.p, unknowns.own)
 
     def _integral(self, expression: ca.SX, points: Sequence[Point], unknowns: Unknowns) -> ca.SX:
@@ -89,7 +90,7 @@ class MotionProgram(Layout):
     def _interval_piece(self) -> Piece:
         unknowns = self.unknowns()
         points = self.scheme.points(unknowns.interval)
-        groups = self.scheme.equations(unknowns.interval, self.scales)
+        groups = self.scheme.equations(unknowns.interval, self.own_scales)
         for k, placeholder in enumerate(self.integrals):
             gain = unknowns.next_gained[k] - unknowns.gained[k]
             row = gain - self._integral(placeholder.expression, points, unknowns)
@@ -140,9 +141,9 @@ class MotionProgram(Layout):
         pieces = []
         unknowns = self.unknowns()
         interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
-        groups = [*self.scheme.start_rows(interval, self.scales), *self._path_rows_at_start(at, unknowns)]
+        groups = [*self.scheme.start_rows(interval, self.own_scales), *self._path_rows_at_start(at, unknowns)]
         if self.initial is not None:
-            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.scales)
+            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.own_scales)
             groups += self._conditions(self.initial, "initial", at, unknowns, 0.0)
         if groups:
             pieces.append(self._piece(unknowns, groups, ca.SX(0), [0]))
@@ -194,6 +195,7 @@ class MotionProgram(Layout):
                 values.append(self._value(placeholder.expression, at, unknowns))
         symbols = ca.vertcat(ca.SX(0, 1), *self.placeholders)
         function = ca.Function("boundary", [*self.arguments, symbols], [expression])
+        end = self.scheme.expanded(end, last.interval.p)
         return function(*end.arguments, last.interval.p, last.own, ca.vertcat(ca.SX(0, 1), *values))
 
     def _time_pieces(self) -> list[Piece]:

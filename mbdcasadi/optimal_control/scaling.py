@@ -6,7 +6,7 @@ units the same problem gives the same numbers to the solver.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -56,6 +56,11 @@ class Scales:
     u: np.ndarray
     angles: np.ndarray
     steps: int = 1
+
+    def of(self, coordinates: list[int], rows: list[int]) -> Scales:
+        """Sizes of some of the coordinates and of the constraint rows."""
+        by_coordinate = {name: getattr(self, name)[coordinates] for name in ("q", "v", "a", "load", "angles")}
+        return replace(self, **by_coordinate, lam=self.lam[rows], rows=self.rows[rows])
 
 
 def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> Scales:

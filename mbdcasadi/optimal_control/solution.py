@@ -126,15 +126,16 @@ class Solution:
     # --- the motion ----------------------------------------------------------------------------
     @cached_property
     def nodes(self) -> np.ndarray:
-        """Unknowns of the mesh points (N + 1, k)."""
-        count = self.shares.count
-        return np.array([self.variables[self.program.node_index(k)] for k in range(count + 1)])
+        """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
+        return np.hstack(self._polynomials.at_nodes)
 
     @cached_property
     def _polynomials(self) -> Polynomials:
         scheme = self.program.scheme
-        blocks = np.array([self.variables[self.program.block_index(i)] for i in range(self.shares.count)])
-        return Polynomials(scheme, self.mesh, self.nodes[:, : scheme.node_size], blocks, self.numeric)
+        count = self.shares.count
+        nodes = np.array([self.variables[self.program.node_index(k)[: scheme.node_size]] for k in range(count + 1)])
+        blocks = np.array([self.variables[self.program.block_index(i)] for i in range(count)])
+        return Polynomials(scheme, self.mesh, nodes, blocks, self.numeric)
 
     @cached_property
     def inputs(self) -> dict[Any, PiecewisePolynomial]:
@@ -144,7 +145,8 @@ class Solution:
     @property
     def redundant(self) -> bool:
         """Whether constraint rows were left out because others imply them."""
-        return len(self.program.scheme.rows) < self.problem.equations.lam.numel()
+        scheme = self.program.scheme
+        return len(scheme.rows) < scheme.eom.lam.numel()
 
     @cached_property
     def trajectory(self) -> OptimalMotion:

@@ -226,7 +226,7 @@ class Solver:
         """Limits of the variables, scaled."""
         problem, scheme = self.problem, program.scheme
         inputs, states = problem.mechanism.inputs, problem.mechanism.states
-        n = problem.equations.q.numel()
+        n = scheme.eom.q.numel()
         bounds = []
         for side, infinite in (("lower", -np.inf), ("upper", np.inf)):
             u, z = ([getattr(x, side) for x in symbols] for symbols in (inputs, states))
@@ -241,7 +241,8 @@ class Solver:
             bounds.append(values / program.scale)
         first = program.node_index(0)
         if self.prepared.initial is None:
-            state = np.r_[self.start.q, self.start.v, self.start.z]
+            start, own = self.start, scheme.eom.independent
+            state = np.r_[start.q[own], start.v[own], start.z]
             for side in bounds:
                 side[first[: state.size]] = state / program.node_scale[: state.size]
         for side in bounds:

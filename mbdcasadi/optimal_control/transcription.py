@@ -23,7 +23,10 @@ from .scaling import Scales
 
 @dataclass(frozen=True)
 class Point:
-    """Everything that an expression of the model may hold, at one point of an interval."""
+    """Everything that an expression of the model may hold, at one point of an interval.
+
+    Of the independent coordinates and the rows that are left, or of all, see :meth:`Transcription.expanded`.
+    """
 
     t: ca.SX
     q: ca.SX
@@ -76,7 +79,7 @@ class Transcription(ABC):
     constraints : MotionConstraints
         Rows that hold all along.
     weights : numpy.ndarray
-        Metric W in which states are moved onto the constraints (n,).
+        Metric W in which states are moved onto the constraints, by independent coordinate (n,).
     inputs : InputBasis
         How the inputs vary.
     degree : int
@@ -84,6 +87,8 @@ class Transcription(ABC):
 
     Attributes
     ----------
+    eom : ReducedEquations
+        Equations in the independent coordinates. Unknowns and rows of a scheme are in these.
     stages : numpy.ndarray
         Shares of the interval at which the equations of motion hold.
     quadrature : numpy.ndarray
@@ -114,13 +119,12 @@ class Transcription(ABC):
             "z": eom.z.numel(),
             "u": eom.u.numel() if inputs.joined else 0,
         }
-        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
         acceleration = constraints.jacobian @ eom.a - constraints.gamma
-        self._motion = ca.Function("motion", [*eom.symbols], [motion, acceleration, eom.z_rate])
+        self._motion = ca.Function("motion", [*eom.symbols], [eom.motion, acceleration, eom.z_rate])
 
     @property
     def rows(self) -> list[int]:
-        """Constraint rows of the joints that are independent; others are implied by them."""
+        """Rows of ``eom`` that are independent; others are implied by them."""
         return self.constraints.rows
 
     # --- unknowns -------------------------------------------------------------------------
@@ -211,8 +215,21 @@ class Transcription(ABC):
         weights, slopes = (ca.SX(w(share)) for w in (self.inputs.weights, self.inputs.rate_weights))
         return values @ weights, values @ slopes / interval.length
 
+    def own(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Of the values of a motion by name, each (k, size), the columns that are unknowns here."""
+        if name in ("q", "v", "a"):
+            return values[:, self.eom.independent]
+        return values[:, [self.eom.rows[k] for k in self.rows]] if name == "lam" else values
+
+    def expanded(self, at: Point, p: ca.SX) -> Point:
+        """The same point with all coordinates of the mechanism and the multipliers of all rows."""
+        if not self.eom.explicit:
+            return at
+        q, v, a, lam = self.eom.expansion(*at.arguments[:-1], p)
+        return Point(at.t, q, v, a, at.z, lam, at.u, at.u_rate)
+
     def full_multipliers(self, lam: ca.SX) -> ca.SX:
-        """Multipliers of all rows; those of implied rows are zero."""
+        """Multipliers of all rows of ``eom``; those of implied rows are zero."""
         full = ca.SX(self.eom.lam.numel(), 1)
         if self.rows:
             full[self.rows] = lam

@@ -1,0 +1,157 @@
+"""The equations of motion in fewer coordinates: those that constraints give explicitly are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from .derivation import Equations
+from .explicit import ExplicitRow, explicit_rows
+
+
+def reduced_equations(eom: Equations, *, curved: bool = True) -> ReducedEquations:
+    """Equations in independent coordinates, as far as constraints give the others explicitly; made once and kept.
+
+    Parameters
+    ----------
+    eom : Equations
+        Equations in all coordinates.
+    curved : bool
+        Whether rows that are not linear are solved.
+    """
+    return eom.mechanism.memory.once(("reduced equations", curved), lambda: ReducedEquations(eom, curved=curved))
+
+
+class ReducedEquations:
+    """Constrained equations of motion with the explicit constraints solved.
+
+    Let ``q = f(w, t)`` be the coordinates in terms of the independent ones
+    ``w``, a part of them, by which the explicit rows of the constraints hold
+    whatever ``w`` is. With virtual displacements ``f_w dw`` the equations of
+    motion become
+
+        f_w^T (M a + Phi_q^T lam - Q) = 0,    Phi_q a = gamma
+
+    with the rows that are left, ``v = f_w w' + f_t``, and ``a`` its rate. The
+    multipliers of the explicit rows follow: where these rows are ``e`` in place
+    of zero, ``q = f(w, t, e)``, and ``lam_e = -f_e^T (M a + Phi_q^T lam - Q)``.
+
+    A cart with a pendulum is left with its two coordinates and no constraints;
+    in long chains and in loops linear rows alone are solved, see
+    :func:`~mbdcasadi.equations.explicit.explicit_rows`. Where forces depend on
+    multipliers nothing is.
+
+    The attributes have the names of :class:`~mbdcasadi.equations.derivation.Equations`,
+    and are those of the independent coordinates and of the rows that are left.
+
+    Parameters
+    ----------
+    eom : Equations
+        Equations in all coordinates.
+    curved : bool
+        Whether rows that are not linear are solved.
+
+    Attributes
+    ----------
+    whole : Equations
+        Those.
+    independent : list of int
+        Coordinates that are left.
+    rows, explicit : list of int
+        Rows that are left and those that are solved, among all rows.
+    motion : casadi.SX
+        ``f_w^T (M a + Phi_q^T lam - Q)``.
+    expansion : casadi.Function
+        ``(t, q, v, a, z, lam, u, p) -> (q, v, a, lam)``, from the independent to all.
+
+    References
+    ----------
+    Wehage, Haug, "Generalized coordinate partitioning for dimension reduction in
+    analysis of constrained dynamic systems", Journal of Mechanical Design 104 (1982).
+    """
+
+    def __init__(self, eom: Equations, *, curved: bool = True):
+        self.whole, self.mechanism = eom, eom.mechanism
+        self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
+        solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved)
+        self.explicit = [int(eom.position_rows[row.place]) for row in solved]
+        self._dependent = [row.coordinate for row in solved]
+        gone, given = set(self.explicit), set(self._dependent)
+        self.rows = [k for k in range(eom.lam.numel()) if k not in gone]
+        self.independent = [k for k in range(eom.q.numel()) if k not in given]
+        self.q, self.v, self.a = eom.q[self.independent], eom.v[self.independent], eom.a[self.independent]
+        self.lam = _some(eom.lam, self.rows)
+        self.coordinate_names = tuple(eom.coordinate_names[k] for k in self.independent)
+        self.row_names = tuple(eom.row_names[k] for k in self.rows)
+        self.angular_rows = eom.angular_rows[self.rows]
+        positions = {int(k): place for place, k in enumerate(eom.position_rows)}
+        self.position_rows = np.array([i for i, k in enumerate(self.rows) if k in positions], int)
+        self._derive(solved, [positions[k] for k in self.rows if k in positions])
+
+    def _derive(self, solved: list[ExplicitRow], places: list[int]) -> None:
+        eom, error = self.whole, ca.SX.sym("e", len(solved))
+        missed = _coordinates(eom, solved, error)
+        q = ca.substitute(missed, error, ca.SX.zeros(error.numel()))
+        v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
+        a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
+        self._all = [ca.densify(x) for x in (q, v, a)]
+        rows = eom.Phi_q[self.rows, :]
+        load = eom.mass_diagonal * eom.a + rows.T @ self.lam - eom.Q
+        right = [_some(eom.Phi, places), _some(eom.nu, self.rows), _some(eom.gamma, self.rows)]
+        load, rows, self.Phi, nu, gamma = self.of(load, rows, *right)
+        self.motion = ca.jtimes(q, self.q, load, True)
+        self.Phi_q = rows @ ca.jacobian(q, self.q)
+        self.nu = nu - rows @ ca.jacobian(q, self.t)
+        self.gamma = gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel()))
+        pull = -ca.densify(ca.substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
+        lam = ca.SX(eom.lam)
+        if self.explicit:
+            lam[self.explicit] = pull
+        (z_rate,) = self.of(eom.z_rate)
+        self.z_rate = ca.substitute(z_rate, _some(eom.lam, self.explicit), pull)
+        self.expansion = ca.Function("expansion", [*self.symbols], [ca.densify(x) for x in (q, v, a, lam)])
+
+    @property
+    def symbols(self) -> tuple[ca.SX, ...]:
+        """``(t, q, v, a, z, lam, u, p)``."""
+        return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Estimate of the coordinates."""
+        return self.whole.estimate[0][self.independent]
+
+    def of(self, *expressions: ca.SX) -> Sequence[ca.SX]:
+        """Expressions in positions, velocities and accelerations of all coordinates, in those of the independent."""
+        if not self._dependent:
+            return expressions
+        eom = self.whole
+        symbols = [x[self._dependent] for x in (eom.q, eom.v, eom.a)]
+        return ca.substitute(list(expressions), symbols, [x[self._dependent] for x in self._all])
+
+
+def _some(column: ca.SX, places: list[int]) -> ca.SX:
+    """Some of the entries as a column, which one without entries is, too."""
+    return column[places] if places else ca.SX(0, 1)
+
+
+def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:
+    """All coordinates by the independent ones, where the explicit rows are `error` instead of zero."""
+    symbols, rows = ca.vertsplit(eom.q), ca.vertsplit(eom.Phi)
+    found: dict[int, ca.SX] = {}
+    for one, miss in zip(solved, ca.vertsplit(error), strict=True):
+        own = symbols[one.coordinate]
+        row = _put_in(rows[one.place], {k: (symbols[k], found[k]) for k in one.given})
+        value = (miss - ca.substitute(row, own, ca.SX(0))) / one.factor
+        found |= {k: ca.substitute(found[k], own, value) for k in one.moved}
+        found[one.coordinate] = value
+    return ca.vertcat(*[found.get(k, symbol) for k, symbol in enumerate(symbols)])
+
+
+def _put_in(row: ca.SX, given: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+    if not given:
+        return row
+    symbols, values = zip(*given.values(), strict=True)
+    return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))
