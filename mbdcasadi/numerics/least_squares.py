@@ -39,13 +39,13 @@ class Outcome:
 
 def largest(values: np.ndarray) -> float:
     """Largest absolute value, 0 of nothing."""
-    return float(np.max(np.abs(values), initial=0.0))
+    return float(np.abs(values).max()) if values.size else 0.0
 
 
 def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Inverse of the size of each row in the metric of the weights: rows in metres and in radians then compare (m,)."""
-    size = np.sqrt(np.einsum("ij,ij,j->i", jacobian, jacobian, 1 / weights))
-    most = np.max(size, initial=0.0)
+    size = np.sqrt((jacobian * jacobian) @ (1 / weights))
+    most = largest(size)
     if most**2 < np.finfo(float).tiny / EPSILON:
         return np.zeros(size.size)  # no row has a slope: no step is better than another
     return 1 / np.where(size > FLAT * most, size, most)
@@ -63,12 +63,12 @@ def least_norm_step(
     `scale` is the :func:`row_scale` of the Jacobian where it is known already.
     """
     scale = row_scale(jacobian, weights) if scale is None else scale
-    if not np.any(scale):
+    if not scale.any():
         return np.zeros(weights.size)
     unit = jacobian * scale[:, None]
     over = unit / weights
     normal = over @ unit.T
-    normal[np.diag_indices_from(normal)] += max(damping, 1e-13)
+    normal.flat[:: len(normal) + 1] += max(damping, 1e-13)
     return -over.T @ np.linalg.solve(normal, scale * residual)
 
 
@@ -109,7 +109,7 @@ def solve(
         step = least_norm_step(jacobian, residual, weights, damping, scale)
         step *= 1.0 / max(largest(step / step_limit), 1.0)
         new_residual, new_jacobian = equations(x + step)
-        size, new_size = (float(np.sum((scale * r) ** 2)) for r in (residual, new_residual))
+        size, new_size = (float((scaled := scale * r) @ scaled) for r in (residual, new_residual))
         if np.isfinite(new_size) and new_size < size:
             stalled = new_size > (1 - 1e-12) * size and damping > 0
             x, residual, jacobian = x + step, new_residual, new_jacobian

@@ -73,10 +73,13 @@ class Guess:
         for k in range(times.size):
             x[program.node_index(k)[: values.shape[1]]] = values[k]
         lengths = np.diff(times)
+        sampled: dict[bytes, dict[str, np.ndarray]] = {}
         for name, (size, shares) in scheme.block_parts.items():
             if size and shares.size and np.all(np.isfinite(shares)):
                 inner = (times[:-1, None] + lengths[:, None] * shares[None, :]).ravel()
-                found = scheme.own(name, self.sample(inner)[name]).reshape(lengths.size, -1)
+                if shares.tobytes() not in sampled:
+                    sampled[shares.tobytes()] = self.sample(inner)
+                found = scheme.own(name, sampled[shares.tobytes()][name]).reshape(lengths.size, -1)
                 part = scheme.block_slice(name)
                 for i in range(lengths.size):
                     x[program.block_index(i)[part]] = found[i]

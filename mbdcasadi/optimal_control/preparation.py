@@ -17,7 +17,8 @@ from ..model.conditions import Condition, stacked
 from ..model.symbols import symbols_of
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
-from .consistency import ConditionRank, on_states
+from .condition_rank import ConditionRank, ranks_of
+from .consistency import on_states
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -112,8 +113,7 @@ class Preparation:
         rows = [c for c in on_states(final) if c.equality]
         if not rows or (eom.q.numel() * eom.lam.numel() > LARGE and not isinstance(end, State)):
             return final
-        free = [*problem.free_parameters, *([eom.t] if problem.has_free_times else [])]
-        ranks = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
+        ranks = ranks_of(problem, numeric, timed=True)
         kept = ranks.independent(rows, state, with_rates(self.held))
         self.singular |= ranks.meets_singular(kept, state)
         return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept, ranks)]
@@ -148,7 +148,7 @@ class Preparation:
         if eom.q.numel() * eom.lam.numel() > LARGE:
             return list(problem.initial)
         free = ca.vertcat(ca.SX(0, 1), *problem.free_parameters)
-        ranks, begin = ConditionRank(self.numeric, free), (0.0, start.q, start.v, start.z)
+        ranks, begin = ranks_of(problem, self.numeric, timed=False), (0.0, start.q, start.v, start.z)
         rows = [c for c in on_states(problem.initial) if c.equality]
         held = with_rates(self.held)
         kept = ranks.independent(rows, begin, held)

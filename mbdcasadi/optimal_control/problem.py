@@ -13,10 +13,12 @@ from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.lists import entries, listed, refuse_twice
 from ..model.mechanism import Mechanism
+from ..model.memory import Memory
 from ..model.quantities import is_relation, quantity
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
+from .condition_rank import ConditionRank
 from .consistency import check_conditions, check_end
 from .placeholders import placeholder_of, placeholders_in
 from .waypoints import Waypoint, time_span
@@ -85,10 +87,12 @@ class OptimalControlProblem(Immutable):
             running_cost=running_cost, terminal_cost=terminal_cost, boundary=boundary,
             waypoints=self.waypoints, free_parameters=free_parameters,
         )  # fmt: skip
+        #: compiled programs, kept for the next solve
+        self.memory = Memory()
+        #: ranks of conditions, by the number of free quantities
+        self.ranks: dict[int, ConditionRank] = {}
         self._check()
         check_conditions(self)
-        #: compiled programs, kept for the next solve
-        self.memory: dict[Any, Any] = {}
 
     @property
     def u_rate(self) -> ca.SX:

@@ -106,7 +106,7 @@ class Solver:
     @cached_property
     def balance(self) -> Balance:
         """Loads and inputs for guesses."""
-        return Balance(self.numeric, self.prepared.scales)
+        return Balance(self.numeric, self.prepared.scheme.eom, self.prepared.scales)
 
     @cached_property
     def way(self) -> tuple[np.ndarray, np.ndarray]:
