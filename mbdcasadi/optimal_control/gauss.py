@@ -91,7 +91,7 @@ class GaussLegendre(Transcription):
                     parts["rate"][:, j] - rate, "rate of", float(share), scales.z * scales.steps / scales.time
                 )
             )
-        end, after = self.point(interval, 1.0), self.node(interval.next_node)
+        end, after = self.at(interval, 1.0), self.node(interval.next_node)
         q, v = after["q"], after["v"]
         _, position_jacobian, jacobian, _ = self.constraints.function(end.t, q, interval.p)
         over = ca.diag(ca.DM(1 / self.weights))

@@ -117,7 +117,7 @@ class Polynomials:
             parts = [ca.SX.sym(x, n) for x, n in (("w", scheme.node_size), ("b", scheme.block_size))]
             after, start, length = ca.SX.sym("x", scheme.node_size), ca.SX.sym("t"), ca.SX.sym("h")
             share, p = ca.SX.sym("s"), scheme.eom.p
-            at = scheme.expanded(scheme.point(Interval(parts[0], parts[1], after, start, length, p), share), p)
+            at = scheme.expanded(scheme.at(Interval(parts[0], parts[1], after, start, length, p), share), p)
             arguments = [*parts, after, start, length, share, p]
             memory["motion"] = ca.Function("motion", arguments, [ca.densify(x) for x in at.arguments])
         return memory["motion"]

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..model.conditions import Condition
+from ..model.conditions import Condition, stacked
 from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
@@ -65,20 +65,41 @@ class MotionProgram(Layout):
         weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
         return unknowns.interval.length * sum(weighted, ca.SX(0))
 
-    def _condition(self, condition: Condition, value: ca.SX, label: str, share: float) -> Rows:
-        size = np.array([self._condition_sizes[condition]])
-        return Rows(value, (label,), share, size, (OWN_UNIT,), condition.equality, condition=True)
+    def _rows_of(
+        self, conditions: Sequence[Condition], values: Sequence[ca.SX], share: float, word: str = ""
+    ) -> list[Rows]:
+        """Conditions with their values at a place, equalities and limits."""
+        groups = []
+        for equality in (True, False):
+            pairs = [(c, value) for c, value in zip(conditions, values, strict=True) if c.equality is equality]
+            if pairs:
+                labels = tuple(word + c.label for c, _ in pairs)
+                sizes = np.array([self._condition_sizes[c] for c, _ in pairs])
+                expression = ca.vertcat(*[value for _, value in pairs])
+                groups.append(
+                    Rows(expression, labels, share, sizes, (OWN_UNIT,) * len(pairs), equality, condition=True)
+                )
+        return groups
+
+    def _conditions(
+        self, conditions: Sequence[Condition], at: Point, unknowns: Unknowns, share: float, word: str = ""
+    ) -> list[Rows]:
+        """Conditions at a point."""
+        if not conditions:
+            return []
+        return self._rows_of(conditions, ca.vertsplit(self._value(stacked(conditions), at, unknowns)), share, word)
 
     @cached_property
     def _condition_sizes(self) -> dict[Condition, float]:
         problem = self.problem
         waypoints = [c for w in problem.waypoints for c in w.conditions]
-        found = {}
-        for c in (*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners):
-            found[c] = self.sizes.of_changes(c.expression) if c.equality else self.sizes.of_limit(c.expression)
-        for c in problem.boundary:
-            found[c] = self.sizes.of_changes(with_values(c.expression, lambda p: p.expression))
-        return found
+        given = [*(self.initial or ()), *self.final, *problem.path, *waypoints, *self.limit_owners]
+        limits = [c for c in given if not c.equality]
+        found = dict(zip(limits, self.sizes.of_limits([c.expression for c in limits]), strict=True))
+        equalities = [c for c in given if c.equality]
+        expressions = [c.expression for c in equalities]
+        expressions += [with_values(c.expression, lambda p: p.expression) for c in problem.boundary]
+        return found | dict(zip([*equalities, *problem.boundary], self.sizes.of_changes(expressions), strict=True))
 
     # --- pieces -----------------------------------------------------------------------------------
     def _piece(self, unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int]) -> Piece:
@@ -105,21 +126,22 @@ class MotionProgram(Layout):
         """Path conditions at the stages and at the ends of the interval."""
         scheme, groups = self.scheme, []
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
-        inner = list(zip(scheme.stages.tolist(), points, strict=True))
         held = set(scheme.constraints.held)
-        for condition in (c for c in (*self.problem.path, *self.limit_owners) if c not in held):
+        conditions = [c for c in (*self.problem.path, *self.limit_owners) if c not in held]
+        jumping = [c for c in conditions if c.depends_on("acceleration", "multiplier", "input", "input rate")]
+        equalities = [c for c in conditions if c.equality]
+        limits = [c for c in conditions if not c.equality]
+
+        def place(some: list[Condition], at: Point, share: float) -> None:
+            here = [c for c in some if share not in self._held_by_bounds.get(c, ())]
+            groups.extend(self._conditions(here, at, unknowns, share))
+
+        place([c for c in limits if c in jumping], start, 0.0)
+        for share, at in zip(scheme.stages.tolist(), points, strict=True):
             # where inputs are joined, the end of the interval before has the row at the start
-            places = [(share, at) for share, at in inner if share > 0 or not scheme.inputs.joined]
-            if not condition.equality:
-                inside = [(share, at) for share, at in inner if 0 < share < 1]
-                jumps = condition.depends_on("acceleration", "multiplier", "input", "input rate")
-                places = [*([(0.0, start)] if jumps else []), *inside, (1.0, end)]
-            bounded = self._held_by_bounds.get(condition, ())
-            groups += [
-                self._condition(condition, self._value(condition.expression, at, unknowns), condition.label, share)
-                for share, at in places
-                if share not in bounded
-            ]
+            here = equalities if share > 0 or not scheme.inputs.joined else []
+            place([*here, *(limits if 0 < share < 1 else [])], at, share)
+        place(limits, end, 1.0)
         return groups
 
     def _path_rows_at_start(self, at: Point, unknowns: Unknowns) -> list[Rows]:
@@ -128,7 +150,7 @@ class MotionProgram(Layout):
             return []
         held = set(self.scheme.constraints.held)
         conditions = [c for c in self.problem.path if c.equality and c not in held]
-        return [self._condition(c, self._value(c.expression, at, unknowns), c.label, 0.0) for c in conditions]
+        return self._conditions(conditions, at, unknowns, 0.0)
 
     @cached_property
     def _held_by_bounds(self) -> dict[Condition, tuple[float, ...]]:
@@ -144,7 +166,7 @@ class MotionProgram(Layout):
         groups = [*self.scheme.start_rows(interval, self.own_scales), *self._path_rows_at_start(at, unknowns)]
         if self.initial is not None:
             groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.own_scales)
-            groups += self._conditions(self.initial, "initial", at, unknowns, 0.0)
+            groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
         if groups:
             pieces.append(self._piece(unknowns, groups, ca.SX(0), [0]))
         nodes = [int(np.sum(self._phase <= k)) for k in range(len(self.problem.waypoints))]
@@ -153,16 +175,9 @@ class MotionProgram(Layout):
             if conditions:
                 unknowns = self.unknowns()
                 at = self.scheme.end(unknowns.interval)
-                groups = self._conditions(conditions, word, at, unknowns, 1.0)
+                groups = self._conditions(conditions, at, unknowns, 1.0, f"{word}: ")
                 pieces.append(self._piece(unknowns, groups, ca.SX(0), [node - 1]))
         return pieces
-
-    def _conditions(
-        self, conditions: Sequence[Condition], word: str, at: Point, unknowns: Unknowns, share: float
-    ) -> list[Rows]:
-        return [
-            self._condition(c, self._value(c.expression, at, unknowns), f"{word}: {c.label}", share) for c in conditions
-        ]
 
     def _end_pieces(self) -> list[Piece]:
         """Boundary conditions and the terminal cost, which see the start and the end."""
@@ -173,9 +188,7 @@ class MotionProgram(Layout):
         last = self.unknowns(first.free)
         conditions = problem.boundary
         values = [self._boundary_value(c.expression, first, last) for c in conditions]
-        groups = [
-            self._condition(c, value, f"boundary: {c.label}", 1.0) for c, value in zip(conditions, values, strict=True)
-        ]
+        groups = self._rows_of(conditions, values, 1.0, "boundary: ")
         cost = self._boundary_value(problem.terminal_cost, first, last) / self.cost_scale
         self.blocks.append(Block(groups, ((0, self.count - 1),)))
         index = np.r_[self.interval_index(0), self.interval_index(self.count - 1), self.parameter_index][:, None]

@@ -50,11 +50,6 @@ class Rows:
         expression, labels, units = self.expression[which], self.labels[which], self.units[which]
         return replace(self, expression=expression, labels=labels, scale=self.scale[which], units=units)
 
-    @property
-    def scaled(self) -> ca.SX:
-        """Rows divided by their sizes."""
-        return self.expression / ca.DM(self.scale)
-
 
 #: Unit of a row whose expression the user wrote.
 OWN_UNIT = "in the units of the condition"
@@ -67,4 +62,6 @@ def violations(rows: np.ndarray, equalities: np.ndarray) -> np.ndarray:
 
 def stack(groups: list[Rows]) -> ca.SX:
     """All rows of groups, scaled, as one column."""
-    return ca.vertcat(ca.SX(0, 1), *[group.scaled for group in groups if group.labels])
+    filled = [group for group in groups if group.labels]
+    sizes = np.concatenate([np.zeros(0), *[group.scale for group in filled]])
+    return ca.vertcat(ca.SX(0, 1), *[group.expression for group in filled]) / ca.DM(sizes)

@@ -6,6 +6,7 @@ units the same problem gives the same numbers to the solver.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -189,33 +190,46 @@ class Sizes:
 
     def of_values(self, expression: ca.SX) -> float:
         """Typical absolute value of a scalar; 1 where it has none."""
-        found = np.abs(self._sampled(expression).ravel())
-        found = found[np.isfinite(found) & (found > 0)]
-        return float(np.median(found)) if found.size else 1.0
+        return _median(np.abs(self._sampled(expression).ravel()))
 
-    def of_changes(self, expression: ca.SX) -> float:
-        """By how much a scalar changes over the typical sizes of what it depends on; 1 where it does not."""
-        slopes = ca.jacobian(expression, ca.vertcat(*self._arguments)).T
-        columns = self._sampled(slopes)[:, :, 0]
-        found = np.max(np.abs(columns) * self._steps[:, None], axis=0, initial=0.0)
-        found = found[np.isfinite(found) & (found > 0)]
-        return float(np.median(found)) if found.size else 1.0
+    def of_changes(self, expressions: Sequence[ca.SX]) -> np.ndarray:
+        """By how much scalars change over the typical sizes of what they depend on; 1 where they do not (k,)."""
+        if not expressions:
+            return np.zeros(0)
+        slopes = ca.jacobian(ca.vertcat(*expressions), ca.vertcat(*self._arguments))
+        rows, columns = (np.array(part, int) for part in slopes.sparsity().get_triplet())
+        sizes = np.abs(self._sampled(ca.vertcat(ca.SX(0, 1), *slopes.nonzeros()))[:, :, 0]) * self._steps[columns, None]
+        most = np.zeros((len(expressions), SAMPLES))
+        np.maximum.at(most, rows, sizes)
+        return np.array([_median(row) for row in most])
 
-    def of_limit(self, expression: ca.SX) -> float:
-        """Size of ``quantity - limit``: the limit, where it is a number or made of parameters; else as of changes.
+    def of_limits(self, expressions: Sequence[ca.SX]) -> np.ndarray:
+        """Sizes of ``quantity - limit``: the limit, where it is a number or made of parameters; else as of changes.
 
         Measured on bearing forces and obstacles: a third of the iterations that
         the size of the changes takes, and far fewer where the quantity is a square.
         """
-        changes = self.of_changes(expression)
+        changes = self.of_changes(expressions)
+        return np.array([self._of_limit(e, change) for e, change in zip(expressions, changes, strict=True)])
+
+    def _of_limit(self, expression: ca.SX, changes: float) -> float:
         if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
             return changes
-        varying = ca.vertcat(*self._arguments[:-2])
         for side in (expression.dep(0), expression.dep(1)):
-            if not ca.depends_on(side, varying):
+            if side.is_constant():
+                limit = abs(float(side))
+            elif not ca.depends_on(side, ca.vertcat(*self._arguments[:-2])):
                 limit = abs(float(self._sampled(side).ravel()[0]))
-                return max(limit, LEAST_SHARE * changes) if limit > 0 and np.isfinite(limit) else changes
+            else:
+                continue
+            return max(limit, LEAST_SHARE * changes) if limit > 0 and np.isfinite(limit) else changes
         return changes
+
+
+def _median(values: np.ndarray) -> float:
+    """Median of the finite ones that are not zero; 1 where there are none."""
+    found = values[np.isfinite(values) & (values > 0)]
+    return float(np.median(found)) if found.size else 1.0
 
 
 def parameter_size(value: float, lower: float, upper: float) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import casadi as ca
@@ -193,17 +194,31 @@ class Transcription(ABC):
     def equations(self, interval: Interval, scales: Scales) -> list[Rows]:
         """Equations of motion in the interval, and the step to the next mesh point."""
 
+    @cached_property
+    def _compiled_point(self) -> ca.Function:
+        sizes = {"w": self.node_size, "b": self.block_size, "x": self.node_size, "t": 1, "h": 1}
+        node, block, next_node, start, length = (ca.SX.sym(name, size) for name, size in sizes.items())
+        share, p = ca.SX.sym("s"), self.eom.p
+        at = self.point(Interval(node, block, next_node, start, length, p), share)
+        arguments = [node, block, next_node, start, length, share, p]
+        return ca.Function("point", arguments, [ca.densify(x) for x in at.arguments])
+
+    def at(self, interval: Interval, share: Any) -> Point:
+        """:meth:`point`, by a function that is compiled once."""
+        i = interval
+        return Point(*self._compiled_point(i.node, i.block, i.next_node, i.start, i.length, share, i.p))
+
     def points(self, interval: Interval) -> list[Point]:
         """States at the stages."""
-        return [self.point(interval, float(share)) for share in self.stages]
+        return [self.at(interval, float(share)) for share in self.stages]
 
     def start(self, interval: Interval) -> Point:
         """State at the beginning."""
-        return self.point(interval, 0.0)
+        return self.at(interval, 0.0)
 
     def end(self, interval: Interval) -> Point:
         """State at the next mesh point; accelerations, multipliers and inputs as the interval ends."""
-        inner, node = self.point(interval, 1.0), self.node(interval.next_node)
+        inner, node = self.at(interval, 1.0), self.node(interval.next_node)
         return Point(inner.t, node["q"], node["v"], inner.a, node["z"], inner.lam, inner.u, inner.u_rate)
 
     def _inputs(self, interval: Interval, share: Any) -> tuple[ca.SX, ca.SX]:
