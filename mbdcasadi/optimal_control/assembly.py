@@ -111,14 +111,16 @@ class SparseProgram:
         return sum(costs[1:], costs[0]), ca.vertcat(*rows)
 
     def _gradient(self) -> ca.MX:
-        places, values = [], []
+        places, values = [np.zeros(0, int)], [ca.MX(0, 1)]
         for piece, data in zip(self.pieces, self._data, strict=True):
+            if piece.cost.is_zero():
+                continue
             (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(piece.cost, piece.variables))], [])
             places.append(piece.index.T.ravel())
             values.append(ca.vec(gradient))
         where = np.concatenate(places)
         summing = _summing(where, self.size)
-        return ca.mtimes(summing, ca.vertcat(*values))
+        return ca.densify(ca.mtimes(summing, ca.vertcat(*values)))
 
     def _jacobian(self) -> ca.MX:
         rows, columns, values, first = [], [], [], 0
@@ -126,7 +128,7 @@ class SparseProgram:
             jacobian = ca.jacobian(piece.rows, piece.variables)
             local_rows, local_columns = (np.array(x, int) for x in jacobian.sparsity().get_triplet())
             copies, count = piece.index.shape[1], piece.rows.numel()
-            (nonzeros,) = self._mapped(piece, data, [ca.vertcat(ca.SX(0, 1), *jacobian.nonzeros())], [])
+            (nonzeros,) = self._mapped(piece, data, [ca.vec(jacobian.nz[:])], [])
             rows.append((local_rows[:, None] + first + count * np.arange(copies)[None, :]).T.ravel())
             columns.append(piece.index[local_columns].T.ravel())
             values.append(ca.vec(nonzeros))
@@ -144,7 +146,7 @@ class SparseProgram:
             local_rows, local_columns = (np.array(x, int) for x in hessian.sparsity().get_triplet())
             block = ca.reshape(lam_g[first : first + count * copies], count, copies)
             extra = [(sigma, ca.repmat(lam_f, 1, copies)), (lam, block)]
-            (nonzeros,) = self._mapped(piece, data, [ca.vertcat(ca.SX(0, 1), *hessian.nonzeros())], extra)
+            (nonzeros,) = self._mapped(piece, data, [ca.vec(hessian.nz[:])], extra)
             one, other = piece.index[local_rows].T.ravel(), piece.index[local_columns].T.ravel()
             rows.append(np.minimum(one, other))
             columns.append(np.maximum(one, other))

@@ -11,6 +11,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import MechanismWarning
+from ..numerics.collocation import gauss
 
 if TYPE_CHECKING:
     from .solution import Solution
@@ -18,15 +19,19 @@ if TYPE_CHECKING:
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.
 COARSE = 0.01
+#: Estimate of it below which the mesh counts as fine without an integration.
+FINE = 0.03 * COARSE
 #: Tolerance of the integration against which an interval is measured.
 TOLERANCE = 1e-11
 
 
 def tell_coarse_mesh(solution: Solution) -> None:
     """Warn where an interval, integrated again from its own mesh point, ends far from the next one."""
-    sizes = solution.program.scales.q
+    sizes = np.r_[solution.program.scales.q, solution.program.scales.q / solution.duration]
+    if np.max(estimated_errors(solution) / sizes) <= FINE:  # not so where it is nan
+        return
     try:
-        errors = np.max(solution.end_errors / np.r_[sizes, sizes / solution.duration], axis=1)
+        errors = np.max(solution.end_errors / sizes, axis=1)
     except RuntimeError:  # the integrator did not get to the end of an interval
         errors = np.full(solution.shares.count, np.inf)
     worst = int(np.argmax(errors))
@@ -42,6 +47,25 @@ def tell_coarse_mesh(solution: Solution) -> None:
         MechanismWarning,
         stacklevel=3,
     )
+
+
+def estimated_errors(solution: Solution) -> np.ndarray:
+    """Errors of :func:`end_errors` to first order (N, 2 n), where accelerations differ from those of the forces.
+
+    With the difference r at a share s of an interval of length h: ``h ∫ r ds`` in
+    the velocities and ``h² ∫ (1 - s) r ds`` in the coordinates.
+    """
+    rule, motion, numeric = gauss(solution.program.scheme.stages.size + 2), solution.polynomials, solution.numeric
+    count, size = solution.shares.count, rule.degree
+    intervals = np.repeat(np.arange(count), size)
+    t, q, v, a, z, _, u, _ = (x.T for x in motion.at(intervals, np.tile(rule.points, count)))
+    forced = numeric.forward_dynamics(redundant=solution.redundant)(t, q, v, z, u, numeric.p)[0].full()
+    differences = (forced - a).T.reshape(count, size, -1)
+    h = np.diff(solution.mesh)[:, None]
+    over = [
+        np.einsum("j,ijn->in", weights, differences) for weights in (rule.weights * (1 - rule.points), rule.weights)
+    ]
+    return np.abs(np.hstack([h**2 * over[0], h * over[1]]))
 
 
 def end_errors(solution: Solution) -> np.ndarray:

@@ -198,7 +198,7 @@ class Sizes:
             return np.zeros(0)
         slopes = ca.jacobian(ca.vertcat(*expressions), ca.vertcat(*self._arguments))
         rows, columns = (np.array(part, int) for part in slopes.sparsity().get_triplet())
-        sizes = np.abs(self._sampled(ca.vertcat(ca.SX(0, 1), *slopes.nonzeros()))[:, :, 0]) * self._steps[columns, None]
+        sizes = np.abs(self._sampled(ca.vec(slopes.nz[:]))[:, :, 0]) * self._steps[columns, None]
         most = np.zeros((len(expressions), SAMPLES))
         np.maximum.at(most, rows, sizes)
         return np.array([_median(row) for row in most])

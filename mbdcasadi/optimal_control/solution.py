@@ -127,10 +127,11 @@ class Solution:
     @cached_property
     def nodes(self) -> np.ndarray:
         """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
-        return np.hstack(self._polynomials.at_nodes)
+        return np.hstack(self.polynomials.at_nodes)
 
     @cached_property
-    def _polynomials(self) -> Polynomials:
+    def polynomials(self) -> Polynomials:
+        """The polynomials of the scheme, with numbers."""
         scheme = self.program.scheme
         count = self.shares.count
         nodes = np.array([self.variables[self.program.node_index(k)[: scheme.node_size]] for k in range(count + 1)])
@@ -140,7 +141,7 @@ class Solution:
     @cached_property
     def inputs(self) -> dict[Any, PiecewisePolynomial]:
         """The inputs as piecewise polynomials, as ``simulate(inputs=…)`` takes them."""
-        return self._polynomials.inputs
+        return self.polynomials.inputs
 
     @property
     def redundant(self) -> bool:
@@ -155,7 +156,7 @@ class Solution:
         form = f"order {scheme.order}, {self.shares.count} intervals"
         own = np.array([self.parameters[p] for p in self.problem.own_parameters])
         statistics = Statistics(scheme.name, form, self.statistics.seconds)
-        return self._polynomials.trajectory(self.problem, own, statistics, redundant=self.redundant)
+        return self.polynomials.trajectory(self.problem, own, statistics, redundant=self.redundant)
 
     @property
     def points_per_interval(self) -> int:
