@@ -66,11 +66,10 @@ class ConditionRank:
         self._unknowns = 2 * eom.q.numel() + eom.z.numel()
         own = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
         self._own = ca.vertcat(ca.SX(0, 1), *own)
-        self._constraints = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
-        #: by hashes of expressions, which are unique while these live: they are kept beside
-        self._functions: dict[tuple[int, ...], tuple[Evaluator, ca.SX]] = {}
+        #: by conditions, which are kept beside so that their identities stay theirs
+        self._functions: dict[tuple[int, ...], tuple[Evaluator, Sequence[Condition]]] = {}
         self._found: dict[tuple, Any] = {}
         key = ("scattered states", numeric.p.tobytes())
         self.states: list[Place] = eom.mechanism.memory.once(key, self._scattered)
@@ -103,14 +102,15 @@ class ConditionRank:
         found: T = self._found[key]
         return found
 
-    def _evaluated(self, expressions: ca.SX, state: Place) -> tuple[np.ndarray, np.ndarray]:
-        """Values (k,) and gradients (k, n) of expressions at a state."""
-        key = tuple(e.element_hash() for e in ca.vertsplit(expressions))
+    def _evaluated(self, conditions: Sequence[Condition], state: Place) -> tuple[np.ndarray, np.ndarray]:
+        """Values (k,) and gradients (k, n) of conditions at a state; of the constraints where there are none."""
+        key = _names(conditions)
         if key not in self._functions:
             eom = self.numeric.eom
             arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
-            results = [expressions, ca.jacobian(expressions, self._x)]
-            self._functions[key] = Evaluator(ca.Function("conditions", arguments, results)), expressions
+            rows = stacked(conditions) if conditions else ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+            results = [rows, ca.jacobian(rows, self._x)]
+            self._functions[key] = Evaluator(ca.Function("conditions", arguments, results)), tuple(conditions)
         function = self._functions[key][0]
 
         def evaluate() -> tuple[np.ndarray, np.ndarray]:
@@ -119,25 +119,20 @@ class ConditionRank:
 
         return self._once(("values", key, _key(state)), evaluate)
 
-    def gradients(self, expressions: ca.SX, state: Place) -> np.ndarray:
-        """Gradients of expressions at a state, scaled to size one by row."""
-        return unit_rows(self._evaluated(expressions, state)[1])
-
     def span(self, state: Place, given: Sequence[Condition] = ()) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
-        if not given:
-            return self._once(("span", _key(state)), lambda: _span(self.gradients(self._constraints, state)))
 
-        def with_given() -> np.ndarray:
+        def found() -> np.ndarray:
+            if not given:
+                return _span(unit_rows(self._evaluated((), state)[1]))
             constraints = self.span(state)
-            rest = self._rest(given, state, constraints)
-            return np.vstack([constraints, _span(rest, DEPENDENT)])
+            return np.vstack([constraints, _span(self._rest(given, state, constraints), DEPENDENT)])
 
-        return self._once(("span", _key(state), *_hashes(given)), with_given)
+        return self._once(("span", _names(given), _key(state)), found)
 
     def _rest(self, conditions: Sequence[Condition], state: Place, span: np.ndarray) -> np.ndarray:
         """Unit gradients of conditions less what lies in a span."""
-        rows = self.gradients(stacked(conditions), state)
+        rows = unit_rows(self._evaluated(conditions, state)[1])
         return rows - rows @ span.T @ span
 
     def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
@@ -159,7 +154,7 @@ class ConditionRank:
             rests = (self._rest(conditions, state, self.span(state, given)) for state in self.states)
             return max(analyse_rank(rest, DEPENDENT).rank for rest in rests)
 
-        return self._once(("count", *_hashes(conditions), None, *_hashes(given)), counted)
+        return self._once(("count", _names(conditions), _names(given)), counted)
 
     def independent(
         self, conditions: Sequence[Condition], state: Place, given: Sequence[Condition] = ()
@@ -191,27 +186,27 @@ class ConditionRank:
         """Whether conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
 
-    def value_under(self, condition: Condition, rows: Sequence[Condition]) -> float | None:
-        """Value of an expression wherever constraints and rows are met; None unless it is linear in the rows."""
-        found = []
+    def value_under(self, limit: Condition, rows: Sequence[Condition]) -> float | None:
+        """Value of an expression where a row is met that differs from it by a factor and a constant; None without."""
+        found, factors = [], []
         for state in self.states:
-            (value,), slope = self._evaluated(condition.expression, state)
-            values, slopes = self._evaluated(stacked(rows), state)
-            constraints = self._evaluated(self._constraints, state)[1]
-            factors = np.linalg.lstsq(np.vstack([slopes, constraints]).T, slope[0], rcond=None)[0][: len(rows)]
-            found.append(value - factors @ values)
-        if found and np.ptp(found) <= LINEAR * (1 + np.max(np.abs(found))):
-            return float(found[0])
-        return None
+            (value,), (slope,) = self._evaluated([limit], state)
+            values, slopes = self._evaluated(rows, state)
+            k = int(np.argmax(np.abs(unit_rows(slopes) @ slope)))
+            factors.append(float(slopes[k] @ slope / max(slopes[k] @ slopes[k], np.finfo(float).tiny)))
+            if np.max(np.abs(slope - factors[-1] * slopes[k])) > LINEAR * np.max(np.abs(slope)):
+                return None
+            found.append(value - factors[-1] * values[k])
+        near = found and all(np.ptp(x) <= LINEAR * (1 + np.max(np.abs(x))) for x in (found, factors))
+        return float(found[0]) if near else None
 
 
 def _key(state: Place) -> tuple:
-    t, *arrays = state
-    return t, *(x.tobytes() for x in arrays)
+    return state[0], state[1].tobytes(), state[2].tobytes(), state[3].tobytes()
 
 
-def _hashes(conditions: Sequence[Condition]) -> list[int]:
-    return [c.expression.element_hash() for c in conditions]
+def _names(conditions: Sequence[Condition]) -> tuple[int, ...]:
+    return tuple(map(id, conditions))
 
 
 def _span(rows: np.ndarray, least: float = 0.0) -> np.ndarray:

@@ -26,6 +26,7 @@ from ..results.state import State
 from .constraints import held_conditions
 from .placeholders import Placeholder, placeholders_in, with_values
 from .problem import OptimalControlProblem
+from .straight import straight_way
 
 #: Steps from place to place, and parts of a step at great speed, at the most.
 STEPS, SUBSTEPS = 40, 20
@@ -110,6 +111,9 @@ def _leg(
     rows = [*conditions, *held]
     if not rows and not numeric.eom.nu.numel():
         return [q] * (span.size - 1)
+    straight = None if held else straight_way(numeric, conditions, q, z, span)
+    if straight is not None:
+        return list(straight)
     place = PoseProblem(numeric, rows, float(span[0]), z)
     first = place.values(conditions, q)
     path: list[np.ndarray] = []

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..analysis.assembly import assemble_at
+from ..analysis.assembly import assemble_at, complete_state
 from ..analysis.inputs import read_signals
 from ..equations.numeric import LARGE, NumericEquations
 from ..equations.reduced import ReducedEquations, reduced_equations
@@ -26,6 +26,7 @@ from .hermite_simpson import HermiteSimpson
 from .poses import kinematic_poses, nominal_marks
 from .problem import OptimalControlProblem
 from .scaling import scales_of
+from .straight import state_of
 from .transcription import Transcription
 
 #: What ``transcription=`` may say, besides a class.
@@ -211,8 +212,12 @@ def first_state(problem: OptimalControlProblem, numeric: NumericEquations) -> St
     rows = on_states(problem.initial)
     rows = [c for c in rows if not own & {s.element_hash() for s in symbols_of(c.expression)}]
     held = with_rates(held_conditions(problem))
+    signals, z = read_signals(problem.equations, None), problem.equations.estimate[2]
+    found = state_of(numeric, [*rows, *held], 0.0, z)
+    if found is not None:
+        return complete_state(numeric, signals, 0.0, *found, z)
     try:
-        return assemble_at(numeric, [*rows, *held], 0.0, read_signals(problem.equations, None))
+        return assemble_at(numeric, [*rows, *held], 0.0, signals)
     except (AssemblyError, ConditionError) as error:
         more = " together with the path conditions that prescribe the motion" if held else ""
         raise ConditionError(f"the initial conditions cannot be met{more}: {error}") from None
