@@ -12,7 +12,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, SingularityError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.symbols import describe, number, symbols_of
+from ..model.symbols import describe, number
 from ..numerics.least_squares import solve
 from ..results.state import State
 from .inputs import Signals, read_signals
@@ -71,7 +71,7 @@ def levels_of(
                 f"condition {row.label}: a start is fixed by positions, velocities and states; "
                 "accelerations, reactions and inputs follow from them"
             )
-        for symbol in symbols_of(row.expression):
+        for symbol in row.symbols:
             if symbol.element_hash() not in known:
                 raise ConditionError(
                     f"condition {row.label} holds {describe(symbol)}, which the mechanism does not have"

@@ -40,9 +40,14 @@ class Condition:
     label: str
 
     @cached_property
+    def symbols(self) -> list[ca.SX]:
+        """Scalar symbols that occur."""
+        return symbols_of(self.expression)
+
+    @cached_property
     def kinds(self) -> frozenset[str]:
         """Kinds of the symbols that occur (see ``symbols.KINDS``)."""
-        roles = (role_of(symbol) for symbol in symbols_of(self.expression))
+        roles = map(role_of, self.symbols)
         return frozenset(role.kind for role in roles if role is not None)
 
     def depends_on(self, *kinds: str) -> bool:

@@ -255,7 +255,7 @@ def as_expression(value: Any, what: str) -> ca.SX:
 
 def symbols_of(expression: Any) -> list[ca.SX]:
     """Scalar symbols on which an expression depends, in the order in which they occur."""
-    return ca.symvar(ca.SX(expression))
+    return ca.symvar(expression if isinstance(expression, ca.SX) else ca.SX(expression))
 
 
 def values_of(expression: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from ..equations.reduced import ReducedEquations
 from ..model.conditions import Condition, stacked
 from ..model.rates import time_derivative
-from ..model.symbols import role_of, symbols_of
+from ..model.symbols import role_of
 from .problem import OptimalControlProblem
 from .rows import OWN_UNIT, Rows
 from .scaling import Scales
@@ -23,13 +23,13 @@ def prescribes_motion(condition: Condition) -> bool:
     equation of higher index, for which collocation at Gauss points is unstable:
     it is treated like a constraint whose multipliers are the inputs.
     """
-    roles = [role_of(s) for s in symbols_of(condition.expression)]
+    roles = [role_of(s) for s in condition.symbols]
     kinds = {role.kind for role in roles if role is not None}
     if not condition.equality or not kinds <= {"time", "position", "velocity", "parameter"}:
         return False
     if not kinds & {"position", "velocity"}:
         return False
-    named = zip(symbols_of(condition.expression), roles, strict=True)
+    named = zip(condition.symbols, roles, strict=True)
     speeds = [s for s, role in named if role is not None and role.kind == "velocity"]
     slopes = ca.jacobian(condition.expression, ca.vertcat(ca.SX(0, 1), *speeds))
     return not speeds or not ca.depends_on(slopes, ca.vertcat(*speeds))
@@ -38,7 +38,7 @@ def prescribes_motion(condition: Condition) -> bool:
 def held_conditions(problem: OptimalControlProblem) -> list[Condition]:
     """Path conditions that prescribe the motion; those with free parameters stay conditions at the stages."""
     free = {p.element_hash() for p in problem.free_parameters}
-    symbols = {c: {s.element_hash() for s in symbols_of(c.expression)} for c in problem.path}
+    symbols = {c: {s.element_hash() for s in c.symbols} for c in problem.path}
     return [c for c in problem.path if prescribes_motion(c) and not free & symbols[c]]
 
 

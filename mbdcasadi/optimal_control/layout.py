@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -100,7 +101,7 @@ class Layout:
         return span * self.sizes.of_values(placeholder.expression)
 
     # --- layout ------------------------------------------------------------------------------
-    @property
+    @cached_property
     def stride(self) -> int:
         """Variables of a node and a block."""
         return self.node_size + self.scheme.block_size
@@ -130,10 +131,12 @@ class Layout:
         one = np.concatenate([self.node_scale, self.block_scale])
         return np.concatenate([np.tile(one, self.count), self.node_scale, self.global_scale])
 
-    def interval_index(self, i: int) -> np.ndarray:
-        """Variables of an interval: its nodes, its block, the times of its phase."""
-        marks = self.mark_index[self._phase[i] : self._phase[i] + 2]
-        return np.concatenate([self.node_index(i), self.block_index(i), self.node_index(i + 1), marks])
+    def interval_index(self, intervals: Sequence[int]) -> np.ndarray:
+        """Variables of intervals, each a column: its nodes, its block, the times of its phase."""
+        own = np.arange(self.stride + self.node_size)[:, None] + self.stride * np.asarray(intervals, int)
+        if not self.mark_count:
+            return own
+        return np.vstack([own, self.mark_index[self._phase[intervals] + np.arange(2)[:, None]]])
 
     # --- symbols of one interval -----------------------------------------------------------------
     def unknowns(self, free: ca.SX | None = None) -> Unknowns:

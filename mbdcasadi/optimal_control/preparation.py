@@ -210,7 +210,7 @@ def first_state(problem: OptimalControlProblem, numeric: NumericEquations) -> St
         return problem.initial
     own = {p.element_hash() for p in problem.own_parameters}
     rows = on_states(problem.initial)
-    rows = [c for c in rows if not own & {s.element_hash() for s in symbols_of(c.expression)}]
+    rows = [c for c in rows if not own & {s.element_hash() for s in c.symbols}]
     held = with_rates(held_conditions(problem))
     signals, z = read_signals(problem.equations, None), problem.equations.estimate[2]
     found = state_of(numeric, [*rows, *held], 0.0, z)

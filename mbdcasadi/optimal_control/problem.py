@@ -150,21 +150,21 @@ class OptimalControlProblem(Immutable):
         named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(self.waypoints, start=1)]
         for name, rows in named:
             for row in () if isinstance(rows, State) else rows:
-                self._check_symbols(row.expression, known, f"{name}: {row.label}", placeholders=False)
-        self._check_symbols(self.running_cost, known, "running_cost", placeholders=False)
-        self._check_symbols(self.terminal_cost, known, "terminal_cost", placeholders=True)
+                self._check_symbols(row.symbols, known, f"{name}: {row.label}", placeholders=False)
+        self._check_symbols(symbols_of(self.running_cost), known, "running_cost", placeholders=False)
+        self._check_symbols(symbols_of(self.terminal_cost), known, "terminal_cost", placeholders=True)
         for row in self.boundary:
-            self._check_symbols(row.expression, known, f"boundary: {row.label}", placeholders=True)
+            self._check_symbols(row.symbols, known, f"boundary: {row.label}", placeholders=True)
         if not eom.u.numel() and not self.free_parameters and not self.has_free_times:
             raise ModelError(
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
 
-    def _check_symbols(self, expression: ca.SX, known: set[int], where: str, *, placeholders: bool) -> None:
-        for symbol in symbols_of(expression):
+    def _check_symbols(self, symbols: list[ca.SX], known: set[int], where: str, *, placeholders: bool) -> None:
+        for symbol in symbols:
             found = placeholder_of(symbol)
             if found is not None and placeholders:
-                self._check_symbols(found.expression, known, f"{where}: {found.label}", placeholders=False)
+                self._check_symbols(symbols_of(found.expression), known, f"{where}: {found.label}", placeholders=False)
             elif found is not None:
                 raise ExpressionError(f"{where} holds {found.label}, which belongs in boundary= or terminal_cost=")
             elif symbol.element_hash() not in known:

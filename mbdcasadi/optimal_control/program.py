@@ -11,6 +11,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, stacked
+from ..model.memory import Memory
 from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
@@ -49,12 +50,15 @@ class MotionProgram(Layout):
         super().__init__(prepared, mesh)
         self.initial, self.final = prepared.initial, prepared.final
         self.blocks: list[Block] = []
+        self._compiled = Memory()
         pieces = [self._interval_piece(), *self._place_pieces(), *self._end_pieces(), *self._time_pieces()]
         self.program = SparseProgram(self.size, pieces, self.given)
 
     # --- expressions ------------------------------------------------------------------------------
     def _value(self, expression: ca.SX, at: Point, unknowns: Unknowns) -> ca.SX:
-        function = ca.Function("e", self.arguments, [expression])
+        return self._put_in(ca.Function("e", self.arguments, [expression]), at, unknowns)
+
+    def _put_in(self, function: ca.Function, at: Point, unknowns: Unknowns) -> ca.SX:
         at = self.scheme.expanded(at, unknowns.interval.p)
         return function(*at.arguments, unknowns.interval.p, unknowns.own)
 
@@ -87,7 +91,9 @@ class MotionProgram(Layout):
         """Conditions at a point."""
         if not conditions:
             return []
-        return self._rows_of(conditions, ca.vertsplit(self._value(stacked(conditions), at, unknowns)), share, word)
+        key = "conditions", *map(id, conditions)
+        function = self._compiled.once(key, lambda: ca.Function("c", self.arguments, [stacked(conditions)]))
+        return self._rows_of(conditions, ca.vertsplit(self._put_in(function, at, unknowns)), share, word)
 
     @cached_property
     def _condition_sizes(self) -> dict[Condition, float]:
@@ -104,7 +110,8 @@ class MotionProgram(Layout):
     # --- pieces -----------------------------------------------------------------------------------
     def _piece(self, unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int]) -> Piece:
         self.blocks.append(Block([g for g in groups if g.labels], tuple((i,) for i in intervals)))
-        index = np.column_stack([np.r_[self.interval_index(i), self.parameter_index] for i in intervals])
+        free = np.tile(self.parameter_index[:, None], (1, len(intervals)))
+        index = np.vstack([self.interval_index(intervals), free])
         variables = ca.vertcat(unknowns.variables, unknowns.free)
         return Piece(variables, unknowns.data, self.given, stack(groups), cost / self.cost_scale, index)
 
@@ -119,7 +126,7 @@ class MotionProgram(Layout):
             groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, (OWN_UNIT,)))
         groups += self._path_rows(unknowns, points)
         return self._piece(
-            unknowns, groups, self._integral(self.problem.running_cost, points, unknowns), range(self.count)
+            unknowns, groups, self._integral(self.problem.running_cost, points, unknowns), list(range(self.count))
         )
 
     def _path_rows(self, unknowns: Unknowns, points: list[Point]) -> list[Rows]:
@@ -191,7 +198,8 @@ class MotionProgram(Layout):
         groups = self._rows_of(conditions, values, 1.0, "boundary: ")
         cost = self._boundary_value(problem.terminal_cost, first, last) / self.cost_scale
         self.blocks.append(Block(groups, ((0, self.count - 1),)))
-        index = np.r_[self.interval_index(0), self.interval_index(self.count - 1), self.parameter_index][:, None]
+        first_and_last = self.interval_index([0, self.count - 1]).T.ravel()
+        index = np.r_[first_and_last, self.parameter_index][:, None]
         variables = ca.vertcat(first.variables, last.variables, first.free)
         return [Piece(variables, ca.vertcat(first.data, last.data), self.given, stack(groups), cost, index)]
 

@@ -9,7 +9,7 @@ know no scheme by name.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -66,6 +66,8 @@ class Interval:
     start: ca.SX
     length: ca.SX
     p: ca.SX
+    #: points that were asked for, by share
+    points: dict[float, Point] = field(default_factory=dict, compare=False, repr=False)
 
 
 class Transcription(ABC):
@@ -129,12 +131,12 @@ class Transcription(ABC):
         return self.constraints.rows
 
     # --- unknowns -------------------------------------------------------------------------
-    @property
+    @cached_property
     def node_size(self) -> int:
         """Unknowns of a mesh point."""
         return sum(self.node_parts.values())
 
-    @property
+    @cached_property
     def block_size(self) -> int:
         """Unknowns of an interval alone."""
         return sum(size * shares.size for size, shares in self.block_parts.values())
@@ -204,9 +206,15 @@ class Transcription(ABC):
         return ca.Function("point", arguments, [ca.densify(x) for x in at.arguments])
 
     def at(self, interval: Interval, share: Any) -> Point:
-        """:meth:`point`, by a function that is compiled once."""
+        """:meth:`point`, by a function that is compiled once; numbers as shares are asked for once, too."""
+        known = interval.points.get(share) if isinstance(share, float) else None
+        if known is not None:
+            return known
         i = interval
-        return Point(*self._compiled_point(i.node, i.block, i.next_node, i.start, i.length, share, i.p))
+        found = Point(*self._compiled_point(i.node, i.block, i.next_node, i.start, i.length, share, i.p))
+        if isinstance(share, float):
+            interval.points[share] = found
+        return found
 
     def points(self, interval: Interval) -> list[Point]:
         """States at the stages."""

@@ -64,7 +64,7 @@ def scalar(expression: Any, where: str) -> ca.SX:
         For anything else.
     """
     try:
-        expression = ca.SX(expression)
+        expression = expression if isinstance(expression, ca.SX) else ca.SX(expression)
     except (TypeError, NotImplementedError):
         raise ModelError(f"{where}: takes an expression in casadi.SX or a number, got {expression!r}") from None
     if not expression.is_scalar():

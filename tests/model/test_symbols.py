@@ -154,9 +154,9 @@ def test_states_take_their_rate_from_the_mechanism(arm):
 
 def test_rates_that_are_not_known_are_refused(arm):
     """Accelerations, multipliers, rates of inputs and strangers; the message names the symbol."""
-    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(0, 0))
+    pin, u = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(0, 0)), mbd.Input("u")
     unknown = {
-        "input rate 'u.rate'": mbd.Input("u").rate,
+        "input rate 'u.rate'": u.rate,
         "arm.alpha": arm.alpha * arm.x,
         "pin.lam": pin.reaction_on(arm).force,
         "symbol 'stranger'": ca.SX.sym("stranger"),
