@@ -7,7 +7,9 @@ has the package, writes one request a line and reads one answer a line (JSON).
 
 A request is ``{"method": name, "size": n}``, with ``n`` the intervals of the
 mesh; the answer holds the fields of :class:`Solve`, or ``{"failure": text}``.
-A request ``{"versions": [package, ...]}`` is answered with their versions.
+With ``"imports": true`` it tells besides how long the imports took, s; that
+means something in a process that was asked for nothing yet. A request
+``{"versions": [package, ...]}`` is answered with their versions.
 
 References
 ----------
@@ -17,6 +19,7 @@ Kelly, An Introduction to Trajectory Optimization, SIAM Review 59 (2017), sectio
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import os
 import sys
@@ -392,6 +395,15 @@ METHODS: dict[str, Callable[[int], Solve]] = {
 }
 
 
+#: What a user of a package imports, by the first word of the methods.
+MODULES = {
+    "mbdcasadi": ("mbdcasadi",),
+    "yapss": ("yapss", "yapss.math"),
+    "rockit": ("casadi", "rockit"),
+    "opty": ("sympy", "sympy.physics.mechanics", "opty"),
+}
+
+
 # --- the process -------------------------------------------------------------------------------------
 @contextlib.contextmanager
 def silent() -> Iterator[None]:
@@ -416,9 +428,16 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
             with contextlib.suppress(PackageNotFoundError):
                 found[package] = version(package)
         return found
+    method = request["method"]
     try:
         with silent():
-            return asdict(METHODS[request["method"]](request["size"]))
+            began = time.perf_counter()
+            if request.get("imports"):
+                for module in MODULES[method.split(",")[0]]:
+                    importlib.import_module(module)
+            imports = time.perf_counter() - began
+            found = asdict(METHODS[method](request["size"]))
+            return found | {"imports": imports} if request.get("imports") else found
     except Exception as error:  # whatever a package raises is its answer
         text = str(error).strip() or type(error).__name__
         return {"failure": f"{type(error).__name__}: {text.splitlines()[0]}"[:200]}

@@ -7,15 +7,16 @@ the constraints fix.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, stacked
+from ..model.memory import Memory
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import solve
 from ..numerics.rank import analyse_rank, unit_rows
@@ -23,7 +24,6 @@ from ..numerics.rank import analyse_rank, unit_rows
 if TYPE_CHECKING:
     from .problem import OptimalControlProblem
 
-T = TypeVar("T")
 #: A consistent state: time, coordinates, velocities, first-order states.
 Place = tuple[float, np.ndarray, np.ndarray, np.ndarray]
 
@@ -43,7 +43,7 @@ def ranks_of(problem: OptimalControlProblem, numeric: NumericEquations, *, timed
     """Ranks for the conditions of a problem, kept for the last parameters; `timed` where a time may be free."""
     free = [*problem.free_parameters, *([numeric.eom.t] if timed and problem.has_free_times else [])]
     known = problem.ranks.get(len(free))
-    if known is None or not np.array_equal(known.numeric.p, numeric.p):
+    if known is None or known.is_full or not np.array_equal(known.numeric.p, numeric.p):
         known = problem.ranks[len(free)] = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
     return known
 
@@ -70,7 +70,7 @@ class ConditionRank:
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
         #: by conditions, which are kept beside so that their identities stay theirs
         self._functions: dict[tuple[int, ...], tuple[Evaluator, Sequence[Condition]]] = {}
-        self._found: dict[tuple, Any] = {}
+        self._found = Memory()
         key = ("scattered states", numeric.p.tobytes())
         self.states: list[Place] = eom.mechanism.memory.once(key, self._scattered)
 
@@ -93,14 +93,10 @@ class ConditionRank:
                 break
         return found
 
-    def _once(self, key: tuple, make: Callable[[], T]) -> T:
-        if len(self._found) > KEPT:
-            self._found.clear()
-            self._functions.clear()
-        if key not in self._found:
-            self._found[key] = make()
-        found: T = self._found[key]
-        return found
+    @property
+    def is_full(self) -> bool:
+        """Whether so much is kept that one had better begin anew: conditions change from plan to plan."""
+        return len(self._found) > KEPT
 
     def _evaluated(self, conditions: Sequence[Condition], state: Place) -> tuple[np.ndarray, np.ndarray]:
         """Values (k,) and gradients (k, n) of conditions at a state; of the constraints where there are none."""
@@ -117,7 +113,7 @@ class ConditionRank:
             values, slopes = function(*state, self.numeric.p, np.ones(self._own.numel()))
             return values.ravel(), slopes * self._columns
 
-        return self._once(("values", key, _key(state)), evaluate)
+        return self._found.once(("values", key, _key(state)), evaluate)
 
     def span(self, state: Place, given: Sequence[Condition] = ()) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
@@ -128,7 +124,7 @@ class ConditionRank:
             constraints = self.span(state)
             return np.vstack([constraints, _span(self._rest(given, state, constraints), DEPENDENT)])
 
-        return self._once(("span", _names(given), _key(state)), found)
+        return self._found.once(("span", _names(given), _key(state)), found)
 
     def _rest(self, conditions: Sequence[Condition], state: Place, span: np.ndarray) -> np.ndarray:
         """Unit gradients of conditions less what lies in a span."""
@@ -154,7 +150,7 @@ class ConditionRank:
             rests = (self._rest(conditions, state, self.span(state, given)) for state in self.states)
             return max(analyse_rank(rest, DEPENDENT).rank for rest in rests)
 
-        return self._once(("count", _names(conditions), _names(given)), counted)
+        return self._found.once(("count", _names(conditions), _names(given)), counted)
 
     def independent(
         self, conditions: Sequence[Condition], state: Place, given: Sequence[Condition] = ()

@@ -118,7 +118,9 @@ class Solver:
     # --- one mesh ----------------------------------------------------------------------------
     def _key(self, mesh: Mesh) -> tuple:
         initial = None if self.prepared.initial is None else tuple(self.prepared.initial)
-        return mesh.counts, tuple(self.settings.plain.values()), initial, tuple(self.prepared.scheme.rows)
+        scheme = self.prepared.scheme
+        rows = tuple(scheme.eom.independent), tuple(scheme.rows)
+        return mesh.counts, tuple(self.settings.plain.values()), initial, *rows
 
     def layout(self, mesh: Mesh) -> MotionProgram:
         """Program for a number of intervals, made once and kept."""
