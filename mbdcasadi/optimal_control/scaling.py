@@ -228,8 +228,8 @@ class Sizes:
 
 def _median(values: np.ndarray) -> float:
     """Median of the finite ones that are not zero; 1 where there are none."""
-    found = values[np.isfinite(values) & (values > 0)]
-    return float(np.median(found)) if found.size else 1.0
+    found = np.sort(values[np.isfinite(values) & (values > 0)])
+    return float(found[(found.size - 1) // 2] + found[found.size // 2]) / 2 if found.size else 1.0
 
 
 def parameter_size(value: float, lower: float, upper: float) -> float:
