@@ -88,15 +88,34 @@ def test_friction_that_depends_on_reactions_keeps_all():
 
 def test_a_time_law_is_explicit():
     """A driver gives its coordinate; its effort is the multiplier of the row that was solved."""
-    wheel = mbd.Body("wheel", mass=1.0, inertia=0.5)
+    wheel, other = mbd.Body("wheel", mass=1.0, inertia=0.5), mbd.Body("other", mass=1.0, inertia=1.0)
     axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    second = mbd.Revolute("second", mbd.ground.at(1, 0), other.at(0, 0))
     motor = mbd.Driver("motor", axle.angle, 0.7 * mbd.t**3)
-    reduced = reduced_equations(mbd.equations(mbd.Mechanism([wheel], [axle], drivers=[motor])))
-    assert reduced.independent == []
-    empty = np.zeros(0)
-    q, v, a, lam = (x.full().ravel() for x in reduced.expansion(2.0, empty, empty, empty, empty, empty, empty, empty))
+    mechanism = mbd.Mechanism([wheel, other], [axle, second], drivers=[motor])
+    reduced = reduced_equations(mbd.equations(mechanism))
+    assert reduced.coordinate_names == ("other.phi",)
+    empty, zero = np.zeros(0), np.zeros(1)
+    found = reduced.expansion(2.0, zero, zero, zero, empty, empty, empty, empty)
+    q, v, a, lam = (x.full().ravel() for x in found)
     np.testing.assert_allclose([q[2], v[2], a[2]], [0.7 * 8, 2.1 * 4, 4.2 * 2], rtol=1e-14)
-    assert abs(lam[2]) == pytest.approx(0.5 * a[2], rel=1e-13)
+    row = mbd.equations(mechanism).row_names.index("motor")
+    assert abs(lam[row]) == pytest.approx(0.5 * a[2], rel=1e-13)
+
+
+def test_of_a_mechanism_that_is_driven_completely_all_is_left():
+    """Its equations have the parameters alone to be solved for: a spring that takes the load off the driver."""
+    wheel = mbd.Body("wheel", mass=1.0, inertia=0.5)
+    k = mbd.Parameter("k", 1.0, lower=0.0, upper=40)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    motor = mbd.Driver("motor", axle.angle, mbd.sin(3 * mbd.t))
+    spring = mbd.Torque("spring", wheel, -k * wheel.phi)
+    mechanism = mbd.Mechanism([wheel], [axle], drivers=[motor], forces=[spring], parameters=[k])
+    assert reduced_equations(mbd.equations(mechanism)).explicit == []
+    problem = mbd.OptimalControlProblem(mechanism, 2.0, running_cost=motor.effort**2, free_parameters=[k])
+    for transcription in ("gauss-legendre", "hermite-simpson"):
+        solution = mbd.optimize(problem, intervals=20, transcription=transcription)
+        assert solution.parameters[k] == pytest.approx(0.5 * 3**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("make", [cart_with_pendulum, cart_with_two_links, slider_crank])

@@ -41,7 +41,7 @@ class ReducedEquations:
     A cart with a pendulum is left with its two coordinates and no constraints;
     in long chains and in loops linear rows alone are solved, see
     :func:`~mbdcasadi.equations.explicit.explicit_rows`. Where forces depend on
-    multipliers nothing is.
+    multipliers, or no coordinate would be left, nothing is.
 
     The attributes have the names of :class:`~mbdcasadi.equations.derivation.Equations`,
     and are those of the independent coordinates and of the rows that are left.
@@ -76,6 +76,8 @@ class ReducedEquations:
         self.whole, self.mechanism = eom, eom.mechanism
         self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
         solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved)
+        if len(solved) == eom.q.numel():
+            solved = []
         self.explicit = [int(eom.position_rows[row.place]) for row in solved]
         self._dependent = [row.coordinate for row in solved]
         gone, given = set(self.explicit), set(self._dependent)

@@ -59,12 +59,12 @@ def check_conditions(problem: OptimalControlProblem) -> None:
     if not isinstance(problem.initial, State):
         check_end(problem, "initial", problem.initial)
     if not isinstance(problem.final, State):
-        check_end(problem, "final", [*problem.final, *_at_end_alone(problem)])
+        check_end(problem, "final", [*problem.final, *at_end_alone(problem)])
     for k, waypoint in enumerate(problem.waypoints, start=1):
         check_end(problem, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
 
 
-def _at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
+def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     """Boundary conditions that speak of the end alone, as conditions there."""
     found = []
     for condition in problem.boundary:

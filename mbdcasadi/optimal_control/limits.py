@@ -11,6 +11,7 @@ import numpy as np
 
 from ..model.conditions import stacked
 from ..results.state import State
+from .constraints import with_rates
 
 if TYPE_CHECKING:
     from .program import MotionProgram
@@ -77,7 +78,8 @@ def _of_start(solution: Solution) -> dict[str, float]:
     whole, eom = problem.equations, program.scheme.eom
     conditions = [c for c in problem.initial if c.equality]
     x = ca.vertcat(eom.q, eom.v, eom.z)
-    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *eom.of(stacked(conditions)))
+    held = with_rates(program.scheme.constraints.held)
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, *eom.of(stacked([*held, *conditions])))
     jacobian = whole.function(ca.jacobian(rows, x))
     first = solution.trajectory
     at = (first.t[0], first.q[0], first.v[0], first.a[0], first.z[0], first.lam[0], first.inputs[0], first.parameters)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,10 +16,11 @@ from ..equations.reduced import ReducedEquations, reduced_equations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..model.symbols import symbols_of
+from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .condition_rank import ConditionRank, ranks_of
-from .consistency import on_states
+from .consistency import at_end_alone, on_states
 from .constraints import MotionConstraints, held_conditions, with_rates
 from .controls import input_basis
 from .gauss import GaussLegendre
@@ -91,8 +93,6 @@ class Preparation:
         self.held = held_conditions(problem)
         #: conditions that others imply on one branch, with their windows; they are checked in the solution
         self.implied: dict[Condition, float] = {}
-        #: whether a place is met at a pose that is singular together with its conditions
-        self.singular = False
         low, high = problem.duration
         self.marks = nominal_marks(problem, high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.times, self.poses = kinematic_poses(problem, numeric, start, self.marks)
@@ -116,8 +116,26 @@ class Preparation:
             return final
         ranks = ranks_of(problem, numeric, timed=True)
         kept = ranks.independent(rows, state, with_rates(self.held))
-        self.singular |= ranks.meets_singular(kept, state)
-        return [*(c for c in final if c in kept or c not in rows), *self._windows(rows, kept, ranks)]
+        stationary = {c: self._stationary(c) for c in kept if ranks.meets_singular([c], state)}
+        kept = [c for c in kept if not stationary.get(c)]
+        others = [c for c in final if c in kept or c not in rows]
+        return [*others, *itertools.chain(*stationary.values()), *self._windows(rows, kept, ranks)]
+
+    def _stationary(self, condition: Condition) -> list[Condition]:
+        """What a condition that is met at an extremum says to first order: its slopes vanish.
+
+        The height of a pendulum is that of its top where its slope by the angle is zero; the condition itself has
+        no slope there, and no multiplier. None where constraints are left in which slopes would have to be taken.
+        """
+        eom = reduced_equations(self.problem.equations)
+        if eom.rows or condition.depends_on("velocity"):
+            return []
+        (expression,) = eom.of(condition.expression)
+        slopes = ca.jacobian(expression, eom.q)
+        bent = [k for k in range(eom.q.numel()) if ca.depends_on(slopes[k], eom.q)]
+        return [
+            Condition(slopes[k], True, f"the slope of {condition.label} by {eom.coordinate_names[k]}") for k in bent
+        ]
 
     def _windows(self, rows: list[Condition], kept: list[Condition], ranks: ConditionRank) -> list[Condition]:
         """Limits about conditions that others imply: implied they are on one branch alone."""
@@ -159,12 +177,28 @@ class Preparation:
         if not others and not moving & {s.element_hash() for s in symbols_of(fixed)}:
             if ranks.complete([*held, *kept]):  # nothing that is free occurs in the rows
                 return None
-        self.singular |= ranks.meets_singular(kept, begin)
         return [*kept, *others, *self._windows(rows, kept, ranks)]
+
+    def _is_singular(self) -> bool:
+        """Whether the conditions of a place are met where they say nothing to first order: at the top of a circle."""
+        problem, z, last = self.problem, self.start.z, float(self.marks[-1])
+        if problem.equations.q.numel() * problem.equations.lam.numel() > LARGE:
+            return False
+        at_end = [] if isinstance(problem.final, State) else [*self.final, *at_end_alone(problem)]
+        places = [(0.0, list(self.initial or [])), (last, at_end)]
+        places += [(float(t), list(w.conditions)) for t, w in zip(self.marks[1:-1], problem.waypoints, strict=True)]
+        ranks = ranks_of(problem, self.numeric, timed=True)
+        for t, conditions in places:
+            rows = [c for c in on_states(conditions) if c.equality]
+            q = self.poses[int(np.argmin(np.abs(self.times - t)))]
+            at = (t, q, np.zeros(q.size), z)
+            if rows and ranks.meets_singular(ranks.independent(rows, at), at):
+                return True
+        return False
 
     def _scheme(self, settings: Settings) -> Transcription:
         problem = self.problem
-        eom = reduced_equations(problem.equations, curved=not self.singular)
+        eom = reduced_equations(problem.equations, curved=not self._is_singular())
         constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), self.held)
         weights, rates = self.numeric.weights[eom.independent], problem.has_input_rates
         chosen = settings.transcription
@@ -174,10 +208,18 @@ class Preparation:
         return scheme(constraints, weights, basis, settings.degree)
 
     def check_start(self, start: State) -> None:
-        """Refuse a state given as the start off the motion that path conditions prescribe, or true for one linkage."""
+        """Refuse a state given as the start off the motion that path conditions prescribe, or of another linkage."""
         if not isinstance(self.problem.initial, State):
             return
         eom = self.problem.equations
+        phi, (jacobian, nu) = self.numeric.position(0.0, start.q)[0], self.numeric.velocity(0.0, start.q)
+        for names, missed in ((eom.position_rows, phi), (range(len(nu)), jacobian @ start.v - nu)):
+            worst = int(np.argmax(np.abs(missed))) if missed.size else 0
+            if missed.size and abs(missed[worst]) > OFF * (1 + largest(start.q) + largest(start.v)):
+                raise ConditionError(
+                    f"the initial state does not meet {eom.row_names[names[worst]]}: it is off by {missed[worst]:.3g}; "
+                    "assemble it with the parameters of this problem, and for its start at t = 0"
+                )
         rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
         for parameter in self.problem.free_parameters:
             if ca.depends_on(rows, parameter) and np.any(np.abs(start[ca.jacobian(rows, parameter)]) > OFF):

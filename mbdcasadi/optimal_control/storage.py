@@ -20,7 +20,7 @@ from .records import Answer, Pass, SolveStatistics, Start, Step
 from .solution import Solution
 from .solver import Solver
 
-_FORMAT = "mbdcasadi solution 1"
+_FORMAT = "mbdcasadi solution 2"
 #: Difference of scaled rows and costs up to which two problems count as the same.
 SAME = 1e-6
 

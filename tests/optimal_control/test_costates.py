@@ -179,3 +179,28 @@ def test_the_bound_of_a_parameter_is_an_active_limit():
     (limit,) = mbd.optimize(problem, intervals=10).active_limits
     assert limit.label == "m >= 1.5"
     assert limit.costate == pytest.approx(2 * 1.5 * 13.5, rel=1e-6)
+
+
+def test_initial_conditions_beside_a_motion_that_is_prescribed():
+    """Two links, the first on a time law by its path condition; the costate of the second speed by differences."""
+
+    def swing(speed):
+        first, second = (mbd.Body(name, mass=1.0, inertia=0.1) for name in ("first", "second"))
+        t1, t2 = mbd.Input("t1"), mbd.Input("t2")
+        joints = [
+            mbd.Revolute("shoulder", mbd.ground.at(0, 0), first.at(0, 0.5)),
+            mbd.Revolute("elbow", first.at(0, -0.5), second.at(0, 0.5)),
+        ]
+        forces = [mbd.Torque("m1", first, t1), mbd.Torque("m2", second, t2, opposite=first)]
+        problem = mbd.OptimalControlProblem(
+            mbd.Mechanism([first, second], joints, forces=forces, inputs=[t1, t2]),
+            duration=1.0,
+            initial=[second.phi == 0, second.omega == speed],
+            final=[second.phi == 0.5],
+            running_cost=t1**2 + t2**2,
+            path=[first.phi == 0.3 * mbd.t**2],
+        )
+        return mbd.optimize(problem, intervals=15)
+
+    slope = (swing(0.101).cost - swing(0.099).cost) / 0.002
+    assert swing(0.1).costates["initial: second.omega == 0.1"] == pytest.approx(slope, rel=1e-3)

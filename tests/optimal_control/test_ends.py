@@ -1,5 +1,7 @@
 """Starts, ends and guesses that follow from what a problem says: places, speeds, branches."""
 
+import math
+
 import pytest
 from motions import crank_rocker, half_turn, pendulum
 
@@ -42,3 +44,22 @@ def test_a_moving_start_without_a_goal_coasts():
     problem = half_turn(f, initial=[f.crank.phi == 0.5, f.crank.omega == 20], final=[])
     solution = mbd.optimize(problem)
     assert solution.cost < 1e-12 and solution.statistics.iterations < 10
+
+
+@pytest.mark.parametrize("start", [0.2, 0.4, 0.9, 1.4, 1.9])
+@pytest.mark.parametrize("length", [0.3, 1.0])
+def test_a_height_that_is_reached_at_the_top_alone(start, length):
+    """There the condition has no slope: it is met, at the cost of the one on the angle."""
+    bob, tau = mbd.Body("bob", mass=0.5, inertia=0.01, pose=(0, -length, 0)), mbd.Input("tau")
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bob.at(0, length))
+    forces = [mbd.Gravity(), mbd.Torque("motor", bob, tau)]
+    mechanism = mbd.Mechanism([bob], [pin], forces=forces, inputs=[tau])
+    costs = []
+    for top in (bob.y == length, bob.phi == math.pi):
+        problem = mbd.OptimalControlProblem(
+            mechanism, 1.0, [bob.phi == start, bob.omega == 0], [top, bob.omega == 0], running_cost=tau**2
+        )
+        solution = mbd.optimize(problem, intervals=12)
+        assert solution.trajectory.final[bob.y] == pytest.approx(length, abs=1e-9)
+        costs.append(solution.cost)
+    assert costs[0] == pytest.approx(costs[1], rel=1e-6)

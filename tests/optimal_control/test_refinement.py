@@ -207,3 +207,38 @@ def test_a_mesh_too_coarse_is_told():
         warnings.simplefilter("error")
         fine = mbd.optimize(problem, intervals=30)
     assert fine.verify().final_error < 1e-3
+
+
+def test_a_coarse_mesh_of_linear_forces_is_told():
+    """Two wheels and a torsion spring: at the ends of intervals of Gauss stages the first-order error vanishes."""
+    one, two = (mbd.Body(name, mass=1.0, inertia=0.01) for name in ("one", "two"))
+    torque = mbd.Input("torque")
+    spring = mbd.Torque("spring", two, 20 * (one.phi - two.phi), opposite=one)
+    mechanism = mbd.Mechanism(
+        bodies=[one, two],
+        joints=[mbd.Revolute(f"axle {b.name}", mbd.ground.at(0, 0), b.at(0, 0)) for b in (one, two)],
+        forces=[mbd.Torque("motor", one, torque), spring],
+        inputs=[torque],
+    )
+    rest = [one.omega == 0, two.omega == 0]
+    problem = mbd.OptimalControlProblem(
+        mechanism, 1.0, [one.phi == 0, two.phi == 0, *rest], [one.phi == 3, two.phi == 3, *rest], running_cost=torque**2
+    )
+    with pytest.warns(mbd.MechanismWarning, match="mesh of 5 intervals is too coarse"):
+        assert np.max(mbd.optimize(problem, intervals=5).end_errors) > 0.1
+
+
+def test_a_coarse_mesh_of_a_fast_state_is_told():
+    """A force that follows its input within a thirtieth of a second, on four intervals."""
+    block = mbd.Body("block", mass=1.0, inertia=0.1)
+    u, force = mbd.Input("u"), mbd.StateVariable("force")
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    push = mbd.Force("push", block.at(0, 0), (force, 0))
+    mechanism = mbd.Mechanism(
+        bodies=[block], joints=[rail], forces=[push], inputs=[u], states={force: 200 * (u - force)}
+    )
+    problem = mbd.OptimalControlProblem(
+        mechanism, 1.0, [block.x == 0, block.vx == 0, force == 0], [block.x == 1, block.vx == 0], running_cost=u**2
+    )
+    with pytest.warns(mbd.MechanismWarning, match="mesh of 4 intervals is too coarse"):
+        mbd.optimize(problem, intervals=4)

@@ -180,3 +180,18 @@ def test_too_few_intervals_for_the_waypoints():
     via = problem.replace(waypoints=[mbd.Waypoint(0.5, [block.x == 0.3])])
     with pytest.raises(mbd.ModelError, match="intervals.*at least 4.*1 waypoint"):
         mbd.optimize(via, intervals=3)
+
+
+def test_a_state_of_another_linkage_is_refused():
+    """A pendulum of 0.4 m is no start for one of 0.6 m; nor is a state before its time."""
+    u, length = mbd.Input("u"), mbd.Parameter("length", 0.4)
+    bob = mbd.Body("bob", mass=1.0, inertia=0.1, pose=(0.4, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bob.at(-length, 0))
+    mechanism = mbd.Mechanism([bob], [pin], forces=[mbd.Torque("motor", bob, u)], inputs=[u], parameters=[length])
+    state = mbd.assemble(mechanism, [bob.phi == 0])
+    problem = mbd.OptimalControlProblem(mechanism, 1.0, state, [bob.phi == 1], running_cost=u**2)
+    assert mbd.optimize(problem, intervals=6).cost > 0
+    with pytest.raises(
+        mbd.ConditionError, match=r"does not meet pin\.x: it is off by 0\.2; assemble it with the param"
+    ):
+        mbd.optimize(problem, intervals=6, parameters={length: 0.6})
