@@ -12,7 +12,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError
 from ..model.mechanism import Mechanism
 from ..numerics.least_squares import largest, solve
-from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part
+from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part, unit_rows
 from ..results.state import State
 from .mappings import parameter_vector
 from .monitors import broken_at_pose, not_still
@@ -213,9 +213,7 @@ def _without_drivers(numeric: NumericEquations) -> list[int]:
 
 
 def _superfluous(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:
-    jacobian = numeric.velocity(t, q)[0] * numeric.column_scale
-    size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-    return dependent_rows(jacobian / np.where(size > 1e-12, size, 1.0))
+    return dependent_rows(unit_rows(numeric.velocity(t, q)[0] * numeric.column_scale))
 
 
 def _contradictory(

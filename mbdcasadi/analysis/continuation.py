@@ -93,12 +93,10 @@ class Continuation(MotionFollower):
         return qs[:count], vs[:count], accelerations[:count]
 
     def _recursion(self, count: int) -> Any:
-        memory = self.numeric.eom.mechanism.memory
-        key = ("kinematic recursion", count)
-        if key not in memory:
-            names = ["q0", "v0", "a0", "t0"]
-            memory[key] = self.driven.step.mapaccum("kinematics", count, names, ["q", "v", "a", "t_now"])
-        return memory[key]
+        names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
+        return self.numeric.eom.mechanism.memory.once(
+            ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names)
+        )
 
     def _watch_branch(self, motion: DrivenMotion) -> None:
         """Tell where the determinant of the Jacobian changes its sign: a singular pose was passed, or a branch left."""

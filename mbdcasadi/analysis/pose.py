@@ -183,13 +183,11 @@ class PoseProblem:
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""
         first = self.values(conditions, start)
-        turns = np.zeros(start.size, bool)
-        turns[2 : 3 * len(self.numeric.eom.mechanism.bodies) : 3] = True
         q, done, step = start, 0.0, 1.0
         while done < 1.0:
             share = min(done + step, 1.0)
             outcome = solve(self.rows_with(conditions, (1 - share) * first), q, self.numeric.weights, iterations=15)
-            turned = largest((outcome.x - q)[turns])
+            turned = largest((outcome.x - q)[self.numeric.eom.angles])
             if outcome.converged and turned <= LARGEST_TURN:
                 q, done = outcome.x, share
                 step *= 2.0 if turned < LARGEST_TURN / 3 else 1.0

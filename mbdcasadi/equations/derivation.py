@@ -211,10 +211,17 @@ class Equations:
         return SaddlePoint(self.mass_diagonal, self.Phi_q, self.Q, self.gamma, self.angular_rows)
 
     @cached_property
+    def angles(self) -> np.ndarray:
+        """Which coordinates are angles of bodies (n,)."""
+        places = np.arange(self.q.numel())
+        found: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
+        return found
+
+    @cached_property
     def angular_rows(self) -> np.ndarray:
         """Which constraint rows speak of angles of bodies alone, and so are in rad (m,)."""
         rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
-        lengths = rows[(columns % 3 != 2) | (columns >= 3 * len(self.mechanism.bodies))]
+        lengths = rows[~self.angles[columns]]
         found = np.ones(self.lam.numel(), bool)
         found[lengths] = False
         return found

@@ -103,12 +103,8 @@ class NumericEquations:
         eom = self.eom
         q0 = eom.estimate[0]
         jacobian = self.velocity(0.0, q0)[0]
-        bodies = len(eom.mechanism.bodies)
-        scale = np.ones(q0.size)
-        lever = np.abs(jacobian[:, 2 : 3 * bodies : 3])
-        typical = np.max(lever, initial=0.0)
-        scale[2 : 3 * bodies : 3] = 1 / typical if typical > 0 else 1.0
-        return scale
+        typical = largest(jacobian[:, eom.angles])
+        return np.where(eom.angles & (typical > 0), 1 / (typical or 1.0), 1.0)
 
     @cached_property
     def typical_step(self) -> np.ndarray:

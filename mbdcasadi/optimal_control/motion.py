@@ -14,7 +14,7 @@ from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..results.trajectory import Statistics, Trajectory
 from .problem import OptimalControlProblem
-from .transcription import Interval, Transcription
+from .transcription import Transcription
 
 
 class OptimalMotion(Trajectory):
@@ -98,9 +98,8 @@ class Polynomials:
 
     def at(self, intervals: np.ndarray, shares: np.ndarray) -> list[np.ndarray]:
         """``t, q, v, a, z, lam, u, u̇`` at shares of intervals, each (k, size)."""
-        function = self._function()
         lengths = np.diff(self.mesh)
-        found = function(
+        found = self.scheme.motion(
             self.nodes[intervals].T,
             self.blocks[intervals].T,
             self.nodes[intervals + 1].T,
@@ -110,17 +109,6 @@ class Polynomials:
             self.numeric.p,
         )
         return [part.full().T for part in found]
-
-    def _function(self) -> ca.Function:
-        memory, scheme = self.scheme.memory, self.scheme
-        if "motion" not in memory:
-            parts = [ca.SX.sym(x, n) for x, n in (("w", scheme.node_size), ("b", scheme.block_size))]
-            after, start, length = ca.SX.sym("x", scheme.node_size), ca.SX.sym("t"), ca.SX.sym("h")
-            share, p = ca.SX.sym("s"), scheme.eom.p
-            at = scheme.expanded(scheme.at(Interval(parts[0], parts[1], after, start, length, p), share), p)
-            arguments = [*parts, after, start, length, share, p]
-            memory["motion"] = ca.Function("motion", arguments, [ca.densify(x) for x in at.arguments])
-        return memory["motion"]
 
     @cached_property
     def at_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from ..equations.numeric import LARGE, NumericEquations
 from ..errors import AssemblyError, MechanismWarning, ModelError
 from ..model.conditions import Condition, stacked
 from ..model.symbols import symbols_of
-from ..numerics.least_squares import solve
+from ..numerics.least_squares import largest, solve
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 from .constraints import held_conditions
@@ -179,7 +179,7 @@ def _coasting(
     )
     v, path = start.v, []
     for before, now in itertools.pairwise(span.tolist()):
-        turn = np.max(np.abs(v[2 : 3 * len(eom.mechanism.bodies) : 3]), initial=0.0) * (now - before)
+        turn = largest(v[eom.angles]) * (now - before)
         count = int(np.clip(np.ceil(turn / LARGEST_TURN), 1, SUBSTEPS))
         for k in range(1, count + 1):
             place.t = before + (now - before) * k / count
@@ -234,8 +234,7 @@ def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[C
     """Independent coordinates of a pose and their values; angles first, since they know the number of turns."""
     eom = numeric.eom
     symbols = ca.vertsplit(eom.q)
-    angles = [k for k in range(3 * len(eom.mechanism.bodies)) if k % 3 == 2]
-    order = [*angles, *[k for k in range(eom.q.numel()) if k not in set(angles)]]
+    order = [*np.flatnonzero(eom.angles).tolist(), *np.flatnonzero(~eom.angles).tolist()]
     conditions = [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in order]
     if eom.q.numel() * eom.lam.numel() > LARGE:
         return conditions

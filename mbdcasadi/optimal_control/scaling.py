@@ -80,10 +80,8 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
         Some that the motion may pass (k, n).
     """
     eom = numeric.eom
-    bodies, n = len(eom.mechanism.bodies), eom.q.numel()
     q0 = eom.estimate[0]
-    angles = np.zeros(n, bool)
-    angles[2 : 3 * bodies : 3] = True
+    angles = eom.angles
     length = _length(numeric, poses)
     q = np.where(angles, 1.0, length)
     masses = np.r_[numeric.mass[~angles], numeric.mass[angles] / length**2]

@@ -114,8 +114,6 @@ class Transcription(ABC):
         self.constraints = constraints
         self.weights = weights
         self.inputs = inputs
-        #: compiled functions of the scheme
-        self.memory: dict[str, ca.Function] = {}
         self.node_parts = {
             "q": eom.q.numel(),
             "v": eom.q.numel(),
@@ -196,14 +194,24 @@ class Transcription(ABC):
     def equations(self, interval: Interval, scales: Scales) -> list[Rows]:
         """Equations of motion in the interval, and the step to the next mesh point."""
 
+    def _unknown_interval(self) -> tuple[Interval, list[ca.SX]]:
+        """An interval of symbols, and these in order, with the share and the parameters last."""
+        sizes = {"w": self.node_size, "b": self.block_size, "x": self.node_size, "t": 1, "h": 1, "s": 1}
+        node, block, next_node, start, length, share = (ca.SX.sym(name, size) for name, size in sizes.items())
+        interval = Interval(node, block, next_node, start, length, self.eom.p)
+        return interval, [node, block, next_node, start, length, share, self.eom.p]
+
     @cached_property
     def _compiled_point(self) -> ca.Function:
-        sizes = {"w": self.node_size, "b": self.block_size, "x": self.node_size, "t": 1, "h": 1}
-        node, block, next_node, start, length = (ca.SX.sym(name, size) for name, size in sizes.items())
-        share, p = ca.SX.sym("s"), self.eom.p
-        at = self.point(Interval(node, block, next_node, start, length, p), share)
-        arguments = [node, block, next_node, start, length, share, p]
-        return ca.Function("point", arguments, [ca.densify(x) for x in at.arguments])
+        interval, symbols = self._unknown_interval()
+        return ca.Function("point", symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).arguments])
+
+    @cached_property
+    def motion(self) -> ca.Function:
+        """``(node, block, next node, start, length, share, p) -> (t, q, v, a, z, lam, u, u̇)``, of all coordinates."""
+        interval, symbols = self._unknown_interval()
+        at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
+        return ca.Function("motion", symbols, [ca.densify(x) for x in at.arguments])
 
     def at(self, interval: Interval, share: Any) -> Point:
         """:meth:`point`, by a function that is compiled once; numbers as shares are asked for once, too."""

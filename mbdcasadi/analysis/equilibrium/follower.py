@@ -113,7 +113,7 @@ class Follower:
         # advances count in turns and levers, and in shares of the range of the parameter
         self._size = np.concatenate([c * statics.lever, np.ones(k), np.zeros(statics.m), [abs(last - first)]])
         self._seen = np.flatnonzero(self._size)
-        self._turns = np.arange(2, 3 * len(statics.eom.mechanism.bodies), 3)
+        self._turns = np.flatnonzero(statics.eom.angles)
         self._n = n
 
     def run(self, origin: Equilibrium) -> EquilibriumPath:

@@ -64,7 +64,7 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     """Equilibrium to rounding by Newton's method on all rows; None where it does not settle."""
     equations, weights = statics.scaled(x)
     limit = np.full(x.size, np.inf)
-    limit[2 : 3 * len(statics.eom.mechanism.bodies) : 3] = LARGEST_TURN
+    limit[np.flatnonzero(statics.eom.angles)] = LARGEST_TURN
     return settle(equations, x, weights, step_limit=limit)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition
 from ...numerics.least_squares import largest, solve
-from ...numerics.rank import analyse_rank
+from ...numerics.rank import analyse_rank, unit_rows
 from ..inputs import Signals
 
 #: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
@@ -272,8 +272,7 @@ class Statics:
         c = self.numeric.column_scale
         p = self.parameters(x)
         jacobian = self.numeric.velocity_function(self.t, x[: self.n], p)[0].full() * c
-        size = np.linalg.norm(jacobian, axis=1, keepdims=True)
-        null = analyse_rank(jacobian / np.where(size > 1e-12, size, 1.0)).null_columns
+        null = analyse_rank(unit_rows(jacobian)).null_columns
         return c, c[:, None] * null
 
     def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition, read_conditions
 from ...numerics.least_squares import largest
-from ...numerics.rank import dependent_rows
+from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 from ..assembly import levels_of
 from ..inputs import Signals
@@ -169,10 +169,9 @@ class _Nearest:
         slope = ca.jacobian(r, self.unknowns)
         arguments = [self.unknowns, *self.known, *self.before]
         numbers = ca.Function("rows", arguments, [ca.densify(slope)])(solution, *values, *others).full()
-        size = np.linalg.norm(numbers, axis=1, keepdims=True)
         # conditions first: a row of the mechanism may as well be the one that is implied
         order = [*range(len(self.rows), len(rows)), *range(len(self.rows))]
-        implied = {order[k] for k in dependent_rows((numbers / np.where(size > 1e-12, size, 1.0))[order])}
+        implied = {order[k] for k in dependent_rows(unit_rows(numbers)[order])}
         kept = [k for k in range(len(rows)) if k not in implied]
         r, slope = r[kept], slope[kept, :]
         mu = ca.SX.sym("mu", len(kept))

@@ -13,7 +13,7 @@ from ...equations.numeric import NumericEquations
 from ...errors import ExpressionError, ModelError
 from ...model.lists import entries
 from ...model.symbols import as_expression, role_of, symbols_of
-from ...numerics.rank import analyse_rank
+from ...numerics.rank import analyse_rank, unit_rows
 from ...printing import to_text
 from ...results.state import State
 
@@ -76,16 +76,13 @@ def _complete(eom: Any, w: ca.SX, y: ca.SX, names: Sequence[str]) -> Independent
 
 
 def _scaled(jacobian: np.ndarray, numeric: NumericEquations) -> np.ndarray:
-    scaled = jacobian * numeric.column_scale
-    size = np.linalg.norm(scaled, axis=1, keepdims=True)
-    return scaled / np.where(size > 1e-12, size, 1.0)
+    return unit_rows(jacobian * numeric.column_scale)
 
 
 def _pivots(jacobian: np.ndarray, numeric: NumericEquations) -> list[int]:
     """Coordinates that fix all others, by pivoting on the null space of the constraints."""
     null = analyse_rank(jacobian).null_columns.copy()
-    weight = np.ones(len(null))
-    weight[2 : 3 * len(numeric.eom.mechanism.bodies) : 3] = PREFER_ANGLES
+    weight = np.where(numeric.eom.angles, PREFER_ANGLES, 1.0)
     chosen: list[int] = []
     for _ in range(null.shape[1]):
         size = np.linalg.norm(null, axis=1) * weight

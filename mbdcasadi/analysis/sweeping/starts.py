@@ -67,7 +67,7 @@ def _out_of_limits(problem: Problem, parameters: np.ndarray) -> dict[int, str]:
 def _in_steps(problem: Problem, parameters: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Starts that are reached in so many steps (k, n_x), and which of them are good."""
     start, base = problem.start, problem.numeric.p
-    bodies = len(problem.mechanism.bodies)
+    angles = np.flatnonzero(problem.numeric.eom.angles)
     guess = np.tile(start.guess[:, None], (1, len(parameters)))
     before = np.tile(np.r_[start.state.q, start.state.v, start.state.z][:, None], (1, len(parameters)))
     good = np.ones(len(parameters), bool)
@@ -75,7 +75,7 @@ def _in_steps(problem: Problem, parameters: np.ndarray, steps: int) -> tuple[np.
         p = base[:, None] + step / steps * (parameters.T - base[:, None])
         x, solution, residual = start.function(p, start.right, start.z_estimate, guess)
         states, guess = x.full(), solution.full()
-        turned = np.max(np.abs(states - before)[2 : 3 * bodies : 3], axis=0)
+        turned = np.max(np.abs(states - before)[angles], axis=0, initial=0.0)
         good &= (residual.full().ravel() <= FOUND) & (turned <= LARGEST_TURN)
         guess = np.where(np.isfinite(guess), guess, start.guess[:, None])
         before = states
