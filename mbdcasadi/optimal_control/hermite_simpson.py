@@ -9,9 +9,10 @@ import numpy as np
 
 from .constraints import MotionConstraints
 from .controls import InputBasis
+from .points import Interval, Point
 from .rows import Rows
 from .scaling import Scales
-from .transcription import Interval, Point, Transcription
+from .transcription import Transcription
 
 
 class HermiteSimpson(Transcription):

@@ -14,9 +14,9 @@ from ..model.symbols import Symbol
 from .consistency import own_limits
 from .mesh import Mesh
 from .placeholders import Placeholder, placeholders_in, with_values
+from .points import Interval
 from .preparation import Preparation
 from .scaling import Sizes, parameter_size
-from .transcription import Interval
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from .assembly import Piece, SparseProgram
 from .layout import Layout, Unknowns
 from .mesh import Mesh
 from .placeholders import with_values
+from .points import Point
 from .preparation import Preparation
 from .rows import OWN_UNIT, Rows, stack, violations
-from .transcription import Point
 
 #: Least length of a phase between free times, as a share of the typical duration.
 LEAST_PHASE = 1e-3
