@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,11 +33,17 @@ class Condition:
         Whether it is an equality.
     label : str
         The relation as the user wrote it.
+    opposite : Condition, optional
+        The lower side of a two-sided limit of which this is the upper one, where both limits are numbers.
+    span : float
+        How far the expression may fall below zero until the opposite side is met.
     """
 
     expression: ca.SX
     equality: bool
     label: str
+    opposite: Condition | None = None
+    span: float = math.inf
 
     @cached_property
     def symbols(self) -> list[ca.SX]:
@@ -139,7 +145,11 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
         # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1; so does an infinite one
         infinite = (entry.lower.is_minus_inf(), entry.upper.is_inf())
         kept = [side for side, free in zip(sides, infinite, strict=True) if not free and not side.is_one()]
-        return [c for side in kept for c in _relation(side, position)]
+        found = [c for side in kept for c in _relation(side, position)]
+        if len(found) == 2 and entry.lower.is_constant() and entry.upper.is_constant():
+            low, high = found
+            return [low, replace(high, opposite=low, span=float(entry.upper) - float(entry.lower))]
+        return found
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
     hint = "write body.phi == 0.3"

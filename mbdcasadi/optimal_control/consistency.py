@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -37,10 +38,13 @@ def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
     """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
     found = {}
     for symbol in (*mechanism.inputs, *mechanism.states):
-        for sign, bound in ((1, symbol.upper), (-1, symbol.lower)):
-            if np.isfinite(bound):
-                text = f"{symbol.label} {'<=' if sign > 0 else '>='} {bound:g}"
-                found[Condition(sign * (symbol - bound), False, text)] = symbol, sign
+        low = Condition(symbol.lower - symbol, False, f"{symbol.label} >= {symbol.lower:g}")
+        high = Condition(symbol - symbol.upper, False, f"{symbol.label} <= {symbol.upper:g}")
+        if np.isfinite(symbol.lower):
+            found[low] = symbol, -1
+            high = replace(high, opposite=low, span=symbol.upper - symbol.lower)
+        if np.isfinite(symbol.upper):
+            found[high] = symbol, 1
     return found
 
 

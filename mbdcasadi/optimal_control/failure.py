@@ -117,11 +117,12 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
 def violations_of(solution: Solution) -> list[Violation]:
     """Rows that are not met, the largest first."""
     program, mesh, rows = solution.program, solution.mesh, solution.answer.rows
-    amount = violations(rows, program.equalities)
+    amount = violations(rows, program.lower)
     found = []
     for k in np.flatnonzero(~(amount <= COUNTS)):
-        label, unit, size, _, _, interval, share = program.rows[k]
-        time = float(mesh[interval] + share * (mesh[interval + 1] - mesh[interval]))
-        where = interval if k < program.interval_rows else None
-        found.append(Violation(label, float(amount[k] * size), unit, time, where, float(share), float(amount[k])))
+        row = program.rows[k]
+        i, share, scaled = row.interval, float(row.share), float(amount[k])
+        time = float(mesh[i] + share * (mesh[i + 1] - mesh[i]))
+        where = i if k < program.interval_rows else None
+        found.append(Violation(row.side(rows[k]), scaled * row.size, row.unit, time, where, share, scaled))
     return sorted(found, key=lambda v: -v.scaled)

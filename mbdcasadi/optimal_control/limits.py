@@ -56,14 +56,18 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     multipliers = solution.answer.lam_g
     lengths = np.diff(solution.mesh)
     found: dict[str, Any] = {}
-    for k, (label, _, size, equality, condition, interval, _) in enumerate(program.rows):
-        if not condition:
+    for k, row in enumerate(program.rows):
+        if not row.condition:
             continue
-        value = multipliers[k] * program.cost_scale / size
-        if k < program.interval_rows:
-            found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
-        else:
-            found[label] = float(-value if equality else value)
+        value = multipliers[k] * program.cost_scale / row.size
+        sides = {row.label: value}
+        if row.opposite:
+            sides = {row.label: max(value, 0.0), row.opposite: max(-value, 0.0)}
+        for label, pull in sides.items():
+            if k < program.interval_rows:
+                found.setdefault(label, np.zeros(lengths.size))[row.interval] += pull / lengths[row.interval]
+            else:
+                found[label] = float(-pull if row.equality else pull)
     found |= _of_start(solution)
     for label, interval, value in _of_bounds(solution):
         found.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
@@ -144,13 +148,15 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
     program, mesh, found = solution.program, solution.mesh, []
     touched: dict[str, np.ndarray] = {}
     places: dict[str, float] = {}
-    for k, (label, _, _, equality, condition, interval, share) in enumerate(program.rows):
-        if equality or not condition or solution.answer.lam_g[k] <= -solution.answer.rows[k]:
+    for k, row in enumerate(program.rows):
+        pull, value = solution.answer.lam_g[k], solution.answer.rows[k]
+        if row.equality or not row.condition or not (pull > -value or -pull > value - row.lower):
             continue
+        label, i = row.side(pull), row.interval
         if k < program.interval_rows:
-            touched.setdefault(label, np.zeros(program.count, bool))[interval] = True
+            touched.setdefault(label, np.zeros(program.count, bool))[i] = True
         else:
-            places[label] = float(mesh[interval] + share * (mesh[interval + 1] - mesh[interval]))
+            places[label] = float(mesh[i] + row.share * (mesh[i + 1] - mesh[i]))
     for label, interval in _touched_bounds(solution):
         touched.setdefault(label, np.zeros(program.count, bool))[interval] = True
     for label, active in touched.items():

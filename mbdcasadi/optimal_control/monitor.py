@@ -24,19 +24,19 @@ class Monitor(ca.Callback):
     ----------
     size : int
         Variables of the program.
-    equalities : numpy.ndarray
-        Which rows are equalities.
+    lower : numpy.ndarray
+        Lower bounds of the rows.
     cost_scale : float
         By which the cost was divided.
     data_size : int
         Parameters of the program.
     """
 
-    def __init__(self, size: int, equalities: np.ndarray, cost_scale: float, data_size: int):
+    def __init__(self, size: int, lower: np.ndarray, cost_scale: float, data_size: int):
         super().__init__()
-        rows = equalities.size
+        rows = lower.size
         self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": data_size}
-        self._equalities = equalities
+        self._lower = lower
         self._cost_scale = cost_scale
         self._bar: Any = None
         self.interruption: Interruption | None = None
@@ -80,7 +80,7 @@ class Monitor(ca.Callback):
         """Show the iterate; 1 asks the solver to stop."""
         if self._bar is not None:
             rows = arg[2].full().ravel()
-            worst = float(np.max(violations(rows, self._equalities), initial=0.0))
+            worst = float(np.max(violations(rows, self._lower), initial=0.0))
             cost = float(arg[1]) * self._cost_scale
             self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
             self._bar.update(1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 
 import casadi as ca
 import numpy as np
@@ -18,7 +19,7 @@ from .mesh import Mesh
 from .placeholders import with_values
 from .points import Point
 from .preparation import Preparation
-from .rows import OWN_UNIT, Rows, stack, violations
+from .rows import OWN_UNIT, Row, Rows, stack, violations
 
 #: Least length of a phase between free times, as a share of the typical duration.
 LEAST_PHASE = 1e-3
@@ -72,17 +73,26 @@ class MotionProgram(Layout):
     def _rows_of(
         self, conditions: Sequence[Condition], values: Sequence[ca.SX], share: float, word: str = ""
     ) -> list[Rows]:
-        """Conditions with their values at a place, equalities and limits."""
+        """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
         groups = []
+        known = dict(zip(conditions, values, strict=True))
+        lower_sides = {c.opposite for c in conditions if c.opposite in known}
         for equality in (True, False):
-            pairs = [(c, value) for c, value in zip(conditions, values, strict=True) if c.equality is equality]
-            if pairs:
-                labels = tuple(word + c.label for c, _ in pairs)
-                sizes = np.array([self._condition_sizes[c] for c, _ in pairs])
-                expression = ca.vertcat(*[value for _, value in pairs])
-                groups.append(
-                    Rows(expression, labels, share, sizes, (OWN_UNIT,) * len(pairs), equality, condition=True)
+            chosen = [c for c in conditions if c.equality is equality and c not in lower_sides]
+            if chosen:
+                pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
+                group = Rows(
+                    ca.vertcat(*[known[c] for c in chosen]),
+                    tuple(word + c.label for c in chosen),
+                    share,
+                    np.array([self._condition_sizes[c] for c in chosen]),
+                    (OWN_UNIT,) * len(chosen),
+                    equality,
+                    condition=True,
+                    spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
+                    opposites=tuple(word + other.label if other else "" for other in pairs),
                 )
+                groups.append(group)
         return groups
 
     def _conditions(
@@ -243,14 +253,26 @@ class MotionProgram(Layout):
         return np.r_[numeric.p, np.column_stack([begin[seen], length[seen]]).ravel()]
 
     @cached_property
-    def rows(self) -> list[tuple[str, str, float, bool, bool, int, float]]:
-        """Of every row its label, unit, size, whether it is an equality, a condition; its interval and share."""
+    def rows(self) -> list[Row]:
+        """All rows, in the order of the program."""
         return [
-            (label, unit, float(size), group.equality, group.condition, copy[-1] if copy else -1, group.share)
+            Row(
+                label,
+                unit,
+                float(size),
+                group.equality,
+                group.condition,
+                copy[-1] if copy else -1,
+                group.share,
+                low,
+                opp,
+            )
             for block in self.blocks
             for copy in block.copies
             for group in block.groups
-            for label, unit, size in zip(group.labels, group.units, group.scale, strict=True)
+            for label, unit, size, low, opp in zip(
+                group.labels, group.units, group.scale, group.lower, group.opposites or repeat(""), strict=False
+            )
         ]
 
     def with_integrals(self, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -258,9 +280,9 @@ class MotionProgram(Layout):
         x, first = x.copy(), self.scheme.node_size
         names = {f"accumulation of {p.label}": k for k, p in enumerate(self.integrals)}
         gains = np.zeros((self.count, len(self.integrals)))
-        for k, (label, _, _, _, _, interval, _) in enumerate(self.rows[: self.interval_rows]):
-            if label in names:
-                gains[interval, names[label]] = -rows[k]
+        for k, row in enumerate(self.rows[: self.interval_rows]):
+            if row.label in names:
+                gains[row.interval, names[row.label]] = -rows[k]
         total = np.cumsum(np.nan_to_num(gains), axis=0)
         for i in range(self.count):
             x[self.node_index(i + 1)[first:]] = total[i]
@@ -268,7 +290,7 @@ class MotionProgram(Layout):
 
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
-        return float(np.max(violations(rows, self.equalities), initial=0.0))
+        return float(np.max(violations(rows, self.lower), initial=0.0))
 
     @cached_property
     def interval_rows(self) -> int:
@@ -276,6 +298,6 @@ class MotionProgram(Layout):
         return self.count * sum(len(group.labels) for group in self.blocks[0].groups)
 
     @cached_property
-    def equalities(self) -> np.ndarray:
-        """Which rows are equalities."""
-        return np.array([row[3] for row in self.rows], bool)
+    def lower(self) -> np.ndarray:
+        """Lower bounds of the rows, scaled: zero for equalities; the upper ones are zero."""
+        return np.array([row.lower for row in self.rows])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -28,6 +29,10 @@ class Rows:
         Whether the rows are zero, or stay below it.
     condition : bool
         Whether the user stated them: their multipliers are reported.
+    spans : numpy.ndarray, optional
+        How far each limit may fall below zero, in its unit (k,): two-sided limits.
+    opposites : tuple of str
+        What the lower sides say.
     """
 
     expression: ca.SX
@@ -37,6 +42,15 @@ class Rows:
     units: tuple[str, ...]
     equality: bool = True
     condition: bool = False
+    spans: np.ndarray | None = None
+    opposites: tuple[str, ...] = ()
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower bounds of the rows, scaled: zero for equalities."""
+        if self.equality:
+            return np.zeros(len(self.labels))
+        return np.full(len(self.labels), -np.inf) if self.spans is None else -self.spans / self.scale
 
     def first(self, count: int) -> Rows:
         """The first rows of the group."""
@@ -51,13 +65,34 @@ class Rows:
         return replace(self, expression=expression, labels=labels, scale=self.scale[which], units=units)
 
 
+class Row(NamedTuple):
+    """One row of a program; see :class:`Rows`.
+
+    ``interval`` is -1 where it belongs to none; ``lower`` is its lower bound, scaled.
+    """
+
+    label: str
+    unit: str
+    size: float
+    equality: bool
+    condition: bool
+    interval: int
+    share: float
+    lower: float
+    opposite: str
+
+    def side(self, value: float) -> str:
+        """Label of the side on which a value, or a multiplier, lies."""
+        return self.opposite if self.opposite and value < 0 else self.label
+
+
 #: Unit of a row whose expression the user wrote.
 OWN_UNIT = "in the units of the condition"
 
 
-def violations(rows: np.ndarray, equalities: np.ndarray) -> np.ndarray:
-    """By how much scaled rows are not met: equalities by their size, limits by what is above zero."""
-    return np.where(equalities, np.abs(rows), np.maximum(rows, 0.0))
+def violations(rows: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """By how much scaled rows are above zero, or below their lower bounds, which are zero for equalities."""
+    return np.maximum(np.maximum(rows, lower - rows), 0.0)
 
 
 def stack(groups: list[Rows]) -> ca.SX:

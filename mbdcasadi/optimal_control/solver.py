@@ -129,7 +129,7 @@ class Solver:
         return self.problem.memory.once(key, lambda: self._compiled(program, WARMTH[warmth]))
 
     def _compiled(self, program: MotionProgram, more: dict[str, Any]) -> tuple[ca.Function, Monitor]:
-        monitor = Monitor(program.size, program.equalities, program.cost_scale, program.program.data_size)
+        monitor = Monitor(program.size, program.lower, program.cost_scale, program.program.data_size)
         settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
         settings |= DEFAULTS | more | {"iteration_callback": monitor}
         try:
@@ -154,7 +154,7 @@ class Solver:
             solver, monitor = self.compiled(program, mesh, "cold")
         built = clock.perf_counter()
         multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
-        limits = {"lbg": np.where(program.equalities, 0.0, -np.inf), "ubg": 0.0}
+        limits = {"lbg": program.lower, "ubg": 0.0}
         with interruptible(raising=False) as interruption, monitor.watching(interruption, self.settings.progress):
             with quiet():
                 found = solver(x0=x0, p=p, lbx=lower, ubx=upper, **limits, **multipliers)
@@ -167,7 +167,7 @@ class Solver:
             clock.perf_counter() - began,
             built - began,
             program.size,
-            program.equalities.size,
+            program.lower.size,
         )
         solution = self._solution(program, mesh, guess.marks, found, statistics)
         if interruption.requested:

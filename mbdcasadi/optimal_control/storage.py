@@ -44,7 +44,7 @@ def save(solution: Solution, path: str | Path) -> None:
         "lam_x": solution.answer.lam_x,
         "lam_g": solution.answer.lam_g,
         "rows": solution.answer.rows,
-        "row labels": np.array([row[0] for row in program.rows], dtype=str),
+        "row labels": np.array([row.label for row in program.rows], dtype=str),
     }
     content |= {f"phase {k}": shares for k, shares in enumerate(solution.shares.phases)}
     write_arrays(path, content)
@@ -88,7 +88,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     if len(phases) != len(problem.waypoints) + 1:
         raise FileError(f"{path}: the solution has {len(phases) - 1} waypoints, the problem {len(problem.waypoints)}")
     program = Solver(problem, settings, None).layout(mesh)
-    labels = [row[0] for row in program.rows]
+    labels = [row.label for row in program.rows]
     theirs = content["row labels"].tolist()
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
@@ -128,4 +128,6 @@ def _check_values(
     difference = np.abs(rows.full().ravel() - content["rows"])
     worst = int(np.argmax(difference))
     if difference[worst] > SAME:
-        raise FileError(f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst][0]}")
+        raise FileError(
+            f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst].label}"
+        )

@@ -204,3 +204,21 @@ def test_initial_conditions_beside_a_motion_that_is_prescribed():
 
     slope = (swing(0.101).cost - swing(0.099).cost) / 0.002
     assert swing(0.1).costates["initial: second.omega == 0.1"] == pytest.approx(slope, rel=1e-3)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_both_sides_of_a_limit_are_told_apart(way):
+    """A speed within -1.2 … 1.3 m/s, there and back: the side that is touched has the costate, by differences."""
+
+    def move(low, high):
+        problem, _, block = rest_to_rest(2.0 * way, 2.0)
+        limit = mbd.bounded(low, block.vx, high)
+        return mbd.optimize(problem.replace(path=[limit]), intervals=30)
+
+    solution = move(-1.2, 1.3)
+    touched, free = ("block.vx <= 1.3", "-1.2 <= block.vx") if way > 0 else ("-1.2 <= block.vx", "block.vx <= 1.3")
+    assert [limit.label for limit in solution.active_limits] == [touched]
+    assert np.max(np.abs(solution.costates[free])) < 1e-5 * np.max(solution.costates[touched])
+    wider = move(-1.2, 1.3001) if way > 0 else move(-1.2001, 1.3)
+    assert total(solution, touched) == pytest.approx((solution.cost - wider.cost) / 1e-4, rel=2e-3)
+    assert solution.program.rows[-1].lower == 0  # conditions at the end come last

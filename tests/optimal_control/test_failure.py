@@ -209,3 +209,12 @@ def test_progress_shows_iteration_cost_and_violation(capfd):
     mbd.optimize(problem, intervals=9)
     silent = capfd.readouterr()
     assert silent.out == "" and silent.err == ""
+
+
+def test_the_side_of_a_limit_that_is_missed_is_named():
+    """Backwards by four metres in one second at 3 m/s at most: the lower side of the limit is broken."""
+    problem, _, block = rest_to_rest(-4.0, 1.0)
+    error = failed(problem.replace(path=[mbd.bounded(-3, block.vx, 5)]), intervals=8)
+    labels = [violation.label for violation in error.largest_violations]
+    assert "-3 <= block.vx" in labels or any("block.x" in label for label in labels)
+    assert "block.vx <= 5" not in labels

@@ -7,7 +7,8 @@ from motions import crank_rocker, half_turn
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.gauss import GaussLegendre
-from mbdcasadi.optimal_control.transcription import Point, Transcription
+from mbdcasadi.optimal_control.points import Point
+from mbdcasadi.optimal_control.transcription import Transcription
 
 
 class Midpoint(Transcription):
