@@ -28,6 +28,8 @@ _WORDS = {
     "Invalid_Number_Detected": "an expression or its derivative is not finite (a square root or norm at zero?)",
     "Search_Direction_Becomes_Too_Small": "the solver got stuck: demands that contradict each other, or poor scaling",
     "Diverging_Iterates": "the iterates diverge: something that is free should be bounded",
+    "Error_In_Step_Computation": "the solver could not compute a step (a condition that is met at an extremum, such as "
+    "a height at its top, has no slope there: state the coordinate instead)",
     "Solved_To_Acceptable_Level": "the solver stopped short of the tolerance (options={'ipopt.tol': …})",
 }
 
