@@ -96,6 +96,15 @@ class NumericEquations:
         jacobian, gamma = self._acceleration(t, q, v, self.p)
         return jacobian, gamma.ravel()
 
+    def largest_miss(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[str, float]:
+        """Name of the row that is met worst at a state, at the level of positions or velocities, and by how much."""
+        eom = self.eom
+        jacobian, nu = self.velocity(t, q)
+        missed = np.r_[self.position(t, q)[0], jacobian @ v - nu]
+        names = [*(eom.row_names[k] for k in eom.position_rows), *(f"the rate of {name}" for name in eom.row_names)]
+        worst = int(np.argmax(np.abs(missed))) if missed.size else 0
+        return (names[worst], float(missed[worst])) if missed.size else ("", 0.0)
+
     # --- rank --------------------------------------------------------------------------
     @cached_property
     def column_scale(self) -> np.ndarray:

@@ -108,7 +108,7 @@ class SparseProgram:
             cost, block = self._mapped(piece, data, [piece.cost, ca.densify(piece.rows)], [])
             costs.append(ca.sum2(cost))
             rows.append(ca.vec(block))
-        return sum(costs[1:], costs[0]), ca.vertcat(*rows)
+        return sum(costs[1:], costs[0]), ca.densify(ca.vertcat(*rows))
 
     def _gradient(self) -> ca.MX:
         places, values = [np.zeros(0, int)], [ca.MX(0, 1)]

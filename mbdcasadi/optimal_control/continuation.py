@@ -78,7 +78,7 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
         try:
             solution = solve(values, guess if found is None else found, first=found is None, last=len(left) == 1)
         except OptimizationError as error:
-            if found is None or between >= BETWEEN:
+            if found is None or between >= BETWEEN or error.partial.statistics.passes:  # solved, but for the mesh
                 said = ", ".join(f"{key.label} = {value:.6g}" for key, value in values.items())
                 error.args = (f"continuation stopped at {said}: {error}",)
                 error.reached = found

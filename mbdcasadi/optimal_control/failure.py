@@ -78,7 +78,7 @@ class OptimizationError(MechanismError):
     partial : Solution
         The last iterate; it is no solution.
     reached : Solution or None
-        The last solution of a continuation that could not be finished.
+        The last solution of a continuation, or of a refinement of the mesh, that could not be finished.
     """
 
     reached: Any = None

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.
 COARSE = 0.01
+#: Sum of the errors of a first-order state, as a share of its range, that counts; those of a lag fade on the way.
+ADDED_UP = 0.05
 #: Error inside the intervals below which the mesh counts as fine without an integration.
 FINE = COARSE / 3
 #: Tolerance of the integration against which an interval is measured.
@@ -28,25 +30,50 @@ TOLERANCE = 1e-11
 def tell_coarse_mesh(solution: Solution) -> None:
     """Warn where an interval, integrated again from its own mesh point, ends far from the next one."""
     sizes = np.r_[solution.program.scales.q, solution.program.scales.q / solution.duration]
-    if not solution.numeric.eom.z.numel() and np.max(inner_errors(solution) / sizes) <= FINE:  # nan is not
+    states = solution.problem.mechanism.states
+    if not states and np.max(inner_errors(solution) / sizes) <= FINE:  # nan is not
         return
     try:
-        errors = np.max(solution.end_errors / sizes, axis=1)
+        errors = np.max(solution.end_errors[:, : sizes.size] / sizes, axis=1)
     except RuntimeError:  # the integrator did not get to the end of an interval
         errors = np.full(solution.shares.count, np.inf)
+    else:
+        _tell_states(solution)
     worst = int(np.argmax(errors))
     if errors[worst] <= COARSE:
         return
     others = int(np.sum(errors > COARSE)) - 1
     begin, end = solution.mesh[worst : worst + 2]
+    more = f"; so do {others} others" if others else ""
     warnings.warn(
         f"the mesh of {solution.shares.count} intervals is too coarse for the motion that was found: the interval from "
-        f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g}, "
-        f"in radians or sizes of the mechanism{f'; so do {others} others' if others else ''}); take more intervals=, "
-        "or tolerance= for a mesh that is refined",
+        f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g} "
+        f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
+        "tolerance= for a mesh that is refined",
         MechanismWarning,
         stacklevel=3,
     )
+
+
+def _tell_states(solution: Solution) -> None:
+    """Warn where the errors of a first-order state, added up as those of a meter do, count beside its range."""
+    sums = np.sum(state_errors(solution), axis=0)
+    for state, share in zip(solution.problem.mechanism.states, sums, strict=True):
+        if share > ADDED_UP:
+            warnings.warn(
+                f"the mesh of {solution.shares.count} intervals is too coarse for the state '{state.label}': the "
+                f"intervals, integrated again, end off by {share:.2g} of its range in all; take more intervals=, or "
+                "tolerance= for a mesh that is refined",
+                MechanismWarning,
+                stacklevel=4,
+            )
+
+
+def state_errors(solution: Solution) -> np.ndarray:
+    """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
+    before = 2 * solution.problem.equations.q.numel()
+    ranges = np.ptp(solution.nodes[:, before:], axis=0)
+    return solution.end_errors[:, before:] / np.where(ranges > 0, ranges, solution.program.scales.z)
 
 
 def inner_errors(solution: Solution) -> np.ndarray:
@@ -70,7 +97,7 @@ def inner_errors(solution: Solution) -> np.ndarray:
 
 
 def end_errors(solution: Solution) -> np.ndarray:
-    """Differences of q and v at the ends of all intervals, by integration and as the mesh has them (N, 2 n)."""
+    """Differences of q, v and z at the ends of all intervals, by integration and as the mesh has them (N, 2 n + k)."""
     numeric = solution.numeric
     eom = numeric.eom
     n = eom.q.numel()
@@ -95,7 +122,7 @@ def end_errors(solution: Solution) -> np.ndarray:
     times = solution.mesh[1:]
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.abs(np.hstack([q, v]) - solution.nodes[1:, : 2 * n])
+    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - solution.nodes[1:])
 
 
 def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
@@ -130,6 +157,9 @@ def local_errors(solution: Solution) -> np.ndarray:
 
 
 def scaled_errors(solution: Solution) -> np.ndarray:
-    """Largest difference by interval, in coordinates and in velocities times the duration (N,)."""
+    """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
     n = solution.problem.equations.q.numel()
-    return np.max(solution.end_errors * np.repeat([1.0, solution.duration], n), axis=1)
+    found = np.max(solution.end_errors[:, : 2 * n] * np.repeat([1.0, solution.duration], n), axis=1)
+    if not solution.problem.mechanism.states:
+        return found
+    return np.maximum(found, np.max(state_errors(solution), axis=1))

@@ -73,8 +73,9 @@ def optimize(
         :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
         :class:`~mbdcasadi.optimal_control.hermite_simpson.HermiteSimpson`.
     control : {"polynomial", "linear", "constant"}
-        How inputs vary on the intervals. Limits of polynomials hold at the
-        stages and at both ends; ``solution.limit_excess`` says how far they are passed between.
+        How inputs vary on the intervals. Polynomials are those that the stages determine, of one degree less where an
+        input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``
+        says how far they are passed between.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
@@ -89,7 +90,8 @@ def optimize(
     ------
     OptimizationError
         Where the solver does not succeed: its status in words,
-        ``.largest_violations`` with labels, the last iterate in ``.partial``.
+        ``.largest_violations`` with labels, the last iterate in ``.partial``. Also where no mesh was found that meets
+        the `tolerance`; then ``.partial`` is the solution on the last one.
     Interrupted
         After Ctrl-C, with the last iterate in ``.partial``.
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import Interrupted, SimulationError
+from ..errors import Interrupted
 from ..numerics.console import interruptible
+from .failure import OptimizationError
 from .local_error import scaled_errors
 from .mesh import Mesh
 from .records import Pass
@@ -29,6 +30,7 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     the last solution.
     """
     passes: list[Pass] = []
+    merging = True
     reason = f"{PASSES} passes are made"
     for _ in range(PASSES):
         errors = _errors(solution)
@@ -37,18 +39,30 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
         solution.statistics = replace(s, passes=passes)
         if np.max(errors) <= tolerance:
             return solution
-        if len(passes) > 2 and passes[-1].error > passes[-2].error / 2 and passes[-1].error > passes[-3].error / 2:
+        before = [p.error for p in passes[:-1]][-2:]
+        if len(before) == 2 and passes[-1].error > max(before) / 2 and not merging:
             reason = "the local error does not fall any further"
             break
-        mesh = adapted(solution.shares, errors, tolerance, solution.program.scheme.order)
+        merging = merging and passes[-1].error <= min(before, default=np.inf) / 2
+        mesh = adapted(solution.shares, errors, tolerance, solution.program.scheme.order, merging=merging)
         if mesh.count > INTERVALS:
             reason = f"the next mesh would have {mesh.count} intervals"
             break
-        solution = solver.solve(mesh, solution.as_guess(solver.problem), warm=True)
-    raise SimulationError(
+        guess = solution.as_guess(solver.problem)
+        try:
+            solution = solver.solve(mesh, guess, warm=True)
+        except OptimizationError:  # what is near on one mesh may be far on another
+            try:
+                solution = solver.solve(mesh, guess)
+            except OptimizationError as error:
+                error.reached = solution
+                raise
+    raise OptimizationError(
         f"the mesh was refined to {solution.shares.count} intervals and the local error is still "
         f"{passes[-1].error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
+        largest_violations=[],
         partial=solution,
+        time=None,
     )
 
 
@@ -62,7 +76,7 @@ def _errors(solution: Solution) -> np.ndarray:
     raise Interrupted("stopped by the user; the last solution is in .partial", partial=solution)
 
 
-def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int) -> Mesh:
+def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, merging: bool = True) -> Mesh:
     """Mesh whose intervals are split or merged by their local errors (N,).
 
     Parameters
@@ -75,12 +89,14 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int) -> Mes
         What they should stay below.
     order : int
         Of the scheme: local errors go with the power ``order + 1`` of the length.
+    merging : bool
+        Whether intervals may be merged: not after a pass that did not bring the error down.
     """
     pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / (order + 1))), 1, PIECES).astype(int)
     pieces[errors <= tolerance] = 1
     merge = np.zeros(errors.size, bool)
     k = 0
-    while k + 1 < errors.size:
+    while merging and k + 1 < errors.size:
         together = (mesh.length[k] + mesh.length[k + 1]) / np.minimum(mesh.length[k], mesh.length[k + 1])
         foreseen = max(errors[k], errors[k + 1]) * together ** (order + 1)
         if mesh.phase[k] == mesh.phase[k + 1] and foreseen <= WELL_BELOW * tolerance:

@@ -25,9 +25,9 @@ class Replay:
     trajectory : Trajectory
         The simulated motion.
     final_error : float
-        Largest difference of a coordinate at the end, m or rad.
+        Largest difference at the end: of a coordinate, m or rad, or of a first-order state, as a share of its range.
     largest_deviation : float
-        Largest difference at any mesh point, m or rad.
+        The same at any mesh point.
     drift : float
         Largest ``|Phi|`` of the simulated motion.
     defects : numpy.ndarray
@@ -56,7 +56,10 @@ def replay(solution: Solution, reltol: float, abstol: float) -> Replay:
         warnings.filterwarnings("ignore", ".*beyond its limits", MechanismWarning)
         motion = solution.simulate(reltol=reltol, abstol=abstol)
     wanted = solution.trajectory.q[:: solution.points_per_interval]
-    difference = np.abs(motion.q - wanted)
+    states = solution.trajectory.z[:: solution.points_per_interval]
+    ranges = np.ptp(states, axis=0)
+    sizes = np.where(ranges > 0, ranges, solution.program.scales.z)
+    difference = np.abs(np.hstack([motion.q - wanted, (motion.z - states) / sizes]))
     return Replay(
         motion,
         float(np.max(difference[-1])),

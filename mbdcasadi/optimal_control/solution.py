@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.mappings import pairs_of
+from ..analysis.mappings import pairs_of, parameter_vector
 from ..analysis.pieces import PiecewisePolynomial
 from ..analysis.simulate import simulate
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, ModelError
+from ..errors import ConditionError, MechanismError, ModelError
 from ..model.symbols import Parameter, number
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
@@ -26,6 +26,9 @@ from .problem import OptimalControlProblem
 from .program import MotionProgram
 from .records import Answer, SolveStatistics
 from .replay import Replay, replay
+
+#: Miss of a constraint from which the first state of a solution is none of a mechanism with other parameters.
+BREAKS = 1e-6
 
 
 @dataclass(frozen=True)
@@ -207,23 +210,28 @@ class Solution:
         if taken:
             raise ModelError(f"Solution.simulate: {', '.join(sorted(taken))} are those of the solution")
         own = dict(zip(self.problem.mechanism.parameters, self.numeric.p, strict=True))
+        changed = own | dict(pairs_of(parameters, "parameters="))
+        if initial is None:
+            initial = self.trajectory.initial
+            eom = self.problem.equations
+            name, missed = NumericEquations(eom, parameter_vector(eom, changed)).largest_miss(0.0, initial.q, initial.v)
+            if abs(missed) > BREAKS:
+                raise ConditionError(
+                    f"simulate: with these parameters the first state of the solution does not meet {name}, by "
+                    f"{missed:.3g}; give initial= as conditions, such as those of the problem"
+                )
         return simulate(
-            self.problem.mechanism,
-            self.mesh,
-            initial=self.trajectory.initial if initial is None else initial,
-            inputs=self.inputs,
-            parameters=own | dict(pairs_of(parameters, "parameters=")),
-            **settings,
+            self.problem.mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=changed, **settings
         )
 
     @cached_property
     def end_errors(self) -> np.ndarray:
-        """By how much each interval, integrated again, misses the next mesh point in q and v (N, 2 n)."""
+        """By how much each interval, integrated again, misses the next mesh point in q, v and z (N, 2 n + k)."""
         return end_errors(self)
 
     @cached_property
     def mesh_error(self) -> float:
-        """Largest local error of an interval, in q (m, rad) and v scaled by the duration."""
+        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
         return float(np.max(scaled_errors(self)))
 
     # --- limits --------------------------------------------------------------------------------

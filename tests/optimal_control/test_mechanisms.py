@@ -206,7 +206,8 @@ def test_a_motor_with_a_current(transcription, control):
     )
     solution = mbd.optimize(problem, intervals=20, transcription=transcription, control=control)
     exact = (0.1 * 0.5 / 0.2) ** 2 * 720 / 2**5
-    rel = 1e-4 if control == "linear" or transcription == "hermite-simpson" else 1e-8
+    # the voltage is a parabola; in an interval it is linear where it drives a state
+    rel = 1e-4 if control == "linear" or transcription == "hermite-simpson" else 1e-5
     assert solution.cost == pytest.approx(exact, rel=rel)
     s = np.linspace(0, 1, 21)
     motion = solution.trajectory.at(2 * s)

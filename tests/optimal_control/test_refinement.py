@@ -242,3 +242,75 @@ def test_a_coarse_mesh_of_a_fast_state_is_told():
     )
     with pytest.warns(mbd.MechanismWarning, match="mesh of 4 intervals is too coarse"):
         mbd.optimize(problem, intervals=4)
+
+
+def metered_motor(terminal):
+    """A motor turns a wheel by 20 rad in two seconds; a meter counts the energy from the source."""
+    wheel = mbd.Body("wheel", mass=0.5, inertia=0.01)
+    axle = mbd.Revolute("axle", mbd.ground.at(0, 0), wheel.at(0, 0))
+    volts = mbd.Input("V", lower=-24, upper=24)
+    motor = mbd.DCMotor("motor", wheel, volts, constant=0.5, resistance=1.0, inductance=0.01)
+    meter = mbd.EnergyMeter("meter", volts * motor.current)
+    mechanism = mbd.Mechanism(bodies=[wheel], joints=[axle], forces=[motor, meter], inputs=[volts])
+    return meter, mbd.OptimalControlProblem(
+        mechanism,
+        2.0,
+        initial=[wheel.phi == 0, wheel.omega == 0, motor.current == 0, meter.energy == 0],
+        final=[wheel.phi == 20, wheel.omega == 0],
+        terminal_cost=meter.energy if terminal else 0,
+        running_cost=0 if terminal else motor.current**2,
+    )
+
+
+def test_errors_of_first_order_states_count():
+    """A lag of four milliseconds on ten intervals of a tenth of a second: the warning, the mesh error, the proof."""
+    cart, force = mbd.Body("cart", mass=1.0, inertia=0.1), mbd.Input("F", lower=-5, upper=5)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0))
+    lag = mbd.FirstOrderLag("lag", 8 * cart.x - 3 * cart.x**2 + force, time_constant=0.004)
+    push = mbd.Force("push", cart.at(0, 0), (force, 0))
+    problem = mbd.OptimalControlProblem(
+        mbd.Mechanism(bodies=[cart], joints=[rail], forces=[push, lag], inputs=[force]),
+        1.0,
+        initial=[cart.x == 0, cart.vx == 0, lag.output == 0],
+        final=[cart.x == 0.5, cart.vx == 0],
+        terminal_cost=lag.output**2,
+    )
+    with pytest.warns(mbd.MechanismWarning, match=r"too coarse for the state 'lag\.output'.*of its range in all"):
+        solution = mbd.optimize(problem, intervals=10)
+    proof = solution.verify()
+    span = np.ptp(solution.trajectory[lag.output][:: solution.points_per_interval])
+    missed = abs(proof.trajectory.final[lag.output] - solution.trajectory.final[lag.output]) / span
+    assert missed > 0.01 and proof.final_error >= 0.99 * missed
+    assert solution.mesh_error > 0.01
+
+
+def test_a_mesh_is_refined_for_a_state():
+    """Until the meter is right, too."""
+    for terminal in (False, True):  # the second cost is the meter itself, linear in the voltage
+        meter, problem = metered_motor(terminal)
+        solution = mbd.optimize(problem, intervals=10, tolerance=1e-5)
+        assert solution.shares.count < 400
+        energy = solution.verify().trajectory.final[meter.energy]
+        assert energy == pytest.approx(solution.trajectory.final[meter.energy], rel=1e-3)
+
+
+def test_a_tolerance_that_is_not_reached(monkeypatch):
+    """An error of optimal control, with the solution on the last mesh."""
+    monkeypatch.setattr("mbdcasadi.optimal_control.refine.PASSES", 1)
+    _, problem = metered_motor(terminal=False)
+    with pytest.raises(mbd.OptimizationError, match=r"above the tolerance 1e-09: 1 passes are made") as error:
+        mbd.optimize(problem, intervals=10, tolerance=1e-9)
+    assert error.value.partial.cost > 0 and error.value.partial.shares.count > 10
+
+
+def test_a_length_that_the_first_state_does_not_suit_is_named():
+    """A pendulum of other length starts from conditions, not from the state of the solution."""
+    u, length = mbd.Input("u"), mbd.Parameter("length", 0.4)
+    bob = mbd.Body("bob", mass=1.0, inertia=0.1, pose=(0.4, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), bob.at(-length, 0))
+    mechanism = mbd.Mechanism([bob], [pin], forces=[mbd.Torque("motor", bob, u)], inputs=[u], parameters=[length])
+    start = [bob.phi == 0, bob.omega == 0]
+    solution = mbd.optimize(mbd.OptimalControlProblem(mechanism, 1.0, start, [bob.phi == 1], running_cost=u**2))
+    with pytest.raises(mbd.ConditionError, match=r"does not meet pin\.x, by -?0\.1; give initial= as conditions"):
+        solution.simulate(parameters={length: 0.5})
+    assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
