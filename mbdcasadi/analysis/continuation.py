@@ -51,14 +51,17 @@ class Continuation(MotionFollower):
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
-        with interruptible(), time_bar(grid.size - 1, self._progress) as bar:
+        with interruptible() as interruption, time_bar(grid.size - 1, self._progress) as bar:
             while done < grid.size:
                 try:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
                     if not len(block[0]):
                         block = self._carefully(grid, done, blocks)
-                except KeyboardInterrupt:
-                    raise self._interrupted(self._motion(grid, blocks)) from None
+                except (KeyboardInterrupt, Exception) as error:
+                    # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
+                    if interruption.requested or isinstance(error, KeyboardInterrupt):
+                        raise self._interrupted(self._motion(grid, blocks)) from None
+                    raise
                 blocks.append(block)
                 done += len(block[0])
                 bar.update(len(block[0]))
