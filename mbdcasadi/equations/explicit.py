@@ -37,7 +37,7 @@ class _Row:
 
     def with_definitions(self, definitions: dict[int, _Row]) -> _Row:
         """The row with what is given explicitly put in."""
-        found = _Row(curved=set())
+        found = _Row()
         for k in self.curved:
             found.curved |= definitions[k].coordinates if k in definitions else {k}
         for k, factor in self.linear.items():

@@ -12,15 +12,7 @@ from .explicit import ExplicitRow, explicit_rows
 
 
 def reduced_equations(eom: Equations, *, curved: bool = True) -> ReducedEquations:
-    """Equations in independent coordinates, as far as constraints give the others explicitly; made once and kept.
-
-    Parameters
-    ----------
-    eom : Equations
-        Equations in all coordinates.
-    curved : bool
-        Whether rows that are not linear are solved.
-    """
+    """:class:`ReducedEquations` of a mechanism, made once and kept."""
     return eom.mechanism.memory.once(("reduced equations", curved), lambda: ReducedEquations(eom, curved=curved))
 
 
@@ -124,6 +116,12 @@ class ReducedEquations:
     def estimate(self) -> np.ndarray:
         """Estimate of the coordinates."""
         return self.whole.estimate[0][self.independent]
+
+    def states(self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All coordinates and velocities (k, n) at times (k,) where the independent ones are given (k, m)."""
+        others = [np.zeros((x.numel(), t.size)) for x in (self.a, self.z, self.lam, self.u)]
+        q, v, *_ = self.expansion(t[None, :], w.T, rate.T, *others, np.tile(p[:, None], (1, t.size)))
+        return q.full().T, v.full().T
 
     def of(self, *expressions: ca.SX) -> Sequence[ca.SX]:
         """Expressions in positions, velocities and accelerations of all coordinates, in those of the independent."""

@@ -23,14 +23,11 @@ def prescribes_motion(condition: Condition) -> bool:
     equation of higher index, for which collocation at Gauss points is unstable:
     it is treated like a constraint whose multipliers are the inputs.
     """
-    roles = [role_of(s) for s in condition.symbols]
-    kinds = {role.kind for role in roles if role is not None}
-    if not condition.equality or not kinds <= {"time", "position", "velocity", "parameter"}:
+    if not condition.equality or not condition.kinds <= {"time", "position", "velocity", "parameter"}:
         return False
-    if not kinds & {"position", "velocity"}:
+    if not condition.depends_on("position", "velocity"):
         return False
-    named = zip(condition.symbols, roles, strict=True)
-    speeds = [s for s, role in named if role is not None and role.kind == "velocity"]
+    speeds = [s for s in condition.symbols if (role := role_of(s)) is not None and role.kind == "velocity"]
     slopes = ca.jacobian(condition.expression, ca.vertcat(ca.SX(0, 1), *speeds))
     return not speeds or not ca.depends_on(slopes, ca.vertcat(*speeds))
 

@@ -78,10 +78,11 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
         try:
             solution = solve(values, guess if found is None else found, first=found is None, last=len(left) == 1)
         except OptimizationError as error:
-            if found is None or between >= BETWEEN or error.partial.statistics.passes:  # solved, but for the mesh
+            for_the_mesh = error.reached is not None or error.partial.statistics.passes  # solved, but not refined
+            if found is None or between >= BETWEEN or for_the_mesh:
                 said = ", ".join(f"{key.label} = {value:.6g}" for key, value in values.items())
                 error.args = (f"continuation stopped at {said}: {error}",)
-                error.reached = found
+                error.reached = error.reached or found
                 raise
             between += 1
             left.insert(0, {key: _between(reached[key], value) for key, value in values.items()})

@@ -71,9 +71,7 @@ def _tell_states(solution: Solution) -> None:
 
 def state_errors(solution: Solution) -> np.ndarray:
     """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
-    before = 2 * solution.problem.equations.q.numel()
-    ranges = np.ptp(solution.nodes[:, before:], axis=0)
-    return solution.end_errors[:, before:] / np.where(ranges > 0, ranges, solution.program.scales.z)
+    return solution.end_errors[:, 2 * solution.problem.equations.q.numel() :] / solution.state_ranges
 
 
 def inner_errors(solution: Solution) -> np.ndarray:

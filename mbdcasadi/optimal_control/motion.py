@@ -113,15 +113,9 @@ class Polynomials:
     @cached_property
     def at_nodes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """``q, v, z`` at the mesh points, each (N + 1, size)."""
-        scheme = self.scheme
-        own = scheme.node(self.nodes.T)
-        nothing = [
-            np.zeros((symbol.numel(), self.mesh.size)) for symbol in (scheme.eom.a, scheme.eom.lam, scheme.eom.u)
-        ]
-        p = np.tile(self.numeric.p[:, None], (1, self.mesh.size))
-        arguments = (self.mesh[None, :], own["q"], own["v"], nothing[0], own["z"], *nothing[1:], p)
-        q, v, *_ = scheme.eom.expansion(*arguments)
-        return q.full().T, v.full().T, own["z"].T
+        own = self.scheme.node(self.nodes.T)
+        q, v = self.scheme.eom.states(self.mesh, own["q"].T, own["v"].T, self.numeric.p)
+        return q, v, own["z"].T
 
     def _located(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         slack = 1e-12 * max(1.0, abs(self.mesh[-1]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import repeat
 
 import casadi as ca
 import numpy as np
@@ -145,7 +144,6 @@ class MotionProgram(Layout):
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
         held = set(scheme.constraints.held)
         conditions = [c for c in (*self.problem.path, *self.limit_owners) if c not in held]
-        jumping = [c for c in conditions if c.depends_on("acceleration", "multiplier", "input", "input rate")]
         equalities = [c for c in conditions if c.equality]
         limits = [c for c in conditions if not c.equality]
 
@@ -153,7 +151,8 @@ class MotionProgram(Layout):
             here = [c for c in some if share not in self._held_by_bounds.get(c, ())]
             groups.extend(self._conditions(here, at, unknowns, share))
 
-        place([c for c in limits if c in jumping], start, 0.0)
+        jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
+        place(jumping, start, 0.0)
         for share, at in zip(scheme.stages.tolist(), points, strict=True):
             # where inputs are joined, the end of the interval before has the row at the start
             here = equalities if share > 0 or not scheme.inputs.joined else []
@@ -256,23 +255,11 @@ class MotionProgram(Layout):
     def rows(self) -> list[Row]:
         """All rows, in the order of the program."""
         return [
-            Row(
-                label,
-                unit,
-                float(size),
-                group.equality,
-                group.condition,
-                copy[-1] if copy else -1,
-                group.share,
-                low,
-                opp,
-            )
+            row
             for block in self.blocks
             for copy in block.copies
             for group in block.groups
-            for label, unit, size, low, opp in zip(
-                group.labels, group.units, group.scale, group.lower, group.opposites or repeat(""), strict=False
-            )
+            for row in group.on(copy[-1] if copy else -1)
         ]
 
     def with_integrals(self, x: np.ndarray, rows: np.ndarray) -> np.ndarray:

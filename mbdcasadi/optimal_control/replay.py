@@ -57,9 +57,7 @@ def replay(solution: Solution, reltol: float, abstol: float) -> Replay:
         motion = solution.simulate(reltol=reltol, abstol=abstol)
     wanted = solution.trajectory.q[:: solution.points_per_interval]
     states = solution.trajectory.z[:: solution.points_per_interval]
-    ranges = np.ptp(states, axis=0)
-    sizes = np.where(ranges > 0, ranges, solution.program.scales.z)
-    difference = np.abs(np.hstack([motion.q - wanted, (motion.z - states) / sizes]))
+    difference = np.abs(np.hstack([motion.q - wanted, (motion.z - states) / solution.state_ranges]))
     return Replay(
         motion,
         float(np.max(difference[-1])),

@@ -9,6 +9,27 @@ import casadi as ca
 import numpy as np
 
 
+class Row(NamedTuple):
+    """One row of a program; see :class:`Rows`.
+
+    ``interval`` is -1 where it belongs to none; ``lower`` is its lower bound, scaled.
+    """
+
+    label: str
+    unit: str
+    size: float
+    equality: bool
+    condition: bool
+    interval: int
+    share: float
+    lower: float
+    opposite: str
+
+    def side(self, value: float) -> str:
+        """Label of the side on which a value, or a multiplier, lies."""
+        return self.opposite if self.opposite and value < 0 else self.label
+
+
 @dataclass(frozen=True)
 class Rows:
     """A group of equations or limits on one interval.
@@ -52,6 +73,15 @@ class Rows:
             return np.zeros(len(self.labels))
         return np.full(len(self.labels), -np.inf) if self.spans is None else -self.spans / self.scale
 
+    def on(self, interval: int) -> list[Row]:
+        """The rows one by one, on an interval."""
+        opposites = self.opposites or ("",) * len(self.labels)
+        entries = zip(self.labels, self.units, self.scale, self.lower, opposites, strict=True)
+        return [
+            Row(label, unit, float(size), self.equality, self.condition, interval, self.share, float(lower), opposite)
+            for label, unit, size, lower, opposite in entries
+        ]
+
     def first(self, count: int) -> Rows:
         """The first rows of the group."""
         return self._part(slice(0, count))
@@ -63,27 +93,6 @@ class Rows:
     def _part(self, which: slice) -> Rows:
         expression, labels, units = self.expression[which], self.labels[which], self.units[which]
         return replace(self, expression=expression, labels=labels, scale=self.scale[which], units=units)
-
-
-class Row(NamedTuple):
-    """One row of a program; see :class:`Rows`.
-
-    ``interval`` is -1 where it belongs to none; ``lower`` is its lower bound, scaled.
-    """
-
-    label: str
-    unit: str
-    size: float
-    equality: bool
-    condition: bool
-    interval: int
-    share: float
-    lower: float
-    opposite: str
-
-    def side(self, value: float) -> str:
-        """Label of the side on which a value, or a multiplier, lies."""
-        return self.opposite if self.opposite and value < 0 else self.label
 
 
 #: Unit of a row whose expression the user wrote.

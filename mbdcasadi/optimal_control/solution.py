@@ -229,6 +229,13 @@ class Solution:
         """By how much each interval, integrated again, misses the next mesh point in q, v and z (N, 2 n + k)."""
         return end_errors(self)
 
+    @property
+    def state_ranges(self) -> np.ndarray:
+        """By how much each first-order state changes over the motion, its typical size where it does not (k,)."""
+        ranges = np.ptp(self.nodes[:, 2 * self.problem.equations.q.numel() :], axis=0)
+        found: np.ndarray = np.where(ranges > 0, ranges, self.program.scales.z)
+        return found
+
     @cached_property
     def mesh_error(self) -> float:
         """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""

@@ -35,8 +35,8 @@ def state_of(
     found, _, rank, _ = np.linalg.lstsq(matrix, -right.ravel(), rcond=None)
     if rank < x.numel() or not _is_met(matrix, found, right.ravel()):
         return None
-    w, rate = np.split(found[:, None], 2)
-    q, v = _expanded(eom, np.array([t]), w, rate, numeric.p)
+    w, rate = np.split(found[None, :], 2, axis=1)
+    q, v = eom.states(np.array([t]), w, rate, numeric.p)
     return q[0], v[0]
 
 
@@ -58,8 +58,8 @@ def straight_way(
     if not _is_met(matrix, step, missing.ravel()):
         return None
     shares = (times[1:] - times[0]) / (times[-1] - times[0])
-    places = first[:, None] + step[:, None] * shares
-    return _expanded(eom, times[1:], places, np.zeros(places.shape), numeric.p)[0]
+    places = first + shares[:, None] * step
+    return eom.states(times[1:], places, np.zeros(places.shape), numeric.p)[0]
 
 
 def _open(numeric: NumericEquations) -> ReducedEquations | None:
@@ -80,13 +80,3 @@ def _linear(eom: ReducedEquations, conditions: Sequence[Condition], x: ca.SX) ->
 def _is_met(matrix: np.ndarray, x: np.ndarray, right: np.ndarray) -> bool:
     """Whether ``A x + r = 0`` up to rounding."""
     return bool(np.all(np.abs(matrix @ x + right) <= MET * (1 + np.abs(matrix) @ np.abs(x) + np.abs(right))))
-
-
-def _expanded(
-    eom: ReducedEquations, t: np.ndarray, w: np.ndarray, rate: np.ndarray, p: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """All coordinates and velocities (k, n) of independent ones (m, k)."""
-    count = t.size
-    others = [np.zeros((x.numel(), count)) for x in (eom.a, eom.z, eom.lam, eom.u)]
-    q, v, *_ = eom.expansion(t[None, :], w, rate, *others, np.tile(p[:, None], (1, count)))
-    return q.full().T, v.full().T
