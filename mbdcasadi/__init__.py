@@ -9,24 +9,8 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
 from . import library
-from .analysis.assemble import assemble
-from .analysis.check import Report, check
-from .analysis.equilibrium.find import Equilibrium, EquilibriumError, equilibrium
-from .analysis.equilibrium.path import EquilibriumPath, equilibrium_path
-from .analysis.identification.data import Experiment, IdentificationError
-from .analysis.identification.fit import Fit
-from .analysis.identification.identify import identify
-from .analysis.inputs import SampledController
-from .analysis.inverse_dynamics import inverse_dynamics
-from .analysis.kinematics import kinematics
-from .analysis.linear.linearize import linearize
-from .analysis.linear.model import LinearModel
-from .analysis.sensitivity.cost import CostFunction, cost_function
-from .analysis.sensitivity.sensitivities import Sensitivities, sensitivities
-from .analysis.simulate import simulate
-from .analysis.sweeping.cases import full_factorial, latin_hypercube
-from .analysis.sweeping.result import Sweep
-from .analysis.sweeping.sweep import sweep
+from .arguments.inputs import SampledController
+from .assembly.assemble import assemble
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,
@@ -42,18 +26,25 @@ from .errors import (
 )
 from .files.acf import read_acf
 from .files.adm import read_adm
+from .identification.data import Experiment, IdentificationError
+from .identification.fit import Fit
+from .identification.identify import identify
+from .kinematics.check import Report, check
+from .kinematics.inverse_dynamics import inverse_dynamics
+from .kinematics.kinematics import kinematics
+from .linear.linearize import linearize
+from .linear.model import LinearModel
 from .model.bodies import Body, Marker, ground
-from .model.cam_outlines import CamOutline
 from .model.conditions import bounded
-from .model.curves import Curve
 from .model.drivers import Driver
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
 from .model.forces.bushing import Bushing
-from .model.forces.contact_laws import HuntCrossley
-from .model.forces.contacts.contact import Contact
-from .model.forces.contacts.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
+from .model.forces.contact.contact import Contact
+from .model.forces.contact.hertz import hertz_stiffness
+from .model.forces.contact.laws import HuntCrossley
+from .model.forces.contact.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
 from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.data_laws import DataLaw
@@ -65,10 +56,13 @@ from .model.forces.friction.lugre import LuGre
 from .model.forces.friction.stribeck import Stribeck
 from .model.forces.friction.viscous import Viscous
 from .model.forces.gravity import Gravity
-from .model.forces.hertz import hertz_stiffness
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA
 from .model.forces.stops import EndStop
+from .model.geometry.cam_outlines import CamOutline
+from .model.geometry.curves import Curve
+from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
+from .model.geometry.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.joints.belts import Belt, Coupler
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.composite import Distance, PointOnLine
@@ -87,12 +81,10 @@ from .model.joints.lower_pairs import Revolute, Translational, Weld
 from .model.joints.nonholonomic import KnifeEdge, NonholonomicConstraint
 from .model.joints.rolling import Rolling
 from .model.mechanism import Mechanism
-from .model.motion_programs import MotionProgram, dwell, fall, rise
 from .model.rates import time_derivative
 from .model.shaking import ShakingForce, shaking_force
-from .model.shapes import Disc, Polygon, Rectangle, Rod, Shape
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
-from .optimal_control.failure import OptimizationError
+from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
@@ -102,11 +94,19 @@ from .optimal_control.waypoints import Waypoint
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .sensitivity.cost import CostFunction, cost_function
+from .sensitivity.sensitivities import Sensitivities, sensitivities
+from .simulation.simulate import simulate
+from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
+from .statics.path import EquilibriumPath, equilibrium_path
+from .sweeping.cases import full_factorial, latin_hypercube
+from .sweeping.result import Sweep
+from .sweeping.sweep import sweep
 from .visual.animation import Animation, animate
-from .visual.charts import plot_energy, plot_path, plot_phase
-from .visual.drawing import draw
-from .visual.fits import plot_residuals
-from .visual.modes import plot_modes
-from .visual.optimum import plot_solution
-from .visual.plots import plot
+from .visual.drawing.draw import draw
+from .visual.plots.charts import plot_energy, plot_path, plot_phase
+from .visual.plots.identification_plots import plot_residuals
+from .visual.plots.modes import plot_modes
+from .visual.plots.plot import plot
+from .visual.plots.solution_plots import plot_solution
 from .visual.symbols import symbol as glyph

@@ -140,7 +140,7 @@ def _write(motion: mbd.Trajectory, outputs: dict[str, Path]) -> None:
 
 
 def _draw(motion: mbd.Trajectory, path: Path, kind: str) -> None:
-    from .visual.plots import overview
+    from .visual.plots.plot import overview
 
     overview(motion).savefig(path, format=kind, dpi=150)
 

@@ -170,7 +170,7 @@ def test_outputs_are_all_or_none(tmp_path, monkeypatch, capsys):
     def broken(_motion):
         raise OSError(28, "No space left on device", "out.png")
 
-    monkeypatch.setattr("mbdcasadi.visual.plots.overview", broken)
+    monkeypatch.setattr("mbdcasadi.visual.plots.plot.overview", broken)
     arguments = ["run", *map(str, DRIVEN), "--csv", str(tmp_path / "o.csv"), "--plot", str(tmp_path / "o.png")]
     assert main(arguments) == 2
     assert capsys.readouterr().err == "mbdcasadi: out.png: No space left on device\n"

@@ -9,10 +9,10 @@ from typing import Any
 from ..errors import FileError, MechanismError
 from ..model.bodies import Body
 from ..model.drivers import Driver
-from ..model.elements import Element
+from ..model.element import Element
 from ..model.forces.gravity import Gravity
+from ..model.geometry.shapes import Rectangle, Shape
 from ..model.mechanism import Mechanism
-from ..model.shapes import Rectangle, Shape
 from .elements import CONSTRAINTS, FORCES, OTHER_TYPES, Bodies, Builder, Part
 from .fields import Fields, objects
 from .text import JsonObject, read_json

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..model.bodies import Body, Marker, ground
 from ..model.drivers import Driver
-from ..model.elements import Element, at_poses
+from ..model.element import Element, at_poses
 from ..model.forces.applied import Force, Torque
 from ..model.forces.springs import RSDA, TSDA
 from ..model.joints.base import Joint, pair

@@ -9,10 +9,10 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.forces.applied import Torque
+from ..model.geometry.shapes import Rectangle
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
-from ..model.shapes import Rectangle
 from ..model.symbols import Input, number
 from .model import (
     GRAVITY,

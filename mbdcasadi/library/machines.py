@@ -8,16 +8,16 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.bodies import Body, ground
-from ..model.cam_outlines import CamOutline
-from ..model.curves import least
 from ..model.forces.applied import Torque
 from ..model.forces.springs import TSDA
+from ..model.geometry.cam_outlines import CamOutline
+from ..model.geometry.curves import least
+from ..model.geometry.shapes import Disc, Rectangle, Rod, Shape
 from ..model.joints.cams import CamFlatFollower, CamPointFollower
 from ..model.joints.gears import Gear
 from ..model.joints.lower_pairs import Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.quantities import whole
-from ..model.shapes import Disc, Rectangle, Rod, Shape
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, lengths, masses_of, weight
 

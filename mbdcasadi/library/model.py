@@ -12,9 +12,9 @@ from ..errors import ModelError
 from ..model.bodies import Body
 from ..model.drivers import Driver
 from ..model.forces.gravity import Gravity
+from ..model.geometry.shapes import Rod
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
-from ..model.shapes import Rod
 from ..model.symbols import number
 
 #: Free-fall acceleration, m/s².

@@ -9,10 +9,10 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
+from .geometry.shapes import Shape, rotation_matrix
 from .immutable import Immutable
 from .markers import Marker, rotation
 from .quantities import Limit, quantity, triple
-from .shapes import Shape, rotation_matrix
 from .symbols import check_name, register
 
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]

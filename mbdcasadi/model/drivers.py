@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from .element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from .quantities import quantity
 from .symbols import t as time
 

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .elements import refuse_kinds
+from .element import refuse_kinds
 from .immutable import Immutable
 from .quantities import is_relation, quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of

@@ -41,7 +41,7 @@ from casadi import (
 )
 
 from ..errors import ModelError
-from .splines import spline
+from .geometry.splines import spline
 
 __all__ = [
     "acos",

@@ -9,11 +9,11 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from .bodies import Body
+from .cache import Memory
 from .drivers import Driver
-from .elements import ConstraintElement, Element
+from .element import ConstraintElement, Element
 from .immutable import Immutable
 from .lists import entries, listed
-from .memory import Memory
 from .quantities import Limit, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 

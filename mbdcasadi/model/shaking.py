@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from .elements import ConstraintElement, Element, cross
+from .element import ConstraintElement, Element, cross
 from .mechanism import Mechanism
 from .quantities import vector2
 

@@ -11,9 +11,9 @@ from ..equations.reduced import ReducedEquations
 from ..model.conditions import Condition, stacked
 from ..model.rates import time_derivative
 from ..model.symbols import role_of
+from .nlp.rows import OWN_UNIT, Rows
+from .nlp.scaling import Scales
 from .problem import OptimalControlProblem
-from .rows import OWN_UNIT, Rows
-from .scaling import Scales
 
 
 def prescribes_motion(condition: Condition) -> bool:

@@ -9,12 +9,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..analysis.pieces import PiecewisePolynomial
+from ..arguments.piecewise_polynomial import PiecewisePolynomial
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..results.trajectory import Statistics, Trajectory
 from .problem import OptimalControlProblem
-from .transcription import Transcription
+from .transcription.base import Transcription
 
 
 class OptimalMotion(Trajectory):

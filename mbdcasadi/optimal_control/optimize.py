@@ -6,22 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.mappings import pairs_of
-from ..analysis.monitors import tell_monitors
+from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.quantities import yes_or_no
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
-from .continuation import by_continuation, read_continuation
-from .local_error import tell_coarse_mesh
-from .mesh import Mesh
+from ..results.validity import tell_monitors
+from .guess.multistart import best_of, guesses
+from .nlp.solver import Solver
+from .parameter_continuation import by_continuation, read_continuation
 from .preparation import TRANSCRIPTIONS, Settings
 from .problem import OptimalControlProblem
-from .refine import refine
+from .refinement.local_error import tell_coarse_mesh
+from .refinement.mesh import Mesh
+from .refinement.refine import refine
 from .solution import Shifted, Solution
-from .solver import Solver
-from .starts import best_of, guesses
-from .transcription import Transcription
+from .transcription.base import Transcription
 
 
 def optimize(
@@ -70,8 +70,8 @@ def optimize(
         tried first; ``statistics.steps`` has all, and only the last mesh is refined to `tolerance`.
     transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
         A scheme of the package by name, or one of the user's own; see
-        :class:`~mbdcasadi.optimal_control.gauss.GaussLegendre` and
-        :class:`~mbdcasadi.optimal_control.hermite_simpson.HermiteSimpson`.
+        :class:`~mbdcasadi.optimal_control.transcription.gauss_legendre.GaussLegendre` and
+        :class:`~mbdcasadi.optimal_control.transcription.hermite_simpson.HermiteSimpson`.
     control : {"polynomial", "linear", "constant"}
         How inputs vary on the intervals. Polynomials are those that the stages determine, of one degree less where an
         input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..analysis.assembly import assemble_at, complete_state
-from ..analysis.inputs import read_signals
+from ..arguments.inputs import read_signals
+from ..assembly.state import assemble_at, complete_state
 from ..equations.numeric import LARGE, NumericEquations
 from ..equations.reduced import ReducedEquations, reduced_equations
 from ..errors import AssemblyError, ConditionError
@@ -19,17 +19,17 @@ from ..model.symbols import symbols_of
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
-from .condition_rank import ConditionRank, ranks_of
-from .consistency import at_end_alone, on_states
+from .checks.condition_rank import ConditionRank, ranks_of
+from .checks.consistency import at_end_alone, on_states
 from .constraints import MotionConstraints, held_conditions, with_rates
-from .controls import input_basis
-from .gauss import GaussLegendre
-from .hermite_simpson import HermiteSimpson
-from .poses import kinematic_poses, nominal_marks
+from .guess.kinematic_guess import kinematic_poses, nominal_marks
+from .guess.linear_conditions import state_of
+from .nlp.scaling import scales_of
 from .problem import OptimalControlProblem
-from .scaling import scales_of
-from .straight import state_of
-from .transcription import Transcription
+from .transcription.base import Transcription
+from .transcription.controls import input_basis
+from .transcription.gauss_legendre import GaussLegendre
+from .transcription.hermite_simpson import HermiteSimpson
 
 #: What ``transcription=`` may say, besides a class.
 TRANSCRIPTIONS: dict[str, type[Transcription]] = {scheme.name: scheme for scheme in (GaussLegendre, HermiteSimpson)}

@@ -9,17 +9,17 @@ import casadi as ca
 
 from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
+from ..model.cache import Memory
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.lists import entries, listed, refuse_twice
 from ..model.mechanism import Mechanism
-from ..model.memory import Memory
 from ..model.quantities import is_relation, quantity
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
-from .condition_rank import ConditionRank
-from .consistency import check_conditions, check_end
+from .checks.condition_rank import ConditionRank
+from .checks.consistency import check_conditions, check_end
 from .placeholders import placeholder_of, placeholders_in
 from .waypoints import Waypoint, time_span
 

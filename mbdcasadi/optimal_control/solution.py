@@ -9,23 +9,23 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.mappings import pairs_of, parameter_vector
-from ..analysis.pieces import PiecewisePolynomial
-from ..analysis.simulate import simulate
+from ..arguments.piecewise_polynomial import PiecewisePolynomial
+from ..arguments.values import pairs_of, parameter_vector
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.symbols import Parameter, number
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
-from .guess import Guess, Iterate, guess_from_motion
-from .limits import ActiveLimit, active_limits, costates, limit_excess
-from .local_error import end_errors, scaled_errors
-from .mesh import Mesh
+from ..simulation.simulate import simulate
+from .guess.guess import Guess, Iterate, guess_from_motion
 from .motion import OptimalMotion, Polynomials
+from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
+from .nlp.motion_program import MotionProgram
 from .problem import OptimalControlProblem
-from .program import MotionProgram
-from .records import Answer, SolveStatistics
-from .replay import Replay, replay
+from .refinement.local_error import end_errors, scaled_errors
+from .refinement.mesh import Mesh
+from .refinement.verification import Replay, replay
+from .solve_statistics import Answer, SolveStatistics
 
 #: Miss of a constraint from which the first state of a solution is none of a mechanism with other parameters.
 BREAKS = 1e-6

@@ -12,13 +12,13 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import FileError, ModelError
 from ..results.archives import read_arrays, write_arrays
-from .mesh import Mesh
+from .nlp.motion_program import MotionProgram
+from .nlp.solver import Solver
 from .preparation import Settings
 from .problem import OptimalControlProblem
-from .program import MotionProgram
-from .records import Answer, Pass, SolveStatistics, Start, Step
+from .refinement.mesh import Mesh
 from .solution import Solution
-from .solver import Solver
+from .solve_statistics import Answer, Pass, SolveStatistics, Start, Step
 
 _FORMAT = "mbdcasadi solution 2"
 #: Difference of scaled rows and costs up to which two problems count as the same.

@@ -9,9 +9,9 @@ from typing import Any
 from ..errors import MechanismError
 from ..model.quantities import yes_or_no
 from ..results.writing import whole_file
-from .drawing import trace_options
+from .drawing.draw import trace_options
 from .film import Film, film
-from .page import page
+from .page.page import page
 
 
 class Animation:
@@ -138,13 +138,13 @@ def _write_page(animation: Animation, path: Path) -> None:
 
 
 def _write_gif(animation: Animation, path: Path) -> None:
-    from .movies import write_gif
+    from .video import write_gif
 
     write_gif(animation.film, animation.forces, path)
 
 
 def _write_mp4(animation: Animation, path: Path) -> None:
-    from .movies import write_mp4
+    from .video import write_mp4
 
     write_mp4(animation.film, animation.forces, path)
 
@@ -160,7 +160,7 @@ def writer_for(path: str | Path) -> Callable[[Animation, Path], None]:
     if ending not in _WRITERS:
         raise MechanismError(f"animate: '{path}' must end in .html, .gif or .mp4")
     if ending == ".mp4":
-        from .movies import need_ffmpeg
+        from .video import need_ffmpeg
 
         need_ffmpeg(path)
     return _WRITERS[ending]

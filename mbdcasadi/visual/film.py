@@ -13,11 +13,11 @@ from ..errors import MechanismError
 from ..model.symbols import number
 from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
-from .compose import Options, compose
-from .drawing import room, subject
-from .naming import settled
-from .sample import Sample
-from .scene import Scene
+from .drawing.compose import Options, compose
+from .drawing.draw import room, subject
+from .drawing.labels import settled
+from .drawing.sample import Sample
+from .drawing.scene import Scene
 
 #: Seconds that a motion takes on the screen where no speed is given: it is slowed or quickened into these bounds.
 SHORTEST, LONGEST = 3.0, 20.0

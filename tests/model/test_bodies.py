@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.model.shapes import Disc, Rectangle
+from mbdcasadi.model.geometry.shapes import Disc, Rectangle
 
 
 def turn(phi: float) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.model.quadrature import quadrature, triangles
+from mbdcasadi.model.geometry.quadrature import quadrature, triangles
 
 L_SHAPE = mbd.Polygon(((0, 0), (2, 0), (2, 0.5), (0.5, 0.5), (0.5, 3), (0, 3)))
 SHAPES = {

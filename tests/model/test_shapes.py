@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from mbdcasadi.errors import ModelError
-from mbdcasadi.model import shapes
-from mbdcasadi.model.shapes import Composite, Disc, Outline, Polygon, Rectangle, Rod, Shape
+from mbdcasadi.model.geometry import shapes
+from mbdcasadi.model.geometry.shapes import Composite, Disc, Outline, Polygon, Rectangle, Rod, Shape
 
 L_SHAPE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 4), (0, 4)]
 NOTCH = Polygon([(1.2, 1.2), (1.6, 1.2), (1.4, 1.4)])

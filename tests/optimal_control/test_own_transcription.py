@@ -6,9 +6,9 @@ import pytest
 from motions import crank_rocker, half_turn
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.gauss import GaussLegendre
-from mbdcasadi.optimal_control.points import Point
-from mbdcasadi.optimal_control.transcription import Transcription
+from mbdcasadi.optimal_control.transcription.base import Transcription
+from mbdcasadi.optimal_control.transcription.gauss_legendre import GaussLegendre
+from mbdcasadi.optimal_control.transcription.points import Point
 
 
 class Midpoint(Transcription):

@@ -7,8 +7,8 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.mesh import Mesh
-from mbdcasadi.optimal_control.refine import adapted
+from mbdcasadi.optimal_control.refinement.mesh import Mesh
+from mbdcasadi.optimal_control.refinement.refine import adapted
 
 
 @pytest.fixture(scope="module")
@@ -296,7 +296,7 @@ def test_a_mesh_is_refined_for_a_state():
 
 def test_a_tolerance_that_is_not_reached(monkeypatch):
     """An error of optimal control, with the solution on the last mesh."""
-    monkeypatch.setattr("mbdcasadi.optimal_control.refine.PASSES", 1)
+    monkeypatch.setattr("mbdcasadi.optimal_control.refinement.refine.PASSES", 1)
     _, problem = metered_motor(terminal=False)
     with pytest.raises(mbd.OptimizationError, match=r"above the tolerance 1e-09: 1 passes are made") as error:
         mbd.optimize(problem, intervals=10, tolerance=1e-9)

@@ -12,8 +12,8 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.visual.film import usual_speed
-from mbdcasadi.visual.movies import finer
-from mbdcasadi.visual.page import Columns
+from mbdcasadi.visual.page.page import Columns
+from mbdcasadi.visual.video import finer
 
 
 @pytest.fixture(scope="module")

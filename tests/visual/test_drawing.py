@@ -9,11 +9,11 @@ import pytest
 from test_every_element import MACHINES
 
 import mbdcasadi as mbd
-from mbdcasadi.visual import lines
-from mbdcasadi.visual.compose import Options, compose
-from mbdcasadi.visual.drawing import nice, subject
-from mbdcasadi.visual.sample import Sample
-from mbdcasadi.visual.scene import BODY, PIN, placed
+from mbdcasadi.visual.drawing import lines
+from mbdcasadi.visual.drawing.compose import Options, compose
+from mbdcasadi.visual.drawing.draw import nice, subject
+from mbdcasadi.visual.drawing.sample import Sample
+from mbdcasadi.visual.drawing.scene import BODY, PIN, placed
 
 MODELS = {
     "four_bar": mbd.library.four_bar,
@@ -220,7 +220,7 @@ def test_the_library_is_drawn_whole(name):
 
 def test_every_class_of_element_has_a_symbol_of_its_own():
     """Or is known to have no place: a new class is not forgotten."""
-    from mbdcasadi.model.elements import ConstraintElement, Element
+    from mbdcasadi.model.element import ConstraintElement, Element
     from mbdcasadi.visual.symbols import symbol
 
     # given by expressions alone, or between markers that a dashed line ties together

@@ -9,7 +9,7 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.results.trajectory import EventOccurrence, Trajectory
-from mbdcasadi.visual.plots import overview, plot
+from mbdcasadi.visual.plots.plot import overview, plot
 
 TIMES = np.linspace(0, 1, 21)
 

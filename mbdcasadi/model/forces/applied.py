@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import as_body, as_marker, ground, rotation
-from ..elements import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
+from ..element import BEYOND_COORDINATES, Element, cross, owners, refuse_kinds
 from ..quantities import quantity, vector2
 
 

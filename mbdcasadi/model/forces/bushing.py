@@ -9,7 +9,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import markers_on_two
-from ..elements import Element
+from ..element import Element
 from ..quantities import Limit, quantity
 from ..rates import time_derivative
 

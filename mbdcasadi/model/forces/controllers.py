@@ -10,7 +10,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..elements import Element, refuse_kinds
+from ..element import Element, refuse_kinds
 from ..quantities import Limit, quantity
 from ..symbols import state_of
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import casadi as ca
 
-from ..monitors import Monitor
 from ..quantities import Limit, quantity
 from ..symbols import StateVariable, state_of
+from ..validity import Monitor
 from .springs import TSDA
 
 #: Standard atmosphere, Pa.

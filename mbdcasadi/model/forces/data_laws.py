@@ -6,9 +6,9 @@ from typing import Any
 
 import casadi as ca
 
+from ..geometry.splines import spline, spline_integral
 from ..immutable import Immutable
 from ..quantities import quantity
-from ..splines import spline, spline_integral
 
 
 class DataLaw(Immutable):

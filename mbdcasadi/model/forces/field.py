@@ -10,9 +10,9 @@ import numpy as np
 
 from ...errors import ModelError
 from ..bodies import Body, as_body
-from ..elements import Element, cross
+from ..element import Element, cross
+from ..geometry.quadrature import quadrature
 from ..markers import Marker
-from ..quadrature import quadrature
 from ..quantities import function_of, known_value, vector2, whole
 
 #: By how much mass properties may differ from those of the shape (relative).

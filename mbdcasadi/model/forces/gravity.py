@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ..bodies import Body
-from ..elements import Element
+from ..element import Element
 from ..quantities import vector2
 
 

@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import as_body, ground
-from ..elements import Element
+from ..element import Element
 from ..quantities import Limit, known_value, quantity
 from ..symbols import StateVariable, state_of
 

@@ -10,7 +10,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import markers_on_two
-from ..elements import Element
+from ..element import Element
 from ..expressions import norm
 from ..quantities import function_of, quantity
 from ..rates import time_derivative

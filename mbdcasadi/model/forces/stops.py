@@ -10,7 +10,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import ground
-from ..elements import BEYOND_COORDINATES, Element, owners, refuse_kinds
+from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..quantities import function_of, quantity
 from ..rates import time_derivative
 from ..smoothing import Smoothing

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ..bodies import Body, Marker, as_body, markers_on_two
-from ..elements import ConstraintElement, at_poses
+from ..element import ConstraintElement, at_poses
 from ..rates import time_derivative
 from ..symbols import symbols_of
 

@@ -9,7 +9,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import Body, ground
-from ..elements import at_poses
+from ..element import at_poses
 from ..quantities import Limit, known_value, quantity, yes_or_no
 from .base import Joint, as_carrier, pair
 

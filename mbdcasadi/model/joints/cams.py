@@ -12,13 +12,13 @@ import casadi as ca
 
 from ...errors import ModelError
 from ..bodies import Marker
-from ..cam_outlines import CamOutline
-from ..curves import Curve
-from ..elements import cross
+from ..element import cross
 from ..events import Event
-from ..monitors import Monitor
+from ..geometry.cam_outlines import CamOutline
+from ..geometry.curves import Curve
 from ..quantities import Limit, quantity
 from ..symbols import Coordinate, values_of
+from ..validity import Monitor
 from .base import Joint, pair
 from .contact_places import nearest_place, touching_place, touching_places
 from .outline_checks import as_outline, convex, fitting, positive_radius, wide_enough

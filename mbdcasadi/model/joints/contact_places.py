@@ -6,10 +6,10 @@ import casadi as ca
 import numpy as np
 
 from ..bodies import Marker, rotation
-from ..cam_outlines import CamOutline
-from ..curves import Curve, least
-from ..elements import at_poses
-from ..shapes import rotation_matrix
+from ..element import at_poses
+from ..geometry.cam_outlines import CamOutline
+from ..geometry.curves import Curve, least
+from ..geometry.shapes import rotation_matrix
 from ..symbols import values_of
 
 

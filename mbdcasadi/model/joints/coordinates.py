@@ -7,7 +7,7 @@ from typing import Any
 import casadi as ca
 
 from ..bodies import as_marker
-from ..elements import ConstraintElement
+from ..element import ConstraintElement
 from ..quantities import quantity, vector2
 from .base import Joint, pair
 from .composite import distance_row

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
-from ..elements import at_poses
-from ..monitors import Monitor
+from ..element import at_poses
 from ..quantities import Limit, known_value, quantity, yes_or_no
 from ..symbols import values_of
+from ..validity import Monitor
 from .base import Joint, as_carrier, pair
 
 #: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.

@@ -8,7 +8,7 @@ import casadi as ca
 
 from ...errors import ModelError
 from ...printing import to_text
-from ..elements import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from ..element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
 from ..quantities import column, is_relation
 
 

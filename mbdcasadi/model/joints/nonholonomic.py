@@ -10,7 +10,7 @@ import casadi as ca
 from ...errors import ModelError
 from ...printing import to_text
 from ..bodies import as_marker
-from ..elements import ConstraintElement, refuse_kinds
+from ..element import ConstraintElement, refuse_kinds
 from ..symbols import role_of, symbols_of
 from .general import held_at_zero
 

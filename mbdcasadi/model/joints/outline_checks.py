@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError
-from ..cam_outlines import CamOutline
-from ..curves import Curve
+from ..geometry.cam_outlines import CamOutline
+from ..geometry.curves import Curve
 from ..quantities import Limit, quantity
 from ..symbols import symbols_of, values_of
 

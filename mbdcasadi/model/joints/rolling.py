@@ -6,9 +6,9 @@ from typing import Any
 
 import casadi as ca
 
-from ..elements import at_poses
-from ..monitors import Monitor
+from ..element import at_poses
 from ..quantities import Limit, quantity
+from ..validity import Monitor
 from .base import AlongLine, Joint, pair
 
 

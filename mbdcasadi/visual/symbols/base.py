@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..pen import Pen
+from ..drawing.pen import Pen
 
 
 @singledispatch

@@ -8,10 +8,10 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
-from ...model.curves import Curve
+from ...model.geometry.curves import Curve
 from ...model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
-from .. import lines, scene
-from ..pen import Pen
+from ..drawing import lines, scene
+from ..drawing.pen import Pen
 from .base import symbol
 
 #: Points of an outline.

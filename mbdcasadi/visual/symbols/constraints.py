@@ -14,8 +14,8 @@ from ...model.joints.coordinates import AbsoluteAngle, AbsoluteDistance, Absolut
 from ...model.joints.lower_pairs import Revolute
 from ...model.joints.nonholonomic import KnifeEdge
 from ...model.symbols import t
-from .. import lines, scene
-from ..pen import Pen
+from ..drawing import lines, scene
+from ..drawing.pen import Pen
 from .base import nothing, symbol
 from .lower_pairs import block_on_rail
 

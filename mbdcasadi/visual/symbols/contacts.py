@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ...model.forces.contacts.contact import Contact
-from ...model.forces.contacts.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
-from .. import lines
-from ..pen import Pen
+from ...model.forces.contact.contact import Contact
+from ...model.forces.contact.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
+from ..drawing import lines
+from ..drawing.pen import Pen
 from .base import symbol
 from .gears import disc
 

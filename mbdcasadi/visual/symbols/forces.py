@@ -15,8 +15,8 @@ from ...model.forces.field import FieldForce
 from ...model.forces.gravity import Gravity
 from ...model.forces.motors import DCMotor
 from ...model.forces.springs import RSDA, TSDA
-from .. import lines, scene
-from ..pen import Frame, Pen
+from ..drawing import lines, scene
+from ..drawing.pen import Frame, Pen
 from .base import nothing, symbol
 from .constraints import sense, turning
 

@@ -11,8 +11,8 @@ from ...model.bodies import Marker
 from ...model.joints.belts import Belt, Coupler
 from ...model.joints.gears import Gear, RackAndPinion
 from ...model.joints.rolling import Rolling
-from .. import lines, scene
-from ..pen import Pen
+from ..drawing import lines, scene
+from ..drawing.pen import Pen
 from .base import symbol, tie
 
 #: Length of a tooth and its gap along the pitch circle, in units, and the fewest teeth of a gear.

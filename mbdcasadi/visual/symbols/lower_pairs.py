@@ -7,9 +7,9 @@ import numpy as np
 from ...model.bodies import Marker
 from ...model.joints.composite import Distance, PointOnLine
 from ...model.joints.lower_pairs import Revolute, Translational, Weld
-from .. import lines, scene
-from ..outlines import local_outlines, sections
-from ..pen import Frame, Pen
+from ..drawing import lines, scene
+from ..drawing.outlines import local_outlines, sections
+from ..drawing.pen import Frame, Pen
 from .base import symbol
 
 #: Half length and half height of a slider block without a shape, in units.

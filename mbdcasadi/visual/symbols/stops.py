@@ -7,8 +7,8 @@ import numpy as np
 
 from ...model.bodies import Body, ground
 from ...model.forces.stops import EndStop
-from .. import lines, scene
-from ..pen import Frame, Pen
+from ..drawing import lines, scene
+from ..drawing.pen import Frame, Pen
 from .base import symbol
 from .constraints import pivot_of
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 
 from ....errors import ModelError
-from ...elements import ConstraintElement, Element
+from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
 from ...quantities import Limit, quantity

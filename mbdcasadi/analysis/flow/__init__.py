@@ -1,1 +1,0 @@
-"""A whole simulation as one ``casadi.Function``: differentiable, and fit to travel to other processes."""

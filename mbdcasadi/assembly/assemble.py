@@ -1,0 +1,66 @@
+"""Assembly: the consistent state nearest to the estimate that meets conditions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..model.mechanism import Mechanism
+from ..results.state import State
+from ..simulation.stick_slip.friction_modes import switching
+from ..simulation.stick_slip.start import assemble_with_friction
+from .state import assemble_mechanism
+
+
+def assemble(
+    mechanism: Mechanism, conditions: Any = (), t: float = 0.0, inputs: Any = None, parameters: Any = None
+) -> State:
+    """Find the consistent state that meets conditions, nearest to the estimate.
+
+    Position, then velocity, each nearest to the bodies' estimates in the mass
+    metric (unit weight where there is no mass) among all that meet the
+    constraints and the conditions; then accelerations and multipliers from the
+    equations of motion. From the nearest consistent pose the conditions are
+    approached by continuation, so that the branch of the linkage is kept.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    conditions : sequence of relations
+        In positions, or linear in velocities; ``<=`` holds where it must.
+    t : float, default 0
+        Time, s.
+    inputs : mapping of Input to number or expression, optional
+        Values other than the inputs' own.
+    parameters : mapping of Parameter to number, optional
+        Values other than the parameters' own.
+
+    Returns
+    -------
+    State
+        ``|Phi|`` and ``|Phi_q v - nu|`` vanish to rounding.
+
+    Raises
+    ------
+    AssemblyError
+        Where the parts cannot be put together; ``.residuals`` says by how much, by element.
+    ConditionError
+        For a condition that cannot be met, or contradicts the constraints or another one.
+
+    References
+    ----------
+    Haug 1989, section 4.3 (assembly) and 7.3 (initial conditions).
+
+    Examples
+    --------
+    >>> import numpy as np, mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1, pose=(0.4, 0.1, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge])
+    >>> state = mbd.assemble(pendulum, [arm.phi == np.pi / 2, arm.omega == 3])
+    >>> float(np.round(state[arm.vx], 9))
+    -1.5
+    """
+    if switching(mechanism):
+        return assemble_with_friction(mechanism, conditions, t, inputs, parameters)
+    return assemble_mechanism(mechanism, conditions, t, inputs, parameters)

@@ -1,0 +1,188 @@
+"""Multiple shooting: a motion in segments whose starts are unknowns of their own.
+
+The starts ``x_k`` need not fit together until the end, so that data which lead
+the segments keep a motion that is unstable, or far from the data, from running
+away. They are eliminated again before the least-squares step: with
+``x_{k+1} = F_k(x_k, theta) + gap`` linearised, every ``dx_k = P_k dtheta + e_k``
+and one forward integration with as many directions as there are unknowns, and
+one more for the gaps, gives the condensed Jacobian.
+
+References
+----------
+Bock, "Numerical treatment of inverse problems in chemical reaction kinetics", 1981; Albersmeyer and Diehl, "The lifted
+Newton method and its application in optimization", SIAM J. Optim. 20, 2010.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..errors import SimulationError
+from ..numerics.console import call
+from ..sensitivity.compiled_run import Problem
+from ..sensitivity.differentiable_start import found
+from .data import Experiment
+from .nodes import nodes_from_data
+
+
+@dataclass
+class Linearised:
+    """Residuals of an experiment and how they change.
+
+    Attributes
+    ----------
+    outputs : numpy.ndarray
+        Model at the samples (n_y, n_t).
+    slope : numpy.ndarray
+        By the unknowns, gaps closed (n_y, n_t, n_theta).
+    closing : numpy.ndarray
+        Change of the outputs when the gaps close (n_y, n_t).
+    gaps : numpy.ndarray
+        (segments - 1, n_x).
+    node_slope, node_closing : numpy.ndarray
+        Change of the segments' starts (segments, n_x, n_theta) and (segments, n_x).
+    """
+
+    outputs: np.ndarray
+    slope: np.ndarray
+    closing: np.ndarray
+    gaps: np.ndarray
+    node_slope: np.ndarray
+    node_closing: np.ndarray
+
+
+class Shooting:
+    """One experiment in segments.
+
+    Parameters
+    ----------
+    problem : Problem
+        Mechanism, grid, start and inputs.
+    experiment : Experiment
+        The data.
+    places : list of int
+        Where the unknowns stand among the parameters.
+    segments : int
+        How many.
+    """
+
+    def __init__(self, problem: Problem, experiment: Experiment, places: list[int], segments: int):
+        self.problem, self.experiment, self.places = problem, experiment, places
+        self.flow = problem.flow()
+        eom = problem.eom
+        ends = np.unique(np.round(np.linspace(0, problem.grid.size - 1, segments + 1)).astype(int))
+        self.spans = list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
+        self._state = ca.vertcat(eom.q, eom.v, eom.z)
+        self._segments = [self._segment(first, last) for first, last in self.spans]
+        self._derivatives: dict[int, ca.Function] = {}
+        self.guess = problem.start.guess
+        self.nodes = np.zeros((len(self.spans), self._state.numel()))
+
+    def _segment(self, first: int, last: int) -> ca.Function:
+        """``(x0, theta) -> (end on the constraints, outputs, clock)`` of a segment."""
+        flow, channel = self.flow, self.flow.channel()
+        channel = channel[:, first:last] if channel.size else channel
+        x0, theta = ca.MX.sym("x0", self._state.numel()), ca.MX.sym("theta", len(self.places))
+        p = ca.MX(ca.DM(self.problem.numeric.p))
+        p[self.places] = theta
+        shifts = ca.DM.zeros(flow.shifts.numel())
+        states = flow.motion(first, last)(x0, p, shifts, channel)
+        wanted = [*self.experiment.outputs, self._state]
+        values = flow.outputs(wanted, first, last)(states, p, shifts, channel)
+        n_x = self._state.numel()
+        return ca.Function("segment", [x0, theta], [values[-n_x:, -1], values[:-n_x, :], states])
+
+    # --- evaluation --------------------------------------------------------------------
+    def prepare(self, theta: np.ndarray) -> None:
+        """Set the starts of the segments from a simulation, led by the data where it goes astray."""
+        self.nodes[0] = self._start(theta)[0]
+        for k, (first, _) in enumerate(self.spans[1:], start=1):
+            try:
+                guess = self._run(k - 1, self.nodes[k - 1], theta)[0]
+            except SimulationError:
+                guess = self.nodes[k - 1]
+            self.nodes[k] = nodes_from_data(self.problem, self.experiment, first, guess)
+
+    def evaluate(self, theta: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Outputs (n_y, n_t), gaps, and the starts with the first one as the conditions ask."""
+        nodes = nodes.copy()
+        nodes[0], guess = self._start(theta)
+        outputs, gaps = np.zeros(self.experiment.samples.shape), np.zeros((len(nodes) - 1, nodes.shape[1]))
+        for k, (first, last) in enumerate(self.spans):
+            end, values = self._run(k, nodes[k], theta)
+            skip = 0 if k == 0 else 1  # where segments meet, the end of the first one is compared
+            outputs[:, first + skip : last + 1] = values[:, skip:]
+            if k + 1 < len(nodes):
+                gaps[k] = end - nodes[k + 1]
+        self.guess = guess
+        return outputs, gaps, nodes
+
+    def linearise(self, theta: np.ndarray) -> Linearised:
+        """Outputs and gaps with their condensed derivatives at the present starts."""
+        outputs, gaps, self.nodes = self.evaluate(theta, self.nodes)
+        count, n_x = len(self.places), self.nodes.shape[1]
+        n_y, n_t = outputs.shape
+        slope, closing = np.zeros((n_y, n_t, count)), np.zeros((n_y, n_t))
+        node_slope, node_closing = np.zeros((len(self.nodes), n_x, count)), np.zeros((len(self.nodes), n_x))
+        node_slope[0] = self._start_slope(theta)
+        for k, (first, last) in enumerate(self.spans):
+            seeds = np.column_stack([node_slope[k], node_closing[k]])
+            towards = np.column_stack([np.eye(count), np.zeros(count)])
+            moved_end, moved = self._forward(k, theta, seeds, towards)
+            moved = moved.reshape(count + 1, last - first + 1, n_y).transpose(2, 1, 0)
+            skip = 0 if k == 0 else 1
+            slope[:, first + skip : last + 1] = moved[:, skip:, :-1]
+            closing[:, first + skip : last + 1] = moved[:, skip:, -1]
+            if k + 1 < len(self.nodes):
+                node_slope[k + 1], node_closing[k + 1] = moved_end[:, :-1], moved_end[:, -1] + gaps[k]
+        return Linearised(outputs, slope, closing, gaps, node_slope, node_closing)
+
+    def _forward(
+        self, k: int, theta: np.ndarray, seeds: np.ndarray, towards: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        function = self._segments[k]
+        if k not in self._derivatives:
+            self._derivatives[k] = function.forward(seeds.shape[1])
+        try:
+            end, values, states = call(function, self.nodes[k], theta)
+            moved = call(self._derivatives[k], self.nodes[k], theta, end, values, states, seeds, towards)
+        except RuntimeError as error:
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
+        # the directions of a matrix stand side by side
+        return moved[0].full(), moved[1].full().T.ravel()
+
+    # --- starts and segments --------------------------------------------------------------
+    def _parameters(self, theta: np.ndarray) -> np.ndarray:
+        p = self.problem.numeric.p.copy()
+        p[self.places] = theta
+        return p
+
+    def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        start = self.problem.start
+        p = self._parameters(theta)
+        self.problem.mechanism.check_values(p)
+        x, guess, residual = start.function(p, start.right, start.z_estimate, self.guess)
+        if not found(float(residual)):
+            raise SimulationError("identify: no start meets the constraints and initial= at the values tried")
+        return x.full().ravel(), guess.full().ravel()
+
+    def _start_slope(self, theta: np.ndarray) -> np.ndarray:
+        start, count = self.problem.start, len(self.places)
+        p = self._parameters(theta)
+        given = [p, start.right, start.z_estimate, self.guess]
+        seeds = [np.zeros((np.size(g), count)) for g in given]
+        seeds[0][self.places] = np.eye(count)
+        forward = start.function.forward(count)
+        return forward(*given, *start.function(*given), *seeds)[0].full()
+
+    def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            end, values, states = call(self._segments[k], x0, theta)
+        except RuntimeError as error:
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
+        if not self.flow.reached(states.full(), self.spans[k][0]):
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}")
+        return end.full().ravel(), values.full()

@@ -1,0 +1,271 @@
+"""Inverse dynamics: reactions and efforts of a motion that is prescribed."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.inputs import read_signals
+from ..arguments.values import pairs_of, parameter_vector, position_in, time_grid
+from ..equations import Equations, equations
+from ..equations.driven import driven_equations
+from ..equations.numeric import NumericEquations
+from ..errors import MechanismError, SingularityError
+from ..model.drivers import Driver
+from ..model.mechanism import Mechanism
+from ..model.symbols import t as time
+from ..results.trajectory import Statistics, Trajectory
+from ..results.validity import tell_monitors
+from ..simulation.simulate import simulate
+from .inverse_dynamics_system import EffortProblem
+from .kinematics import driven_motion, kinematic_trajectory, kinematics
+
+#: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
+TOLERANCE = 1e-6
+
+
+def inverse_dynamics(
+    mechanism: Mechanism,
+    times: Any = None,
+    *,
+    motion: Any = None,
+    efforts: Sequence[Any] = (),
+    inputs: Any = None,
+    parameters: Any = None,
+    tolerance: float = TOLERANCE,
+    progress: bool = False,
+) -> Trajectory:
+    """Find the reactions in the joints and the efforts that a motion takes.
+
+    Without ``motion=`` the drivers of the mechanism prescribe it, and
+    ``Phi_q^T lam = Q - M a`` gives all multipliers: ``joint.reaction_on(body)``,
+    ``driver.effort``. With ``motion=`` and ``efforts=`` the inputs named are
+    found that make a motion from elsewhere; they may act at another place than
+    the one that is prescribed.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    times : sequence of float, optional
+        Times, s; with a trajectory as motion its own times where none are given.
+    motion : Trajectory, or mapping of expression to function of time, optional
+        The motion: a trajectory of the same bodies, or what is prescribed, as
+        expressions in ``mbd.t`` or callables of it; then a list of pairs
+        ``[(expression, value)]`` does the same.
+    efforts : sequence of Input
+        Inputs to find, on which the forces depend linearly.
+    inputs : mapping, optional
+        Values of the other inputs: numbers, samples, expressions.
+    parameters : mapping, optional
+        Parameter to number.
+    tolerance : float
+        By how much a motion from elsewhere may violate the constraints,
+        relative to the size of the quantities.
+    progress : bool, default False
+        Show a progress bar.
+
+    Returns
+    -------
+    Trajectory
+        With multipliers; where constraints are redundant, those of least norm,
+        which a note in ``.statistics`` says.
+
+    Raises
+    ------
+    MechanismError
+        For a motion that breaks the constraints: the worst one and the time;
+        for efforts that are too few or too many: by how many.
+    SingularityError
+        At a pose in which the efforts cannot make the motion.
+
+    References
+    ----------
+    Haug 1989, section 6.3 (inverse dynamics of kinematically driven systems).
+    """
+    began = clock.perf_counter()
+    eom = equations(mechanism)
+    numeric = NumericEquations(eom, parameter_vector(eom, parameters))
+    if motion is None:
+        if efforts:
+            raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
+        found = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
+    else:
+        course = _course(mechanism, times, motion, parameters, progress)
+        found = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
+    found.statistics.method, found.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
+    found.statistics.seconds = clock.perf_counter() - began
+    tell_monitors(found)
+    return found
+
+
+# --- a mechanism with drivers --------------------------------------------------------------
+def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progress: bool) -> Trajectory:
+    eom = numeric.eom
+    course = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
+    frame = kinematic_trajectory(numeric, course)
+    frame.z = _first_order_states(numeric, frame.t, inputs)
+    u = _given_inputs(numeric, frame, inputs)
+    function = driven_equations(eom).multipliers
+    lam = function(frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p).full().T
+    _finite(eom.row_names, frame.t, lam)
+    redundant = eom.lam.numel() > eom.q.numel()
+    notes = [_LEAST_NORM] if redundant else []
+
+    def refine(t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, _u: np.ndarray) -> tuple[np.ndarray, ...]:
+        part = kinematic_trajectory(numeric, course).at(t)
+        there = _given_inputs(numeric, part, inputs) if not _sampled(inputs) else _u
+        load = function(t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p).full().T
+        return part.q, part.v, part.a, load, there
+
+    return _result(frame, u, lam, notes, refine, numeric.p)
+
+
+def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any) -> np.ndarray:
+    """First-order states along a driven motion (k, n_z): their rates are integrated, the drivers holding the motion."""
+    mechanism = numeric.eom.mechanism
+    if not mechanism.states or grid.size < 2:
+        return np.tile(numeric.eom.estimate[2], (grid.size, 1))
+    own = dict(zip(mechanism.parameters, numeric.p, strict=True))
+    return simulate(mechanism, grid, inputs=inputs, parameters=own, reltol=1e-10, abstol=1e-10).z
+
+
+_LEAST_NORM = "the constraints are redundant: reactions are those of least norm, and not unique where check says so"
+
+
+def _sampled(inputs: Any) -> bool:
+    return any(np.ndim(value) > 0 and not isinstance(value, ca.SX) for _, value in pairs_of(inputs, "inputs="))
+
+
+def _given_inputs(numeric: NumericEquations, frame: Trajectory, inputs: Any) -> np.ndarray:
+    """Values of the inputs along a motion (k, n_u)."""
+    signals = read_signals(numeric.eom, inputs, frame.t)
+    if signals.controller is not None:
+        raise MechanismError("inverse_dynamics takes numbers, samples or expressions as inputs, not a controller")
+    values = [
+        signals.samples[k] if k in signals.samples else frame[signals.expressions[k]]
+        for k in range(signals.expressions.numel())
+    ]
+    return np.column_stack(values) if values else np.zeros((frame.t.size, 0))
+
+
+def _finite(names: Sequence[str], times: np.ndarray, values: np.ndarray) -> None:
+    bad = ~np.isfinite(values)
+    if np.any(bad):
+        k, row = (int(i) for i in np.argwhere(bad)[0])
+        raise SingularityError(
+            f"the reaction of row {names[row]} is not finite at t = {times[k]:.6g} s: the pose is singular there, "
+            "or a force is not finite",
+            time=float(times[k]),
+        )
+
+
+def _result(
+    frame: Trajectory, u: np.ndarray, lam: np.ndarray, notes: list[str], refine: Any, p: np.ndarray
+) -> Trajectory:
+    return Trajectory(
+        frame.mechanism, frame.t, frame.q, frame.v, frame.a, frame.z, lam, u, p,
+        statistics=Statistics(notes=notes), refine=refine,
+    )  # fmt: skip
+
+
+# --- a motion from elsewhere ---------------------------------------------------------------
+def _course(mechanism: Mechanism, times: Any, motion: Any, parameters: Any, progress: bool) -> Trajectory:
+    """The prescribed motion as a trajectory of the mechanism's bodies."""
+    if isinstance(motion, Trajectory):
+        if times is None:
+            return motion
+        grid = time_grid(times, least=1)
+        return (
+            motion
+            if grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
+            else motion.at(grid)
+        )
+    drivers = [_as_driver(k, expression, value) for k, (expression, value) in enumerate(pairs_of(motion, "motion="))]
+    if not drivers:
+        raise MechanismError("inverse_dynamics: motion= prescribes nothing")
+    driven = mechanism.replace(drivers=[*mechanism.drivers, *drivers])
+    eom = equations(driven)
+    short = eom.q.numel() - eom.lam.numel()
+    if short > 0:
+        raise MechanismError(
+            f"the motion is under-determined by {short}: motion= prescribes {len(drivers)} quantities; "
+            "prescribe as many as the mechanism has degrees of freedom"
+        )
+    return kinematics(driven, times, parameters=parameters, progress=progress)
+
+
+def _as_driver(index: int, expression: Any, value: Any) -> Driver:
+    course = value(time) if callable(value) and not isinstance(value, ca.SX) else value
+    return Driver(f"motion {index + 1} ({ca.SX(expression)})", expression, course)
+
+
+def _of_motion(
+    numeric: NumericEquations, course: Trajectory, efforts: tuple[Any, ...], inputs: Any, tolerance: float
+) -> Trajectory:
+    eom = numeric.eom
+    if eom.mechanism.states and not _knows_states(eom, course):
+        names = ", ".join(f"'{z.label}'" for z in eom.mechanism.states)
+        raise MechanismError(
+            f"inverse_dynamics: the first-order states {names} do not follow from motion=; prescribe the motion by "
+            "drivers of the mechanism, with which they are integrated"
+        )
+    unknown = [position_in(eom.mechanism.inputs, effort, "efforts=") for effort in efforts]
+    q, v, a = (course[x].reshape(course.t.size, -1) for x in (eom.q, eom.v, eom.a))
+    z = course[eom.z].reshape(course.t.size, -1) if eom.z.numel() else np.zeros((course.t.size, 0))
+    lam = np.full((course.t.size, eom.lam.numel()), np.nan)
+    u = np.tile(eom.input_values, (course.t.size, 1))
+    frame = Trajectory(eom.mechanism, course.t, q, v, a, z, lam, u, numeric.p)
+    _check_motion(frame, tolerance)
+    given = {e for e, _ in pairs_of(inputs, "inputs=")} & set(efforts)
+    if given:
+        raise MechanismError(f"inverse_dynamics: {', '.join(repr(e.label) for e in given)} is given and sought")
+    frame.inputs = _given_inputs(numeric, frame, inputs)
+    problem = EffortProblem(numeric, unknown)
+    lam, u = problem.solve(frame)
+    notes = [_LEAST_NORM] if problem.redundant else []
+
+    def refine(t: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, ...]:
+        part = _of_motion(numeric, course.at(t), efforts, inputs, tolerance)
+        return part.q, part.v, part.a, part.lam, part.inputs
+
+    return _result(frame, u, lam, notes, refine, numeric.p)
+
+
+def _knows_states(eom: Equations, course: Trajectory) -> bool:
+    """Whether a trajectory has the first-order states of the mechanism."""
+    theirs = course.mechanism.states
+    return (
+        course.z.size > 0
+        and bool(np.all(np.isfinite(course.z)))
+        and all(any(z is o for o in theirs) for z in eom.mechanism.states)
+    )
+
+
+def _check_motion(frame: Trajectory, tolerance: float) -> None:
+    """Refuse a motion that breaks the constraints at any level."""
+    eom = frame.equations
+    names = eom.row_names
+    position_names = [names[k] for k in eom.position_rows]
+    levels = (
+        ("position", eom.Phi, position_names, frame.q, "m or rad"),
+        ("velocity", eom.Phi_q @ eom.v - eom.nu, names, frame.v, "m/s or rad/s"),
+        ("acceleration", eom.Phi_q @ eom.a - eom.gamma, names, frame.a, "m/s² or rad/s²"),
+    )
+    for level, rows, labels, values, unit in levels:
+        if not rows.numel():
+            continue
+        broken = np.abs(frame[rows].reshape(frame.t.size, -1))
+        size = 1 + float(np.max(np.abs(values), initial=0.0))
+        k, row = (int(i) for i in np.unravel_index(np.argmax(broken), broken.shape))
+        if not broken[k, row] <= tolerance * size:
+            raise MechanismError(
+                f"the motion breaks the constraint {labels[row]} at {level} level by {broken[k, row]:.3g} ({unit}) "
+                f"at t = {frame.t[k]:.6g} s; prescribe independent quantities and let the rest follow, as in "
+                "motion={joint.angle: law}",
+                time=float(frame.t[k]),
+            )

@@ -1,0 +1,136 @@
+"""Kinematics: positions, velocities and accelerations of a driven mechanism."""
+
+from __future__ import annotations
+
+import time as clock
+from typing import Any
+
+import numpy as np
+
+from ..arguments.values import parameter_vector, time_grid
+from ..assembly.pose import PoseProblem
+from ..equations import equations
+from ..equations.numeric import NumericEquations
+from ..errors import MechanismError
+from ..model.mechanism import Mechanism
+from ..results.trajectory import Statistics, Trajectory
+from ..results.validity import tell_monitors
+from .check import generic_rank
+from .driven_motion import DrivenMotion
+from .path_following import Continuation
+from .velocity_level import VelocityLevelMotion
+
+NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers come from inverse_dynamics"
+
+
+def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, progress: bool = False) -> Trajectory:
+    """Solve position, velocity and acceleration of a mechanism whose motion is prescribed.
+
+    ``Phi(q, t) = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma`` at each time, by
+    Newton's method from a prediction of the time before. Where the step is too
+    long for that, it is divided; a lock-up is located by bisection. With
+    non-holonomic constraints the pose follows from no time alone: then
+    ``Phi_q v = nu`` is integrated from the assembled pose at the first time.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        With as many independent constraints and drivers as coordinates.
+    times : sequence of float
+        Increasing, s.
+    parameters : mapping, optional
+        Parameter to number.
+    progress : bool, default False
+        Show a progress bar.
+
+    Returns
+    -------
+    Trajectory
+        Without multipliers; first-order states, which follow from forces, are NaN (inverse dynamics has them).
+
+    Raises
+    ------
+    SingularityError
+        At a lock-up or a bifurcation: the rows that take part, ``.time`` and ``.partial``.
+    MechanismError
+        Where degrees of freedom are left without a driver.
+
+    References
+    ----------
+    Haug 1989, sections 3.6 and 4.5–4.7.
+    """
+    grid = time_grid(times, least=1)
+    eom = equations(mechanism)
+    numeric = NumericEquations(eom, parameter_vector(eom, parameters))
+    motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
+    found = kinematic_trajectory(numeric, motion)
+    tell_monitors(found)
+    return found
+
+
+def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool, what: str) -> DrivenMotion:
+    """Positions, velocities and accelerations over a grid, or the error of a lock-up."""
+    began = clock.perf_counter()
+    eom = numeric.eom
+    q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
+    _check_driven(numeric, float(grid[0]), q, what)
+    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).over(grid, q)
+    motion.seconds = clock.perf_counter() - began
+    return motion
+
+
+def _follower(
+    numeric: NumericEquations, progress: bool = False, wrap: Any = None
+) -> Continuation | VelocityLevelMotion:
+    """What follows the pose: Newton's method, or an integration where there are velocity-level rows."""
+    if numeric.eom.position_rows.size < numeric.eom.lam.numel():
+        return VelocityLevelMotion(numeric, progress=progress, wrap=wrap)
+    return Continuation(numeric, progress=progress, wrap=wrap)
+
+
+def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Trajectory:
+    """Trajectory without multipliers."""
+    eom = numeric.eom
+    count = motion.t.size
+    z = np.full((count, eom.z.numel()), np.nan)  # they follow from forces, which kinematics does not know
+    u = np.tile(eom.input_values, (count, 1))
+    lam = np.full((count, eom.lam.numel()), np.nan)
+    return Trajectory(
+        eom.mechanism,
+        motion.t,
+        motion.q,
+        motion.v,
+        motion.a,
+        z,
+        lam,
+        u,
+        numeric.p,
+        statistics=Statistics(method="Newton's method", formulation="kinematics", seconds=motion.seconds),
+        refine=_refine(numeric),
+        missing_multipliers=NO_MULTIPLIERS,
+    )
+
+
+def _refine(numeric: NumericEquations):
+    """Interpolated poses are corrected, and their rates solved anew."""
+
+    def corrected(
+        t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        found = _follower(numeric).correct(t, q)
+        return found.q, found.v, found.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
+
+    return corrected
+
+
+def _check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str) -> None:
+    n = numeric.eom.q.numel()
+    if numeric.rank(t, q).rank == n:
+        return
+    free = n - generic_rank(numeric, t, q)
+    if free > 0:
+        raise MechanismError(
+            f"{what} needs a mechanism that is driven in every degree of freedom, and this one has {free} "
+            f"degree{'s' if free > 1 else ''} of freedom left at t = {t:.6g} s: add a Driver for each, or use simulate",
+            time=t,
+        )

@@ -1,0 +1,213 @@
+"""A driven motion followed in time, step by step, on one branch."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..equations.driven import driven_equations
+from ..equations.numeric import NumericEquations
+from ..errors import AssemblyError, MechanismWarning
+from ..numerics.console import interruptible, quiet
+from ..numerics.least_squares import largest, solve
+from ..numerics.progress import time_bar
+from .driven_motion import DrivenMotion, MotionFollower
+
+#: Points that are solved by one call of the compiled recursion.
+BATCH = 500
+#: Largest share of a step's own motion by which the prediction may be off, and the least motion that counts.
+TRUST, SMALL = 0.5, 1e-3
+#: Last Newton step that counts as converged, relative to the size of the coordinates.
+CONVERGED = 1e-10
+#: Size of a Jacobian and number of points up to which the sign of its determinant is watched.
+LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
+#: Residual of redundant rows (m or rad, and per unit of speed) from which they contradict each other.
+APART = 1e-8
+#: Steps are divided down to this share of the span.
+SMALLEST = 1e-12
+
+
+class Continuation(MotionFollower):
+    """Follows the pose of a driven mechanism by Newton's method; see the base class."""
+
+    def __init__(
+        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
+    ):
+        super().__init__(numeric, progress=progress, wrap=wrap)
+        self.driven = driven_equations(numeric.eom)
+
+    # --- the motion -------------------------------------------------------------------
+    def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Follow the motion over a grid from the pose at its first time."""
+        zero = np.zeros_like(q)
+        singular = self.numeric.rank(float(grid[0]), q).rank < q.size
+        first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
+        if first is None:
+            nothing = DrivenMotion.none(q.size)
+            contradiction = None if singular else self._apart(q, float(grid[0]), float(grid[0]), nothing)
+            raise contradiction or self._singular(float(grid[0]), q, nothing)
+        blocks = [tuple(x[None, :] for x in first)]
+        done = 1
+        with interruptible() as interruption, time_bar(grid.size - 1, self._progress) as bar:
+            while done < grid.size:
+                try:
+                    block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
+                    if not len(block[0]):
+                        block = self._carefully(grid, done, blocks)
+                except (KeyboardInterrupt, Exception) as error:
+                    # inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails
+                    if interruption.requested or isinstance(error, KeyboardInterrupt):
+                        raise self._interrupted(self._motion(grid, blocks)) from None
+                    raise
+                blocks.append(block)
+                done += len(block[0])
+                bar.update(len(block[0]))
+        motion = self._motion(grid, blocks)
+        self._watch_branch(motion)
+        return motion
+
+    def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Solve at scattered times from good estimates (k, n)."""
+        zero = np.zeros_like(q.T)
+        found = self.driven.step(q.T, zero, zero, t[None, :], t[None, :], self.numeric.p)
+        q, v, a = (x.full().T for x in found[:3])
+        return DrivenMotion(t, q, v, a)
+
+    def _batch(self, before: float, times: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple:
+        """As many of the times as the compiled recursion solves on the branch."""
+        function = self._recursion(times.size)
+        p = np.tile(self.numeric.p[:, None], (1, times.size))
+        try:
+            with quiet():
+                found = function(q, v, a, before, times[None, :], p)
+        except RuntimeError:  # a singular matrix on the way: step by step then
+            return q[None, :][:0], v[None, :][:0], a[None, :][:0]
+        qs, vs, accelerations = (x.full().T for x in found[:3])
+        correction, remainder, apart = (x.full().ravel() for x in found[4:])
+        motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
+        good = (correction <= TRUST * motion + SMALL * (1 + motion)) & (remainder <= CONVERGED * (1 + largest(q)))
+        good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
+        good &= apart <= APART
+        good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
+        count = int(np.argmin(good)) if not np.all(good) else times.size
+        return qs[:count], vs[:count], accelerations[:count]
+
+    def _recursion(self, count: int) -> Any:
+        names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
+        return self.numeric.eom.mechanism.memory.once(
+            ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names)
+        )
+
+    def _watch_branch(self, motion: DrivenMotion) -> None:
+        """Tell where the determinant of the Jacobian changes its sign: a singular pose was passed, or a branch left."""
+        eom = self.numeric.eom
+        if not self.driven.square or eom.q.numel() > LARGEST_DETERMINANT:
+            return
+        every = slice(None, None, max(1, motion.t.size // WATCHED_POINTS))
+        jacobian = self.numeric.velocity_function(motion.t[every][None, :], motion.q[every].T, self.numeric.p)[0].full()
+        n = eom.q.numel()
+        stacked = jacobian.reshape(n, -1, n).transpose(1, 0, 2)
+        signs = np.linalg.slogdet(stacked)[0]
+        flips = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+        if flips.size:
+            k = int(flips[0])
+            times = motion.t[every]
+            warnings.warn(
+                f"the motion passes a singular pose between t = {times[k]:.6g} and {times[k + 1]:.6g} s (the "
+                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it",
+                MechanismWarning,
+                stacklevel=5,
+            )
+
+    # --- one difficult step -----------------------------------------------------------------
+    def _carefully(self, grid: np.ndarray, done: int, blocks: list[tuple]) -> tuple:
+        """Reach the next time in divided steps, or raise where the mechanism locks."""
+        q, v, a = (x[-1] for x in blocks[-1])
+        now, goal = float(grid[done - 1]), float(grid[done])
+        step, smallest = (goal - now) / 2, SMALLEST * max(float(grid[-1] - grid[0]), abs(goal))
+        while now < goal:
+            ahead = min(now + step, goal)
+            found = self._one(q, v, a, now, ahead)
+            if found is not None and self._on_branch(q, v, a, ahead - now, found):
+                q, v, a = found
+                now, step = ahead, 2 * step
+            else:
+                step /= 2
+                if step < smallest:
+                    motion = self._motion(grid, blocks)
+                    raise (
+                        self._not_finite(q, now, ahead, motion)
+                        or self._apart(q, now, goal, motion)
+                        or self._singular(now, q, motion)
+                    )
+        return q[None, :], v[None, :], a[None, :]
+
+    def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
+        """Pose, velocity and acceleration at one time, or None where Newton's method does not settle."""
+        try:
+            with quiet():
+                found = self.driven.step(q, v, a, before, now, self.numeric.p)
+        except RuntimeError:
+            return None
+        qn, vn, an = (x.full().ravel() for x in found[:3])
+        remainder = float(found[5])
+        settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn)) and float(found[6]) <= APART
+        return (qn, vn, an) if settled else None
+
+    @classmethod
+    def _on_branch(cls, q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, found: tuple) -> bool:
+        """Whether the pose is the continuation of the one before, not a jump."""
+        predicted = q + h * v + h**2 / 2 * a
+        near = largest(found[0] - predicted) <= TRUST * largest(found[0] - q) + 1e-12 * (1 + largest(q))
+        return near and bool(cls._rates_fit(np.array([0.0, h]), np.vstack([q, found[0]]), np.vstack([v, found[1]]))[0])
+
+    @staticmethod
+    def _rates_fit(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Whether velocities agree with the motion by the trapezoidal rule; in a singular pose they are anything."""
+        h = np.diff(t)[:, None]
+        rise, mean = np.diff(q, axis=0), h * (v[1:] + v[:-1]) / 2
+        size = np.max(np.abs(rise), axis=1) + np.max(np.abs(h * v[:-1]), axis=1)
+        return np.max(np.abs(rise - mean), axis=1) <= TRUST * size + SMALL * (1 + np.max(np.abs(q[:-1]), axis=1))
+
+    # --- messages ---------------------------------------------------------------------------
+    @staticmethod
+    def _motion(grid: np.ndarray, blocks: list[tuple]) -> DrivenMotion:
+        q, v, a = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        return DrivenMotion(grid[: len(q)], q, v, a)
+
+    def _not_finite(self, q: np.ndarray, now: float, ahead: float, motion: DrivenMotion) -> AssemblyError | None:
+        """The error for rows that have no value from now on, if that is what stops the motion."""
+        rows = self.numeric.rows_not_finite(ahead, q)
+        if not rows:
+            return None
+        return AssemblyError(
+            f"the motion cannot be continued beyond t = {now:.9g} s: {', '.join(rows)} has no finite value from there "
+            "on: data of a spline that end, a division by zero, or a root of a negative number; what was computed is "
+            "in .partial",
+            time=now,
+            partial=self._wrap(motion),
+        )
+
+    def _apart(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
+        """The error for rows that contradict each other from now on, if that is what stops the motion."""
+        if self.driven.square:
+            return None
+        eom = self.numeric.eom
+        closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
+        jacobian, nu = self.numeric.velocity(now, q)
+        v = np.linalg.lstsq(jacobian, nu, rcond=None)[0]
+        at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
+        residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
+        rows = [eom.row_names[eom.position_rows[k]] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > APART]
+        if not rows:
+            return None
+        return AssemblyError(
+            f"the motion cannot be continued beyond t = {now:.9g} s: the redundant rows {', '.join(rows[:6])} "
+            "contradict each other from there on; what was computed is in .partial",
+            residuals={name: float(value) for name, value in zip(rows, sorted(np.abs(residual))[::-1], strict=False)},
+            time=now,
+            partial=self._wrap(motion),
+        )

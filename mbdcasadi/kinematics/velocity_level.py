@@ -1,0 +1,96 @@
+"""A driven motion that constraints determine at velocity level: with blades, wheels and skates.
+
+The drivers and the position constraints leave poses open that the
+velocity-level rows reach only along a path. ``q̇ = v`` with ``Phi_q v = nu`` is
+integrated; every output is brought onto the position constraints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations.driven import driven_equations
+from ..equations.numeric import NumericEquations
+from ..equations.recovery import Recovery
+from ..errors import SingularityError
+from ..integrators.integration import Dae, IntegrationFailure, Integrator
+from ..numerics.console import interruptible
+from ..numerics.progress import time_bar
+from .driven_motion import DrivenMotion, MotionFollower
+
+#: Tolerance of the integration.
+TOLERANCE = 1e-11
+#: Outputs after which the integration starts anew from the projected pose.
+CHUNK = 100
+
+
+class VelocityLevelMotion(MotionFollower):
+    """Follows the pose of a mechanism whose velocity is determined and whose pose is not; see the base class."""
+
+    def __init__(
+        self, numeric: NumericEquations, *, progress: bool = False, wrap: Callable[[DrivenMotion], Any] | None = None
+    ):
+        super().__init__(numeric, progress=progress, wrap=wrap)
+        self._rates = driven_equations(numeric.eom).rates
+        self._recovery = Recovery(numeric, redundant=True)
+
+    def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Follow the motion over a grid from the pose at its first time."""
+        integrator = Integrator(self._system(), "idas", TOLERANCE, TOLERANCE)
+        poses, done = q[None, :], 1
+        with interruptible(), time_bar(grid.size - 1, self._progress) as bar:
+            while done < grid.size:
+                times = grid[done : done + CHUNK]
+                v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
+                try:
+                    found, _ = integrator.advance(poses[-1], v, float(grid[done - 1]), times, self.numeric.p)
+                except KeyboardInterrupt:
+                    raise self._interrupted(self.correct(grid[:done], poses)) from None
+                except IntegrationFailure as failure:
+                    raise self._stopped(integrator, failure.flag, grid, poses, v) from None
+                poses = np.vstack([poses, self._recovery.positions(times, found)])
+                done += times.size
+                bar.update(times.size)
+        return self.correct(grid, poses)
+
+    def _stopped(
+        self, integrator: Integrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
+    ) -> SingularityError:
+        """Repeat a chunk output by output up to where it stops."""
+        done = len(poses)
+        start, times = float(grid[done - 1]), grid[done : done + CHUNK]
+        found = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
+        motion = self.correct(grid[: done + len(found.x)], np.vstack([poses, found.x]))
+        reached = float(motion.t[-1]) if found.last is None else found.last
+        return self._singular(reached, motion.q[-1] if found.last_x is None else found.last_x, motion)
+
+    def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
+        """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""
+        q = self._recovery.positions(t, q)
+        v, a = self._speeds(t, q)
+        return DrivenMotion(t, q, v, a)
+
+    def _speeds(self, t: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            v, a = (x.full().T for x in self._rates(t[None, :], q.T, self.numeric.p)[:2])
+        except RuntimeError:  # a singular matrix
+            v = a = np.full_like(q, np.nan)
+        if not np.all(np.isfinite(a)):
+            k = int(np.argmin(np.all(np.isfinite(a), axis=1)))
+            raise self._singular(float(t[k]), q[k], DrivenMotion.none(q.shape[1]))
+        return v, a
+
+    def _system(self) -> Dae:
+        """``q̇ = v``, ``Phi_q v = nu`` in time counted from the start of a chunk."""
+        eom = self.numeric.eom
+        since, start = ca.SX.sym("since"), ca.SX.sym("start")
+        rows = eom.Phi_q @ eom.v - eom.nu
+        if eom.lam.numel() > eom.q.numel():
+            rows = eom.Phi_q.T @ rows
+        residual = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [rows])(start + since, eom.q, eom.v, eom.p)
+        parameters = ca.vertcat(start, eom.p)
+        return Dae(since, eom.q, eom.v, parameters, ca.SX(0, 1), eom.v, residual)

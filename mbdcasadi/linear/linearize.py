@@ -1,0 +1,151 @@
+"""Linearisation of the equations of motion on the constraint manifold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.inputs import Signals, read_signals
+from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector
+from ..assembly.initial_state import carried_by, start_state
+from ..equations import Equations, equations
+from ..equations.numeric import NumericEquations
+from ..errors import ModelError
+from ..model.lists import entries
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input, Parameter, as_expression
+from ..printing import to_text
+from ..results.state import State
+from .coordinates import independent
+from .directions import Directions
+from .model import LinearModel
+
+
+def linearize(
+    mechanism: Mechanism,
+    state: State,
+    wrt: Sequence[Input | Parameter] = (),
+    outputs: Any = (),
+    parameters: Any = None,
+    *,
+    inputs: Any = None,
+    coordinates: Any = None,
+) -> LinearModel:
+    """Linearise the equations of motion about a state.
+
+    ``ẋ = A x + B u``, ``y = C x + D u`` for small changes on the constraints,
+    ``x = (w, ẇ, z)``: independent coordinates, their rates, first-order
+    states. All derivatives are exact; changes of the multipliers (geometric
+    stiffness), of lengths, and the terms of a steady motion are included.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    state : State
+        At rest (see :func:`equilibrium`), in steady motion, or anywhere on a motion.
+        It brings along its inputs and parameters.
+    wrt : sequence of Input or Parameter
+        Columns of B and D.
+    outputs : sequence of expressions, or {name: expression}
+        Rows of C and D: positions, reactions, accelerations, anything.
+    parameters, inputs : mapping, optional
+        Values other than those of the state. An input that is given as an
+        expression in the state is fed back: the loop is closed in A.
+    coordinates : sequence of expressions, optional
+        Independent coordinates to use, as many as there are degrees of freedom, in positions:
+        ``[hinge.angle]``. Otherwise coordinates of the bodies are chosen, angles before displacements.
+
+    Returns
+    -------
+    LinearModel
+        ``.A, .B, .C, .D``, names of states, inputs and outputs, ``.modes()``, hand-over to control packages.
+
+    Notes
+    -----
+    About a steady motion that turns, A is constant in coordinates that do not
+    see the turn: angles, or ``coordinates=`` of your own.
+
+    References
+    ----------
+    Negrut and Ortiz, "A practical approach for the linearization of the constrained multibody dynamics equations",
+    ASME J. Comput. Nonlinear Dynam. 1, 2006.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1 / 12, pose=(0, -0.5, -1.5707963))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()])
+    >>> model = mbd.linearize(pendulum, mbd.equilibrium(pendulum))
+    >>> model.state_names
+    ('arm.phi', 'arm.omega')
+    >>> round((6.283185307 * model.modes()[0].frequency) ** 2, 6)
+    14.715
+    """
+    eom = equations(mechanism)
+    if not isinstance(state, State):
+        raise ModelError(f"linearize: takes a State (from equilibrium, assemble or a trajectory), got {state!r}")
+    own = carried_by(state, mechanism)
+    p = parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    numeric = NumericEquations(eom, p)
+    signals = read_signals(eom, own["inputs"] | dict(pairs_of(inputs, "inputs=")))
+    point = start_state(numeric, state, state.t, signals)
+    _ = point[eom.a]  # raises where there are no accelerations
+    changed = inputs_and_parameters(mechanism, wrt, "wrt=")
+    names, expressions = read_outputs(outputs)
+    eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
+    chosen = independent(numeric, point, coordinates)
+    held = _feedback(eom, signals, changed)
+    directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
+    rate = ca.vertcat(chosen.position_rate, chosen.acceleration, eom.z_rate)
+    change = directions.of(rate)
+    out = ca.vertcat(ca.SX(0, 1), *expressions)
+    answer = directions.of(out) if out.numel() else np.zeros((0, directions.count))
+    k = change.shape[0]
+    return LinearModel(
+        change[:, :k],
+        change[:, k:],
+        answer[:, :k],
+        answer[:, k:],
+        state_names=(*chosen.names, *(z.label for z in mechanism.states)),
+        input_names=tuple(s.label for s in changed),
+        output_names=tuple(names),
+        state=point,
+        rate=np.atleast_1d(point[rate]),
+        directions=directions,
+        speeds=chosen.positions.numel(),
+    )
+
+
+def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:
+    """Names and expressions of outputs, one a scalar; a vector of two becomes ``name.x`` and ``name.y``."""
+    pairs: list[tuple[str | None, Any]]
+    pairs = list(outputs.items()) if isinstance(outputs, Mapping) else [(None, e) for e in entries(outputs, "outputs=")]
+    names: list[str] = []
+    expressions: list[ca.SX] = []
+    for name, value in pairs:
+        expression = ca.vec(as_expression(value, "outputs="))
+        label = name or (to_text(expression) if expression.numel() == 1 else f"output {len(names) + 1}")
+        ends = (
+            [""]
+            if expression.numel() == 1
+            else [".x", ".y"]
+            if expression.numel() == 2
+            else [f"[{k}]" for k in range(expression.numel())]
+        )
+        names += [f"{label}{end}" for end in ends]
+        expressions += ca.vertsplit(ca.densify(expression))
+    return names, expressions
+
+
+def _feedback(eom: Equations, signals: Signals, changed: Sequence[Any]) -> ca.SX:
+    """Inputs as expressions: constants do not matter here, feedback closes the loop."""
+    held = ca.SX(signals.expressions)
+    for k, symbol in enumerate(eom.mechanism.inputs):
+        if any(symbol is c for c in changed) and not held[k].is_constant():
+            raise ModelError(f"linearize: input '{symbol.label}' is given by feedback and cannot be in wrt= as well")
+    return held

@@ -1,0 +1,224 @@
+"""Unilateral contact of two bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ....errors import ModelError
+from ...element import Element, cross
+from ...expressions import if_else
+from ...markers import Marker
+from ...quantities import function_of
+from ...smoothing import Smoothing
+from ..friction.base import FrictionLaw, as_law
+from ..laws import pushing_force, stored_energy
+from .outlines import Outline
+from .places import Touch
+from .touching import touches
+
+
+class Contact(Element):
+    """Two outlines that push each other apart where they touch, and rub.
+
+    ``F = law(δ, δ̇)`` along the normal, with the penetration ``δ = -gap``, and friction
+    along the tangent by the sliding speed there and the normal force as the load. Both
+    act at the place of touch, with opposite forces on the two bodies.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Circle, Point, Segment, HalfPlane, PolygonEdges or HollowCircle
+        The outlines, on two bodies; the ground may be one.
+    law : callable
+        ``law(penetration, rate)`` returns the normal force, N: :class:`HuntCrossley`.
+    friction : FrictionLaw, optional
+        ``Coulomb, Stribeck, LuGre, Viscous`` or a sum of them.
+
+    Attributes
+    ----------
+    gap : casadi.SX
+        Distance of the surfaces, m, negative where they penetrate; the least one where
+        the outlines may touch at several places.
+    normal_force, friction_force : casadi.SX
+        N, sums over those places: the force that pushes them apart, and the force on `a`
+        along the tangent (the normal on `a`, turned clockwise by a right angle).
+    normal : casadi.SX
+        Unit vector (2,) from b to a, at the first place.
+    gaps, normal_forces, friction_forces, sliding_speeds : casadi.SX
+        The same by place (k,).
+    power : casadi.SX
+        Power of the friction, W.
+
+    Raises
+    ------
+    ModelError
+        For outlines on one body, and pairs of outlines that there is no rule for.
+
+    Notes
+    -----
+    Two polygons touch by the edges that face each other, with a place at each of their four
+    ends: a block on an equal one stands on two corners. Where the edges change, as when a
+    corner slips off, the forces jump; so they do where the centre of a circle is deep inside.
+
+    The stiffer the contact, the smaller the steps. ``simulate`` does not pass over a contact that is
+    closed for a short time, and warns where its steps did not resolve the forces. Where exact stick or impact without
+    a stiffness is wanted, see ``DryFriction`` and ``Event(reset=)``.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> ball = mbd.Body("ball", mass=0.6, inertia=2.4e-3, pose=(0, 1.1, 0))
+    >>> law = mbd.HuntCrossley(2e5, damping=0.3)
+    >>> floor = mbd.Contact("floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0)), law)
+    """
+
+    word = "contact"
+
+    def __init__(
+        self, name: str, a: Outline, b: Outline, law: Callable[[Any, Any], Any], friction: FrictionLaw | None = None
+    ):
+        super().__init__(name)
+        for outline in (a, b):
+            if not isinstance(outline, Outline):
+                raise ModelError(f"{self.what}: takes outlines as Circle(marker, radius), got {outline!r}")
+        if a.marker.body is b.marker.body:
+            raise ModelError(
+                f"{self.what}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
+            )
+        if isinstance(law, FrictionLaw):
+            raise ModelError(
+                f"{self.what}: law must be a function of penetration and rate, got {law!r}; friction= is it"
+            )
+        self.a, self.b, self.law = a, b, function_of(law, self.what, "law", "penetration", "rate")
+        self.markers = (a.marker, b.marker)
+        self.friction = None if friction is None else as_law(friction, self.what)
+        if self.friction is not None and self.friction.exact:
+            raise ModelError(
+                f"{self.what}: DryFriction switches a row of a joint, and a compliant contact has none; "
+                "take Coulomb, Stribeck or LuGre"
+            )
+        rubs = () if self.friction is None else self.friction.limits
+        self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
+        self.velocity_tolerance = None if self.friction is None else self.friction.velocity_tolerance
+        self.deflection_tolerance = None if self.friction is None else self.friction.deflection_tolerance
+        self._places = [
+            Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.what)
+            for k, touch in enumerate(touches(a, b, self.what))
+        ]
+        self.rates: Mapping[Any, ca.SX] = {s: r for place in self._places for s, r in place.rates.items()}
+        self.virtual_work = tuple(pair for place in self._places for pair in place.virtual_work)
+
+    @cached_property
+    def gaps(self) -> ca.SX:
+        """Distances by place (k,), m."""
+        return ca.vertcat(*[place.touch.gap for place in self._places])
+
+    @cached_property
+    def normal_forces(self) -> ca.SX:
+        """Normal forces by place (k,), N."""
+        return ca.vertcat(*[place.normal_force for place in self._places])
+
+    @cached_property
+    def friction_forces(self) -> ca.SX:
+        """Friction on a along the tangent by place (k,), N."""
+        return ca.vertcat(*[place.friction_force for place in self._places])
+
+    @cached_property
+    def sliding_speeds(self) -> ca.SX:
+        """Speeds of a's surface on b's along the tangent by place (k,), m/s."""
+        return ca.vertcat(*[place.sliding_speed for place in self._places])
+
+    @cached_property
+    def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
+        """By place the point (2,), m, and the force on a there (2,), N; b gets the opposite."""
+        return tuple((place.touch.point, place.force) for place in self._places)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """What a run must follow in several steps: the normal force, and what smooths the friction, times that.
+
+        Sums over the places, since places hand over to each other.
+        """
+        load = self.normal_force
+        found = [Smoothing(load, 1.0, f"{self.what}: its normal force", "or soften the law", load)]
+        if self.friction is not None:
+            turn = f"{self.what}: its friction's change of direction"
+            for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
+                found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
+        return tuple(found)
+
+    @property
+    def gap(self) -> ca.SX:
+        """Least distance of the surfaces, m."""
+        return ca.mmin(self.gaps)
+
+    @property
+    def normal(self) -> ca.SX:
+        """Unit vector (2,) from b to a, at the first place."""
+        return self._places[0].touch.normal
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force that pushes the bodies apart, N."""
+        return ca.sum1(self.normal_forces)
+
+    @property
+    def friction_force(self) -> ca.SX:
+        """Friction on a along the tangent, N."""
+        return ca.sum1(self.friction_forces)
+
+    @property
+    def power(self) -> ca.SX:
+        """Power of the friction, W."""
+        return ca.dot(self.friction_forces, self.sliding_speeds)
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Elastic energy, J, where the law knows it."""
+        return sum((stored_energy(self.law, -place.touch.gap) for place in self._places), ca.SX(0))
+
+
+class Place:
+    """What happens at one place of touch."""
+
+    def __init__(
+        self, touch: Touch, a: Marker, b: Marker, law: Any, friction: FrictionLaw | None, name: str, what: str
+    ):
+        self.touch = touch
+        tangent = ca.vertcat(touch.normal[1], -touch.normal[0])
+        relative = _speed_at(a, touch.point) - _speed_at(b, touch.point)
+        self.normal_force = pushing_force(law, touch.gap, ca.dot(touch.normal, relative), what)
+        self.sliding_speed = ca.dot(tangent, relative)
+        self.friction_force, self.rates = ca.SX(0), {}
+        self.smoothed: tuple[ca.SX, ...] = ()
+        if friction is not None:
+            found = friction.resistance(name, self.sliding_speed, self.normal_force)
+            self.friction_force, self.rates = if_else(touch.gap < 0, found.force, 0), dict(found.rates)
+            self.smoothed = found.smoothed
+        self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
+        self.virtual_work = tuple(
+            pair
+            for marker, load in ((a, force), (b, -force))
+            if not marker.body.is_ground
+            for pair in _work(marker, touch.point, load)
+        )
+
+
+def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
+    """Velocity of the point of a body that is at a place now (2,), m/s."""
+    body = marker.body
+    if body.is_ground:
+        return ca.SX(2, 1)
+    arm = point - body.position
+    return body.velocity + body.omega * ca.vertcat(-arm[1], arm[0])
+
+
+def _work(marker: Marker, point: ca.SX, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
+    """Virtual work of a force on a body at a place."""
+    body = marker.body
+    return (body.position, force), (body.phi, cross(point - body.position, force))

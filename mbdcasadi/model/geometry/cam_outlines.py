@@ -1,0 +1,249 @@
+"""Outlines of cams: polar functions, points, and profiles made for a follower motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ..quantities import quantity, yes_or_no
+from ..symbols import number
+from .closed_splines import closed_spline
+from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
+from .periodic_functions import TURN, lift_law, polar_law
+
+
+class CamOutline(Curve):
+    """Closed outline of a cam in the cam marker's frame, run through counter-clockwise.
+
+    Parameters
+    ----------
+    radius : float, callable or sequence of float
+        Polar radius, m, above 0: a number (a disc about the marker), ``radius(angle)``
+        of an angle from 0 to 2π, or values that a periodic spline of degree five joins (C4). Numbers and
+        functions may hold parameters.
+    angles : sequence of float, optional
+        Angles (rad) of the values, increasing, within one turn; evenly spread from 0 where none are given.
+
+    Raises
+    ------
+    ModelError
+        For a radius that is not positive, and an outline that does not close.
+
+    See Also
+    --------
+    through : an outline through points.
+    for_flat_follower, for_roller_follower : profiles that make a follower move by a program.
+
+    Examples
+    --------
+    An egg, and an eccentric disc with the axis of its body 10 mm off the centre::
+
+        CamOutline(lambda angle: 0.03 + 0.004 * mbd.cos(angle))
+        CamFlatFollower("tappet", cam.at(0, 0), face.at(0, 0), CamOutline(0.03))
+        Revolute("shaft", ground.at(0, 0), cam.at(-0.010, 0))
+    """
+
+    _called = "CamOutline"
+
+    #: The polar radius that was given, over the parameter.
+    _radius: ca.SX | None = None
+
+    def __init__(self, radius: Any, angles: Any = None):
+        law = polar_law(radius, angles)
+
+        def point(alpha: ca.SX) -> ca.SX:
+            r = ca.SX(quantity(law(alpha), "CamOutline", "radius"))
+            return r * ca.vertcat(ca.cos(alpha), ca.sin(alpha))
+
+        super().__init__(point, 0.0, TURN, closed=True)
+        self._radius = ca.dot(self._point, ca.vertcat(ca.cos(self._symbol), ca.sin(self._symbol)))
+        smallest, place = _least(self._radius, self._symbol)
+        if smallest <= 0:
+            raise ModelError(f"CamOutline: radius must be above 0, got {smallest:.6g} at {place:.4g} rad")
+
+    def radius(self, parameter: Any) -> ca.SX:
+        """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
+        return ca.norm_2(self.point(parameter)) if self._radius is None else self._at(self._radius, parameter)
+
+    @classmethod
+    def through(cls, points: Any, closed: bool = True) -> Curve:
+        """Return the outline through points by periodic splines of degree five (C4).
+
+        Parameters
+        ----------
+        points : sequence of (float, float)
+            (k, 2), m, at least five in order, in either sense; the first one is not repeated. The
+            parameter runs from 0 to 2π in proportion to the length of the chords.
+        closed : bool, default True
+            An outline closes; False is refused.
+        """
+        if not yes_or_no(closed, "CamOutline.through", "closed"):
+            raise ModelError("CamOutline.through: an outline closes; an open curve is Curve.through(points)")
+        return _Splined(points)
+
+    @classmethod
+    def for_flat_follower(cls, program: Any, base_radius: Any, direction: float = np.pi / 2) -> CamOutline:
+        """Return the profile that moves a flat-faced follower by a program.
+
+        The face is perpendicular to the motion of the follower. The outline's
+        distance from the axis along its normal is ``base_radius + lift``.
+
+        Parameters
+        ----------
+        program : MotionProgram or callable
+            Lift (m) over the angle by which the cam has turned counter-clockwise, from 0 to 2π.
+        base_radius : float or expression in parameters
+            Distance of the face from the cam marker at no lift, m.
+        direction : float, default π/2
+            Direction in which the follower is lifted, against the cam marker at angle zero, rad.
+
+        Raises
+        ------
+        ModelError
+            Where the profile would be undercut: the base radius that is needed at least.
+        """
+        return _FlatProfile(program, base_radius, direction)
+
+    @classmethod
+    def for_roller_follower(
+        cls,
+        program: Any,
+        base_radius: Any,
+        roller_radius: float = 0.0,
+        offset: float = 0.0,
+        direction: float = np.pi / 2,
+    ) -> CamOutline:
+        """Return the profile that moves a roller (or a knife edge) on a straight guide by a program.
+
+        Parameters
+        ----------
+        program : MotionProgram or callable
+            Lift (m) over the angle by which the cam has turned counter-clockwise, from 0 to 2π.
+        base_radius : float or expression in parameters
+            Smallest radius of the cam, m (of an offset follower: where the roller sits at no lift).
+        roller_radius : float, default 0
+            m; zero for a knife edge.
+        offset : float, default 0
+            Distance of the guide from the cam marker, to the left of the direction, m.
+        direction : float, default π/2
+            Direction in which the follower is lifted, against the cam marker at angle zero, rad.
+
+        Raises
+        ------
+        ModelError
+            Where the profile would be undercut, with the angle of the cam.
+        """
+        return _RollerProfile(program, base_radius, roller_radius, offset, direction)
+
+
+class _Splined(CamOutline):
+    """Outline through points."""
+
+    def __init__(self, points: Any):
+        points = checked_points(points, "CamOutline", least_points=5)
+        x, y = points.T
+        if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0:
+            points = np.vstack([points[:1], points[:0:-1]])
+        knots, points = chord_lengths(points, closed=True)
+        knots = knots * (TURN / knots[-1])
+        symbol = ca.SX.sym("alpha")
+        place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
+        self._define(symbol, place, ca.jacobian(place, symbol), 0.0, TURN, True)
+        found = crossing(self.points_and_normals(self.samples[::2])[0].T)
+        if found is not None:
+            raise ModelError(
+                f"CamOutline.through: the outline crosses itself near ({found[0]:.4g}, {found[1]:.4g}) m; give the "
+                "points in the order in which the outline runs through them"
+            )
+
+
+class _FlatProfile(CamOutline):
+    """Profile for a flat face: the lift gives the support function of the outline, the parameter is its normal."""
+
+    def __init__(self, program: Any, base_radius: Any, direction: float):
+        lift, alpha = lift_law(program), ca.SX.sym("alpha")
+        base = quantity(base_radius, "CamOutline", "base_radius", above=0.0)
+        turned = number(direction, "CamOutline", "direction") - alpha
+        support = base + lift(turned)
+        slope = ca.jacobian(support, alpha)
+        self._bend = support + ca.jacobian(slope, alpha)
+        self._out, self._along = ca.vertcat(ca.cos(alpha), ca.sin(alpha)), ca.vertcat(-ca.sin(alpha), ca.cos(alpha))
+        bend, place = _least(self._bend, alpha)
+        if bend <= 0:
+            raise ModelError(
+                f"CamOutline: the profile is undercut where the cam has turned by {(direction - place) % TURN:.4g}"
+                f" rad: its radius of curvature would be {bend:.6g} m; make base_radius larger by more than "
+                f"{-bend:.6g} m, or the program gentler"
+            )
+        point = support * self._out + slope * self._along
+        self._define(alpha, point, self._bend * self._along, 0.0, TURN, True)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        # of unit length: the second derivative of the lift, which may have kinks, is left out
+        return self._along
+
+    def _normal_at_symbol(self) -> ca.SX:
+        return self._out
+
+    def _curvature_at_symbol(self) -> ca.SX:
+        return 1 / self._bend
+
+
+class _RollerProfile(CamOutline):
+    """Profile for a roller: a curve at the roller's radius inside the path of its centre."""
+
+    def __init__(self, program: Any, base_radius: Any, roller_radius: float, offset: float, direction: float):
+        what = "CamOutline"
+        lift, alpha = lift_law(program), ca.SX.sym("alpha")
+        base = quantity(base_radius, what, "base_radius", above=0.0)
+        roller, aside = number(roller_radius, what, "roller_radius"), number(offset, what, "offset")
+        if roller < 0:
+            raise ModelError(f"{what}: roller_radius must be at least 0, got {roller}")
+        reach = (base + roller) ** 2 - aside**2
+        if not ca.SX(reach).is_constant() or float(reach) > 0:
+            along = ca.sqrt(reach) + lift(-alpha)
+        else:
+            raise ModelError(f"{what}: the offset {aside:g} m is not less than base_radius + roller_radius")
+        angle = alpha + number(direction, what, "direction")
+        c, s = ca.cos(angle), ca.sin(angle)
+        path = ca.vertcat(c * along - s * aside, s * along + c * aside)
+        self.roller_radius = roller
+        self._path = Curve(lambda place: ca.substitute(path, alpha, place), 0.0, TURN, closed=True)
+        bend = 1 - roller * self._path.curvature(alpha)
+        left, place = _least(bend, alpha)
+        if left <= 0:
+            raise ModelError(
+                f"{what}: the profile is undercut where the cam has turned by {-place % TURN:.4g} rad: the path "
+                f"of the roller's centre has the radius of curvature {roller / (1 - left):.6g} m there, less than "
+                f"the roller's {roller:g} m; take a smaller roller or a larger base_radius"
+            )
+        normal = self._path.normal(alpha)
+        point = path - roller * normal if roller else path
+        self._define(alpha, point, bend * self._path.tangent(alpha), 0.0, TURN, True)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        return self._path.tangent(self._symbol)
+
+    def _normal_at_symbol(self) -> ca.SX:
+        return self._path.normal(self._symbol)
+
+    def _curvature_at_symbol(self) -> ca.SX:
+        of_path = self._path.curvature(self._symbol)
+        return of_path / (1 - self.roller_radius * of_path)
+
+    def beside(self, parameter: Any, distance: Any) -> ca.SX:
+        """Point at a distance: on the path of the roller's centre where that is the roller's radius."""
+        if not isinstance(distance, ca.SX):
+            return self._path.beside(parameter, distance - self.roller_radius)
+        return super().beside(parameter, distance)
+
+
+def _least(expression: ca.SX, symbol: ca.SX) -> tuple[float, float]:
+    """Least value of an expression over one turn, and the angle at which it is found."""
+    places = np.linspace(0, TURN, SAMPLES, endpoint=False)
+    values = values_over(expression, symbol, places).ravel()
+    k = int(np.argmin(values))
+    return float(values[k]), float(places[k])

@@ -1,0 +1,241 @@
+"""Plane curves in a marker's frame, as expressions of one parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ExpressionError, ModelError
+from ..immutable import Immutable
+from ..quantities import column, function_of, yes_or_no
+from ..symbols import describe, number, symbols_of, values_of, varying_in
+from .closed_splines import closed_spline
+from .splines import spline
+
+#: Places at which a curve is looked at when it is made.
+SAMPLES = 1440
+
+
+class Curve(Immutable):
+    """A plane curve ``s'(alpha)``, for a slot, a rail or the outline of a cam.
+
+    Parameters
+    ----------
+    point : callable
+        ``point(alpha)`` returns the coordinates (x, y), m; alpha is a ``casadi.SX``.
+        They may hold parameters. Twice differentiable.
+    lower, upper : float
+        First and last parameter.
+    closed : bool, default False
+        Whether it closes, with the period ``upper - lower``; `point` must then be periodic.
+
+    Raises
+    ------
+    ModelError
+        For limits out of order, a curve with a cusp (no tangent), and one that is said
+        to close and does not.
+    ExpressionError
+        For symbols other than parameters.
+
+    Examples
+    --------
+    A slot along a parabola::
+
+        Curve(lambda s: (s, 2 * s**2), -0.1, 0.1)
+    """
+
+    _called = "Curve"
+
+    def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
+        what = self._called
+        symbol = ca.SX.sym("alpha")
+        coordinates = column(function_of(point, what, "point", "the parameter")(symbol), f"{what}: point")
+        if coordinates.numel() != 2:
+            raise ModelError(f"{what}: point must return two coordinates, got {coordinates.numel()}")
+        self._define(symbol, coordinates, ca.jacobian(coordinates, symbol), lower, upper, closed)
+
+    def _define(self, symbol: ca.SX, point: ca.SX, tangent: ca.SX, lower: float, upper: float, closed: bool) -> None:
+        """Keep the curve as expressions in a symbol, and check it."""
+        what = self._called
+        self.lower, self.upper = number(lower, what, "lower"), number(upper, what, "upper")
+        if not self.upper > self.lower:
+            raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")
+        self.closed = yes_or_no(closed, what, "closed")
+        if varying := varying_in(ca.vertcat(point, tangent), besides=symbol):
+            raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(varying[0])}")
+        self._symbol, self._point, self._tangent = symbol, ca.densify(point), ca.densify(tangent)
+        self._check(what)
+
+    def _check(self, what: str) -> None:
+        alpha = self.samples
+        values = self.sampled(ca.vertcat(self._point, self._tangent), alpha)
+        if not np.all(np.isfinite(values)):
+            k = int(np.argmax(~np.all(np.isfinite(values), axis=0)))
+            raise ModelError(f"{what}: the curve has no finite point or tangent at the parameter {alpha[k]:.6g}")
+        self.size = float(np.max(np.ptp(values[:2], axis=1)))
+        speed = np.hypot(values[2], values[3]) * (self.upper - self.lower)
+        turning = np.sum(values[2:, 1:] * values[2:, :-1], axis=0)
+        if np.min(speed) <= 1e-6 * self.size or np.min(turning) <= 0:
+            k = int(np.argmin(speed) if np.min(speed) <= 1e-6 * self.size else np.argmin(turning))
+            raise ModelError(
+                f"{what}: the curve has a cusp or a corner, without a tangent, near the parameter {alpha[k]:.6g}"
+            )
+        if self.closed:
+            ends = self.sampled(ca.vertcat(self._point, self._tangent), np.array([self.lower, self.upper]))
+            apart = np.abs(ends[:, 1] - ends[:, 0]) / np.r_[np.full(2, self.size), np.full(2, np.max(speed))]
+            if np.max(apart) > 1e-6:
+                raise ModelError(
+                    f"{what}: the curve does not close: it ends at ({ends[0, 1]:.6g}, {ends[1, 1]:.6g}) m and begins "
+                    f"at ({ends[0, 0]:.6g}, {ends[1, 0]:.6g}) m, or the tangents there differ"
+                )
+
+    @classmethod
+    def through(cls, points: Any, closed: bool = False) -> Curve:
+        """Return the curve through points by splines over the length of their chords.
+
+        Cubic ones, twice differentiable, for an open curve; of degree five for a closed one.
+
+        Parameters
+        ----------
+        points : sequence of (float, float)
+            (k, 2), m; at least four, five for a closed curve. The parameter is the length along the chords, m.
+        closed : bool, default False
+            Whether it goes on from the last point to the first (not to be repeated).
+        """
+        closed = yes_or_no(closed, cls.__name__, "closed")
+        points = checked_points(points, cls.__name__, least_points=5 if closed else 4)
+        knots, points = chord_lengths(points, closed)
+
+        def point(place: ca.SX) -> list[ca.SX]:
+            if closed:
+                return [closed_spline(place, knots, coordinate) for coordinate in points.T]
+            return [spline(place, knots, coordinate, outside="linear") for coordinate in points.T]
+
+        return Curve(point, 0.0, knots[-1], closed)
+
+    # --- the curve as expressions -----------------------------------------------------------
+    def _at(self, expression: ca.SX, parameter: Any) -> ca.SX:
+        return ca.substitute(expression, self._symbol, ca.SX(parameter))
+
+    def point(self, parameter: Any) -> ca.SX:
+        """Point (2,) in the marker's frame, m."""
+        return self._at(self._point, parameter)
+
+    def tangent(self, parameter: Any) -> ca.SX:
+        """Derivative of the point by the parameter (2,), not of unit length."""
+        return self._at(self._tangent, parameter)
+
+    def direction(self, parameter: Any) -> ca.SX:
+        """Vector along the tangent (2,), of a length that is as smooth as can be: for rows that ask for parallels."""
+        return self._at(self._direction_at_symbol(), parameter)
+
+    def _direction_at_symbol(self) -> ca.SX:
+        return self._tangent
+
+    def normal(self, parameter: Any) -> ca.SX:
+        """Unit normal (2,) to the right of the tangent: outward, on an outline that runs counter-clockwise."""
+        return self._at(self._normal_at_symbol(), parameter)
+
+    def _normal_at_symbol(self) -> ca.SX:
+        g = self._tangent
+        return ca.vertcat(g[1], -g[0]) / ca.norm_2(g)
+
+    def curvature(self, parameter: Any) -> ca.SX:
+        """Curvature, 1/m; positive where the curve turns to the left (an outline is convex there)."""
+        return self._at(self._curvature_at_symbol(), parameter)
+
+    def _curvature_at_symbol(self) -> ca.SX:
+        g, bend = self._tangent, ca.jacobian(self._tangent, self._symbol)
+        return (g[0] * bend[1] - g[1] * bend[0]) / ca.norm_2(g) ** 3
+
+    def beside(self, parameter: Any, distance: Any) -> ca.SX:
+        """Point (2,) at a distance from the curve along its normal: the centre of a roller on it, m."""
+        if not isinstance(distance, ca.SX) and distance == 0:
+            return self.point(parameter)
+        return self.point(parameter) + distance * self.normal(parameter)
+
+    # --- numbers ------------------------------------------------------------------------------
+    @property
+    def samples(self) -> np.ndarray:
+        """Parameters over the whole curve, spread evenly."""
+        return np.linspace(self.lower, self.upper, SAMPLES, endpoint=not self.closed)
+
+    def sampled(self, expression: ca.SX, parameters: np.ndarray) -> np.ndarray:
+        """Values (k, n) of an expression in the curve's symbol, the model's parameters at their own values."""
+        return values_over(expression, self._symbol, parameters)
+
+    def points_and_normals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points and normals (2, n) at parameters."""
+        found = self.sampled(ca.vertcat(self._point, self._normal_at_symbol()), parameters)
+        return found[:2], found[2:]
+
+    def curvatures(self, parameters: np.ndarray) -> np.ndarray:
+        """Curvatures (n,) at parameters, 1/m."""
+        return self.sampled(self._curvature_at_symbol(), parameters).ravel()
+
+
+def values_over(expression: ca.SX, symbol: ca.SX, places: np.ndarray) -> np.ndarray:
+    """Values (k, n) of a column in one symbol over places (n,), the model's parameters at their own values."""
+    others = [s for s in symbols_of(expression) if not ca.is_equal(s, symbol)]
+    function = ca.Function("curve", [symbol, *others], [ca.densify(expression)])
+    values = function(places[None, :], *[float(values_of(other)[0, 0]) for other in others]).full()
+    return np.tile(values, (1, places.size)) if values.shape[1] < places.size else values
+
+
+def checked_points(points: Any, what: str, least_points: int = 4) -> np.ndarray:
+    """Points of a curve as an array (k, 2)."""
+    try:
+        result = np.array(points, dtype=float)
+    except (TypeError, ValueError, RuntimeError):
+        raise ModelError(f"{what}: points must be pairs of numbers, got {points!r}") from None
+    if result.ndim != 2 or result.shape[1] != 2 or len(result) < least_points:
+        raise ModelError(f"{what}: points must be at least {least_points} pairs (x, y), got shape {result.shape}")
+    if not np.all(np.isfinite(result)):
+        raise ModelError(f"{what}: points must be finite, got {result[~np.all(np.isfinite(result), axis=1)][0]}")
+    return result
+
+
+def chord_lengths(points: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Length along the chords at each point (k,), and the points, the first repeated at the end where it closes."""
+    if closed:
+        points = np.vstack([points, points[:1]])
+    chords = np.hypot(*np.diff(points, axis=0).T)
+    if np.any(chords <= 0):
+        k = int(np.argmin(chords))
+        raise ModelError(f"a curve through points: the points {k} and {(k + 1) % (len(points) - 1)} coincide")
+    return np.r_[0.0, np.cumsum(chords)], points
+
+
+def crossing(points: np.ndarray) -> np.ndarray | None:
+    """Point (2,) near which the closed polygon through points (k, 2) crosses itself; None where it does not."""
+    sides = np.roll(points, -1, axis=0) - points
+
+    def side_of(targets: np.ndarray) -> np.ndarray:
+        """Whether each target (j) lies to the left of each side (i)."""
+        off = targets[None, :, :] - points[:, None, :]
+        return sides[:, None, 0] * off[..., 1] - sides[:, None, 1] * off[..., 0] > 0
+
+    left = side_of(points)
+    apart = left != np.roll(left, -1, axis=1)  # side i separates the ends of side j
+    k = np.arange(len(points))
+    distance = np.abs(k[:, None] - k)
+    neighbours = np.minimum(distance, len(points) - distance) <= 1
+    found = np.argwhere(apart & apart.T & ~neighbours)
+    return points[found[0, 0]] if len(found) else None
+
+
+def least(function: Callable[[np.ndarray], np.ndarray], curve: Curve) -> float:
+    """Parameter of a curve at which a function of parameters is least, by grids that close in on it."""
+    grid = curve.samples
+    step = grid[1] - grid[0]
+    best = float(grid[np.argmin(function(grid))])
+    while step > 1e-12 * (curve.upper - curve.lower):
+        grid = best + step * np.linspace(-1, 1, 21)
+        if not curve.closed:
+            grid = np.clip(grid, curve.lower, curve.upper)
+        best = float(grid[np.argmin(function(grid))])
+        step /= 8
+    return best

@@ -1,0 +1,276 @@
+"""Data as an expression: piecewise polynomials in ``casadi.SX``.
+
+CasADi's own B-spline is 0 outside its data when it is expanded to ``SX``, and
+has no monotone kind. Here the coefficients are computed by NumPy, and the
+expression picks those of the piece in which its argument lies.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+
+_LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
+_OUTSIDE = ("error", "constant", "linear", "periodic")
+
+#: Part of the data's width by which rounding may carry the argument beyond the data.
+_ROUNDING = 1e-9
+
+
+def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> Any:
+    """Curve through data points, as an expression in `x`.
+
+    The curve meets the points exactly. Where its first, second or third
+    derivative jumps, at a point, the one to the right is taken (to the left at
+    the last point). The cost of an evaluation grows with the number of
+    points: some hundreds are fine, several thousands are slow.
+
+    Parameters
+    ----------
+    x : casadi.SX, float or array
+        Argument, mostly time, an angle or a displacement; any shape.
+    xs, ys : sequence of float, (n,)
+        The points; `xs` increases strictly.
+    kind : {"cubic", "monotone", "linear"}, default "cubic"
+        - ``"cubic"``: C2, not-a-knot ends; for motions (at least 4 points).
+        - ``"monotone"``: C1, rises and falls only where the data do; for forces and
+          characteristic curves, which a cubic would overshoot (at least 2 points).
+        - ``"linear"``: straight lines (at least 2 points).
+    outside : {"error", "constant", "linear", "periodic"}, default "error"
+        - ``"error"``: the value and its derivatives are NaN outside the data; results
+          report it. Numbers for `x` raise at once. The curve goes on for 1e-9 of the
+          data's width, for the rounding of an argument that ends where the data end.
+        - ``"constant"``: the value of the nearest end.
+        - ``"linear"``: the tangent at the nearest end.
+        - ``"periodic"``: the data repeat with period ``xs[-1] - xs[0]``; the first and last of
+          `ys` are the same, and the kinds are as smooth there as at any other point.
+
+    Returns
+    -------
+    casadi.SX, float or numpy.ndarray
+        As `x`.
+
+    Raises
+    ------
+    ModelError
+        For points that are not finite, not increasing, too few or not periodic, for
+        an unknown choice, and for a number outside the data where that is an error.
+
+    References
+    ----------
+    C. de Boor, *A Practical Guide to Splines*, 2001, chapter IV.
+    F. N. Fritsch, J. Butland, SIAM J. Sci. Stat. Comput. 5 (1984) 300, doi:10.1137/0905021 (monotone).
+
+    Examples
+    --------
+    >>> angle = spline(ca.SX.sym("t"), [0, 1, 2, 3], [0, 0.5, 0.8, 0.6])
+    >>> spline(0.5, [0, 1], [0, 3], kind="linear")
+    1.5
+    """
+    if kind not in _LEAST_POINTS:
+        raise ModelError(f"spline: kind must be one of {', '.join(_LEAST_POINTS)}, got {kind!r}")
+    if outside not in _OUTSIDE:
+        raise ModelError(f"spline: outside must be one of {', '.join(_OUTSIDE)}, got {outside!r}")
+    xs, ys = _points(xs, ys, kind, outside)
+    if isinstance(x, ca.MX):
+        raise ModelError("spline: x is a casadi.MX; the model is written in casadi.SX")
+    if isinstance(x, ca.SX):
+        entries = [_curve(entry, xs, ys, kind, outside) for entry in ca.vertsplit(ca.vec(ca.densify(x)))]
+        return ca.reshape(ca.vertcat(*entries), *x.shape)
+    return _values(x, xs, ys, kind, outside)
+
+
+def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> ca.SX:
+    """Integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
+    xs, ys = _points(xs, ys, kind, outside)
+    if outside == "periodic":
+        raise ModelError("spline_integral: the integral of periodic data is not periodic")
+    anchors, coefficients = _pieces(xs, ys, kind, outside)
+    rising = coefficients / np.array([[1.0], [2.0], [3.0], [4.0]])
+    widths = np.diff(anchors)
+    pieces = widths * (rising[0, :-1] + widths * (rising[1, :-1] + widths * (rising[2, :-1] + widths * rising[3, :-1])))
+    before = np.concatenate([[0.0], np.cumsum(pieces)])
+    return piecewise(x, xs, anchors, np.vstack([before, rising]), outside)
+
+
+def _numbers(values: Any, name: str) -> np.ndarray:
+    if isinstance(values, ca.DM):
+        values = values.full().ravel()
+    try:
+        # Python's float() of a symbol is NaN and no error.
+        if isinstance(values, ca.SX) or any(isinstance(value, ca.SX) for value in values):
+            raise TypeError
+        result = np.asarray(values, dtype=float)
+    except (TypeError, ValueError, RuntimeError, NotImplementedError):
+        raise ModelError(f"spline: {name} must be a sequence of numbers, got {values!r}") from None
+    if result.ndim != 1:
+        raise ModelError(f"spline: {name} must be a sequence of numbers, got shape {result.shape}")
+    if not np.all(np.isfinite(result)):
+        k = int(np.argmin(np.isfinite(result)))
+        raise ModelError(f"spline: {name} must be finite, got {name}[{k}] = {result[k]}")
+    return result
+
+
+def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points as arrays (n,), checked."""
+    xs, ys = _numbers(xs, "xs"), _numbers(ys, "ys")
+    if len(xs) != len(ys):
+        raise ModelError(f"spline: xs and ys must have the same length, got {len(xs)} and {len(ys)}")
+    if len(xs) < _LEAST_POINTS[kind]:
+        raise ModelError(f"spline: kind '{kind}' takes at least {_LEAST_POINTS[kind]} points, got {len(xs)}")
+    if np.any(np.diff(xs) <= 0):
+        k = int(np.argmax(np.diff(xs) <= 0))
+        raise ModelError(f"spline: xs must increase strictly, got xs[{k}] = {xs[k]} and xs[{k + 1}] = {xs[k + 1]}")
+    if outside == "periodic":
+        # Data such as sin(2 pi) close only up to rounding.
+        if abs(ys[-1] - ys[0]) > _ROUNDING * np.max(np.abs(ys)):
+            raise ModelError(
+                "spline: periodic data must end with the value they start with, "
+                f"got ys[0] = {ys[0]} and ys[-1] = {ys[-1]}"
+            )
+        ys = np.append(ys[:-1], ys[0])
+    return xs, ys
+
+
+def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> Any:
+    """Value at numbers: a float or an array like `x`."""
+    numbers = np.asarray(x.full() if isinstance(x, ca.DM) else x, dtype=float)
+    slack = _ROUNDING * (xs[-1] - xs[0])
+    if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
+        raise ModelError(
+            f"spline: x = {numbers[bad].flat[0]} is outside the data, {xs[0]} … {xs[-1]}; "
+            "say outside='constant', 'linear' or 'periodic' if they are to go on"
+        )
+    symbol = ca.SX.sym("x")
+    curve = ca.Function("spline", [symbol], [_curve(symbol, xs, ys, kind, outside)])
+    if numbers.size == 0:
+        return numbers
+    result = curve(numbers.reshape(1, -1)).full().reshape(numbers.shape)
+    return float(result) if result.ndim == 0 else result
+
+
+def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> ca.SX:
+    """Return the curve as an expression in a scalar."""
+    anchors, coefficients = _pieces(xs, ys, kind, outside)
+    return piecewise(x, xs, anchors, coefficients, outside)
+
+
+def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.ndarray, outside: str) -> ca.SX:
+    """Polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
+
+    Parameters
+    ----------
+    x : casadi.SX
+        Scalar.
+    xs : numpy.ndarray
+        The points (n,) between which the pieces lie.
+    anchors, coefficients : numpy.ndarray
+        Of the pieces, (p,) and (k, p): one from each point on, and first and last
+        those outside, where `outside` is "constant" or "linear".
+    outside : str
+        As for :func:`spline`.
+    """
+    if outside == "periodic":
+        period = xs[-1] - xs[0]
+        x = x - period * ca.floor((x - xs[0]) / period)
+    # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
+    # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
+    # derivatives are those of the polynomial that is picked.
+    passed = [x >= start for start in xs[1:]]
+    if outside in ("constant", "linear"):
+        passed = [x >= xs[0], *passed, x > xs[-1]]
+    reached = ca.vertcat(1, *passed)
+    picked = reached - ca.vertcat(*passed, 0)
+    anchor, *terms = ca.vertsplit(ca.mtimes(ca.DM(np.vstack([anchors, coefficients])), picked))
+    if outside == "error":
+        # Added to every coefficient, so that the derivatives are NaN too; inside, 0 changes nothing.
+        slack = _ROUNDING * (xs[-1] - xs[0])
+        inside = ca.logic_and(x >= xs[0] - slack, x <= xs[-1] + slack)
+        terms = [term + ca.if_else(inside, 0, np.nan) for term in terms]
+    d = x - anchor
+    *terms, value = terms
+    for term in reversed(terms):
+        value = term + d * value
+    return value
+
+
+def _pieces(xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:
+    """Anchors (p,) and coefficients (4, p) of the pieces ``c0 + c1 d + c2 d² + c3 d³``, d from the anchor.
+
+    There is one for each interval and one that begins at the last point, where the
+    polynomial before it would meet the data up to rounding only; then the two outside, where they differ.
+    """
+    h, rise = np.diff(xs), np.diff(ys) / np.diff(xs)
+    if kind == "linear":
+        slopes = np.append(rise, rise[-1])
+        c2 = c3 = np.zeros_like(h)
+    else:
+        find = {"cubic": _cubic_slopes, "monotone": _monotone_slopes}[kind]
+        slopes = find(h, rise, outside == "periodic")
+        c2 = (3 * rise - 2 * slopes[:-1] - slopes[1:]) / h
+        c3 = (slopes[:-1] + slopes[1:] - 2 * rise) / h**2
+    c2, c3 = np.append(c2, c2[-1] + 3 * c3[-1] * h[-1]), np.append(c3, c3[-1])
+    anchors, coefficients = xs, np.vstack([ys, slopes, c2, c3])
+    if outside in ("constant", "linear"):
+        ends = coefficients[:, [0, -1]].copy()
+        ends[2 if outside == "linear" else 1 :] = 0
+        coefficients = np.column_stack([ends[:, 0], coefficients, ends[:, 1]])
+        anchors = np.concatenate([xs[:1], xs, xs[-1:]])
+    return anchors, coefficients
+
+
+def _cubic_slopes(h: np.ndarray, rise: np.ndarray, periodic: bool) -> np.ndarray:
+    """Slopes (n,) at the points that make the second derivative continuous."""
+    n = len(h) + 1
+    matrix, right = np.zeros((n, n)), np.zeros(n)
+    for k in range(1, n - 1):
+        matrix[k, k - 1 : k + 2] = h[k], 2 * (h[k - 1] + h[k]), h[k - 1]
+        right[k] = 3 * (h[k] * rise[k - 1] + h[k - 1] * rise[k])
+    if periodic:
+        # The first and last point are one: the same slope, and the row above across the seam.
+        matrix[0, [0, -1]] = 1, -1
+        matrix[-1, [-2, -1, 1]] = h[0], 2 * (h[-1] + h[0]), h[-1]
+        right[-1] = 3 * (h[0] * rise[-1] + h[-1] * rise[0])
+        return np.linalg.solve(matrix, right)
+    # Not-a-knot: the third derivative is continuous at the second and the last but one point.
+    width = h[0] + h[1]
+    matrix[0, :2] = h[1], width
+    right[0] = ((h[0] + 2 * width) * h[1] * rise[0] + h[0] ** 2 * rise[1]) / width
+    width = h[-1] + h[-2]
+    matrix[-1, -2:] = width, h[-2]
+    right[-1] = ((h[-1] + 2 * width) * h[-2] * rise[-1] + h[-1] ** 2 * rise[-2]) / width
+    return np.linalg.solve(matrix, right)
+
+
+def _monotone_slopes(h: np.ndarray, rise: np.ndarray, periodic: bool) -> np.ndarray:
+    """Slopes (n,) by Fritsch and Butland: the weighted harmonic mean, 0 at an extremum of the data."""
+    if periodic:
+        h, rise = np.append(h[-1], np.append(h, h[0])), np.append(rise[-1], np.append(rise, rise[0]))
+        return _inner_slopes(h, rise)
+    if len(h) == 1:
+        return np.array([rise[0], rise[0]])
+    first, last = _end_slope(h[:2], rise[:2]), _end_slope(h[:-3:-1], rise[:-3:-1])
+    return np.concatenate([[first], _inner_slopes(h, rise), [last]])
+
+
+def _inner_slopes(h: np.ndarray, rise: np.ndarray) -> np.ndarray:
+    slopes = np.zeros(len(h) - 1)
+    same = np.sign(rise[:-1]) * np.sign(rise[1:]) > 0
+    before, after = h[1:] + 2 * h[:-1], 2 * h[1:] + h[:-1]
+    # `after` weighs the rise before the point: the nearer neighbour counts more.
+    slopes[same] = (before + after)[same] / (after[same] / rise[:-1][same] + before[same] / rise[1:][same])
+    return slopes
+
+
+def _end_slope(h: np.ndarray, rise: np.ndarray) -> float:
+    """Slope at an end by the parabola through three points, held back where it would overshoot."""
+    slope = ((2 * h[0] + h[1]) * rise[0] - h[0] * rise[1]) / (h[0] + h[1])
+    if np.sign(slope) != np.sign(rise[0]):
+        return 0.0
+    if np.sign(rise[0]) != np.sign(rise[1]) and abs(slope) > 3 * abs(rise[0]):
+        return 3 * rise[0]
+    return slope

@@ -1,0 +1,162 @@
+"""Whether the conditions of a problem can hold together, told before anything is solved."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from ...arguments.inputs import read_signals
+from ...assembly.state import assemble_at
+from ...equations.numeric import LARGE, NumericEquations
+from ...errors import AssemblyError, ConditionError, MechanismWarning
+from ...model.conditions import Condition
+from ...model.mechanism import Mechanism
+from ...model.symbols import Symbol, symbols_of
+from ...results.state import State
+from ..placeholders import placeholders_in, with_values
+from .condition_rank import ranks_of
+
+if TYPE_CHECKING:
+    from ..problem import OptimalControlProblem
+
+#: Violation of a limit that counts, relative to its values.
+COUNTS = 1e-6
+
+
+def on_states(conditions: Sequence[Condition]) -> list[Condition]:
+    """Conditions that positions, velocities and first-order states decide."""
+    return [c for c in conditions if not c.depends_on("acceleration", "multiplier", "input", "input rate")]
+
+
+def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
+    """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+    found = {}
+    for symbol in (*mechanism.inputs, *mechanism.states):
+        low = Condition(symbol.lower - symbol, False, f"{symbol.label} >= {symbol.lower:g}")
+        high = Condition(symbol - symbol.upper, False, f"{symbol.label} <= {symbol.upper:g}")
+        if np.isfinite(symbol.lower):
+            found[low] = symbol, -1
+            high = replace(high, opposite=low, span=symbol.upper - symbol.lower)
+        if np.isfinite(symbol.upper):
+            found[high] = symbol, 1
+    return found
+
+
+def check_conditions(problem: OptimalControlProblem) -> None:
+    """Refuse conditions that contradict each other, and those that the constraints already fix.
+
+    Mechanisms of hundreds of bodies are left to the solver.
+
+    Raises
+    ------
+    ConditionError
+        Naming the conditions.
+    """
+    _refuse_empty_limits(problem)
+    _refuse_fixed_path(problem)
+    if not isinstance(problem.initial, State):
+        check_end(problem, "initial", problem.initial)
+    if not isinstance(problem.final, State):
+        check_end(problem, "final", [*problem.final, *at_end_alone(problem)])
+    for k, waypoint in enumerate(problem.waypoints, start=1):
+        check_end(problem, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
+
+
+def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
+    """Boundary conditions that speak of the end alone, as conditions there."""
+    found = []
+    for condition in problem.boundary:
+        if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
+            expression = with_values(condition.expression, lambda p: p.expression)
+            found.append(Condition(expression, condition.equality, condition.label))
+    return found
+
+
+def _refuse_fixed_path(problem: OptimalControlProblem) -> None:
+    """Refuse path equalities that the constraints decide."""
+    eom = problem.equations
+    rows = on_states([c for c in problem.path if c.equality])
+    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+        return
+    fixed = ranks_of(problem, NumericEquations(eom, eom.parameter_values), timed=False).fixed(rows)
+    if any(fixed):
+        label = rows[fixed.index(True)].label
+        raise ConditionError(f"path: {label} is already decided by the constraints alone; leave it out")
+
+
+def check_end(
+    problem: OptimalControlProblem, name: str, conditions: Sequence[Condition], time: float | None = None
+) -> None:
+    """Check the conditions at the start, at the end, or at another time of a motion."""
+    eom = problem.equations
+    rows = on_states([c for c in conditions if c.equality])
+    if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
+        return
+    ranks = ranks_of(problem, NumericEquations(eom, eom.parameter_values), timed=name != "initial")
+    for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
+        if fixed:
+            raise ConditionError(f"{name}: {condition.label} is already decided by the constraints alone; leave it out")
+    limits = on_states([c for c in problem.path if not c.equality])
+    limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
+    contradiction = ranks.count(rows) < len(rows)
+    if not contradiction:
+        known = {limit: ranks.value_under(limit, rows) for limit in limits}
+        _refuse_broken(name, {limit: (value, 1.0) for limit, value in known.items() if value is not None})
+        limits = [limit for limit in limits if known[limit] is None]
+        if not limits:
+            return
+    try:
+        when = 0.0 if name == "initial" else problem.duration[1] if time is None else time
+        with warnings.catch_warnings():  # what is found is not used as a pose: the branch does not matter
+            warnings.simplefilter("ignore", MechanismWarning)
+            state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
+    except (AssemblyError, ConditionError) as error:
+        if contradiction:
+            raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
+        return  # whether the linkage reaches there is for the solver to find out
+    parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in limits]
+    _refuse_broken(
+        name, {c: (float(state[c.expression]), 1 + abs(float(state[x]))) for c, x in zip(limits, parts, strict=True)}
+    )
+
+
+def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
+    """Refuse limits that values at a place, each with its size, do not meet."""
+    for limit, (amount, size) in values.items():
+        if amount > COUNTS * size:
+            raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
+
+
+def _refuse_empty_limits(problem: OptimalControlProblem) -> None:
+    """Refuse limits of one quantity that leave nothing between them."""
+    sides: list[tuple[ca.SX, str]] = []
+    for condition in problem.path:
+        sides.append((condition.expression, condition.label))
+        if condition.equality:
+            sides.append((-condition.expression, condition.label))
+    sides += [(limit.expression, limit.label) for limit in own_limits(problem.mechanism)]
+    sums = _constant_sums([expression for expression, _ in sides])
+    for (k, (_, first)), (j, (_, second)) in itertools.combinations(enumerate(sides), 2):
+        gap = sums[k, j]
+        if gap > 1e-12 and first != second:
+            raise ConditionError(f"path: {first} and {second} contradict each other by {gap:.6g}")
+
+
+def _constant_sums(expressions: list[ca.SX]) -> np.ndarray:
+    """Sums of two expressions each that depend on nothing, though symbols occur in them; else nan (k, k)."""
+    stack = ca.vertcat(ca.SX(0, 1), *expressions)
+    vector = ca.vertcat(ca.SX(0, 1), *symbols_of(stack))
+    function = ca.Function("sums", [vector], [ca.densify(stack), ca.densify(ca.jacobian(stack, vector))])
+    random = np.random.default_rng(2)
+    points = [function(random.uniform(0.5, 1.5, vector.numel())) for _ in range(2)]
+    values, slopes = (np.array([point[k].full() for point in points]) for k in range(2))
+    sums = values + values.transpose(0, 2, 1)
+    bend = np.abs(slopes[:, :, None, :] + slopes[:, None, :, :]).max(axis=(0, 3), initial=0.0)
+    constant = (bend <= 1e-12) & (np.abs(sums[0] - sums[1]) <= 1e-9 * (1 + np.abs(sums[0])))
+    return np.where(constant, sums[0], np.nan)

@@ -1,0 +1,87 @@
+"""What happens while the solver runs: progress, and Ctrl-C."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...numerics.console import Interruption
+from .rows import violations
+
+
+class Monitor(ca.Callback):
+    """Called by the solver after every iteration.
+
+    It shows iteration, cost and violation where that is wanted, and stops the
+    solver after Ctrl-C, so that the last iterate is not lost.
+
+    Parameters
+    ----------
+    size : int
+        Variables of the program.
+    lower : numpy.ndarray
+        Lower bounds of the rows.
+    cost_scale : float
+        By which the cost was divided.
+    data_size : int
+        Parameters of the program.
+    """
+
+    def __init__(self, size: int, lower: np.ndarray, cost_scale: float, data_size: int):
+        super().__init__()
+        rows = lower.size
+        self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": data_size}
+        self._lower = lower
+        self._cost_scale = cost_scale
+        self._bar: Any = None
+        self.interruption: Interruption | None = None
+        self.construct("monitor", {})
+
+    # --- one solve ------------------------------------------------------------------------
+    @contextmanager
+    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
+        """Watch one solve; a bar writes to what is standard error outside it."""
+        self.interruption = interruption
+        if show:
+            from tqdm.auto import tqdm
+
+            form = "{desc}: {n} iterations{postfix}"
+            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format=form, file=sys.stderr)
+        try:
+            yield
+        finally:
+            if self._bar is not None:
+                self._bar.close()
+                self._bar = None
+
+    # --- what CasADi calls --------------------------------------------------------------------
+    def get_n_in(self) -> int:
+        """Number of values that the solver hands over."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """One: whether to stop."""
+        return 1
+
+    def get_name_in(self, i: int) -> str:
+        """Name of a value."""
+        return str(ca.nlpsol_out(i))
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Shape of a value."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(i)], 1)
+
+    def eval(self, arg: list) -> list:
+        """Show the iterate; 1 asks the solver to stop."""
+        if self._bar is not None:
+            rows = arg[2].full().ravel()
+            worst = float(np.max(violations(rows, self._lower), initial=0.0))
+            cost = float(arg[1]) * self._cost_scale
+            self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
+            self._bar.update(1)
+        return [int(self.interruption is not None and self.interruption.requested)]

@@ -1,0 +1,183 @@
+"""What a motion is differentiated by: parameters, inputs, starts, as one vector of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.values import position_in
+from ..errors import ModelError
+from ..model.conditions import Condition, read_conditions
+from ..model.lists import entries
+from ..model.symbols import Input, Parameter, StateVariable
+from ..results.state import State
+from .differentiable_motion import Flow
+from .differentiable_start import Start
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """One thing to differentiate by.
+
+    Attributes
+    ----------
+    key : Parameter, Input, StateVariable or relation
+        As the user gave it.
+    label : str
+        In words.
+    kind : {"parameter", "input", "samples", "state", "condition"}
+        What it is.
+    index : int
+        Where it stands among those of its kind.
+    values : numpy.ndarray
+        Its values now (k,): one, or the samples of an input.
+    lower, upper : float
+        Its limits.
+    """
+
+    key: Any
+    label: str
+    kind: str
+    index: int
+    values: np.ndarray
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    @property
+    def size(self) -> int:
+        """How many numbers it is."""
+        return self.values.size
+
+
+class Design:
+    """Entries in the order given, and what they set in a compiled motion.
+
+    Parameters
+    ----------
+    wrt : sequence
+        Parameters; inputs (the constant, or every sample); first-order states
+        (their initial estimate); relations of ``initial=`` (their right side).
+    start : Start
+        The start.
+    flow : Flow
+        The motion.
+    initial : relations or State
+        As it was given, to recognise relations.
+    """
+
+    def __init__(self, wrt: Any, start: Start, flow: Flow, initial: Any):
+        self.start, self.flow = start, flow
+        keys = entries(wrt, "wrt=")
+        if not keys:
+            raise ModelError("wrt= is empty; name parameters, inputs, states or relations of initial=")
+        self.entries = tuple(self._entry(key, initial) for key in keys)
+        for k, entry in enumerate(self.entries):
+            if any(e.kind == entry.kind and e.index == entry.index for e in self.entries[:k]):
+                raise ModelError(f"wrt= names {entry.label} twice")
+        self.places = np.cumsum([0, *[e.size for e in self.entries]])
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return int(self.places[-1])
+
+    @property
+    def values(self) -> np.ndarray:
+        """The vector at the values given."""
+        return np.concatenate([e.values for e in self.entries])
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Limits of each number, as ``scipy.optimize`` takes them."""
+        return [(e.lower, e.upper) for e in self.entries for _ in range(e.size)]
+
+    def slice_of(self, key: Any) -> slice:
+        """Where an entry stands in the vector."""
+        for k, entry in enumerate(self.entries):
+            if same(entry.key, key):
+                return slice(int(self.places[k]), int(self.places[k + 1]))
+        names = ", ".join(e.label for e in self.entries)
+        raise ModelError(f"{getattr(key, 'label', key)!r} is not among what was differentiated by: {names}")
+
+    # --- reading --------------------------------------------------------------------
+    def _entry(self, key: Any, initial: Any) -> Entry:
+        mechanism, numeric = self.flow.numeric.eom.mechanism, self.flow.numeric
+        if isinstance(key, Parameter):
+            k = position_in(mechanism.parameters, key, "wrt=")
+            return Entry(key, f"parameter '{key.label}'", "parameter", k, numeric.p[[k]], key.lower, key.upper)
+        if isinstance(key, Input):
+            return self._input(key, position_in(mechanism.inputs, key, "wrt="))
+        if isinstance(key, StateVariable):
+            k = position_in(mechanism.states, key, "wrt=")
+            value = self.start.z_estimate[[k]]
+            return Entry(key, f"start of state '{key.label}'", "state", k, value, key.lower, key.upper)
+        return self._relation(key, initial)
+
+    def _input(self, key: Input, k: int) -> Entry:
+        samples = self.flow.signals.samples
+        if k in samples:
+            place = list(samples).index(k)
+            return Entry(key, f"input '{key.label}'", "samples", place, samples[k], key.lower, key.upper)
+        expression = self.flow.signals.expressions[k] - self.flow.shifts[k]
+        value = ca.simplify(expression)
+        if not value.is_constant():
+            raise ModelError(
+                f"wrt= holds input '{key.label}', which is given by an expression in time or state; "
+                "put parameters into the expression and differentiate by these"
+            )
+        return Entry(key, f"input '{key.label}'", "input", k, np.array([float(value)]), key.lower, key.upper)
+
+    def _relation(self, key: Any, initial: Any) -> Entry:
+        if not isinstance(key, ca.SX) or key.numel() != 1 or isinstance(initial, State):
+            raise ModelError(f"wrt= takes parameters, inputs, states, or scalar relations of initial=; got {key!r}")
+        labels = [c.label for c in self.start.conditions]
+        read: Sequence[Condition] = read_conditions([key])
+        if not read[0].equality or read[0].label not in labels:
+            raise ModelError(f"wrt= holds {read[0].label}, which is no equality of initial=")
+        return Entry(key, f"right side of {read[0].label}", "condition", labels.index(read[0].label), np.zeros(1))
+
+    # --- setting --------------------------------------------------------------------------
+    def arguments(self, d: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
+        """``p, right sides, z estimate, shifts, channel`` as functions of the vector."""
+        numeric, flow = self.flow.numeric, self.flow
+        p, right = ca.MX(ca.DM(numeric.p)), ca.MX(ca.DM(self.start.right))
+        z, shifts = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM.zeros(flow.shifts.numel()))
+        channel = ca.MX(ca.DM(flow.channel()))
+        steps = ca.DM(np.diff(flow.grid)).T
+        for entry, low, high in zip(self.entries, self.places[:-1], self.places[1:], strict=True):
+            given = d[int(low) : int(high)]
+            if entry.kind == "parameter":
+                p[entry.index] = given
+            elif entry.kind == "condition":
+                right[entry.index] = given
+            elif entry.kind == "state":
+                z[entry.index] = given
+            elif entry.kind == "input":
+                shifts[entry.index] = given - entry.values[0]
+            else:
+                channel[2 * entry.index, :] = given[:-1].T
+                channel[2 * entry.index + 1, :] = (given[1:] - given[:-1]).T / steps
+        return p, right, z, shifts, channel
+
+    def parameters(self, d: np.ndarray) -> np.ndarray:
+        """Parameter values at a vector."""
+        p = self.flow.numeric.p.copy()
+        for entry, low in zip(self.entries, self.places[:-1], strict=True):
+            if entry.kind == "parameter":
+                p[entry.index] = d[low]
+        return p
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two keys are the same expression, entry by entry of the graph."""
+    if one is other:
+        return True
+    if not isinstance(one, ca.SX) or not isinstance(other, ca.SX) or one.shape != other.shape:
+        return False
+    return all(
+        ca.is_equal(a, b, 8) for a, b in zip(ca.vertsplit(ca.vec(one)), ca.vertsplit(ca.vec(other)), strict=True)
+    )

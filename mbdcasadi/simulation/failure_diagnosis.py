@@ -1,0 +1,70 @@
+"""Why an integrator stopped, in the words of the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+from ..kinematics.singular import describe_singularity
+from ..results.validity import broken_at_pose
+from .tolerances import narrowest_friction
+
+_FLAGS = {
+    "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
+    "IDA_ERR_FAIL": "the error test failed again and again at the smallest step",
+    "IDA_CONV_FAIL": "Newton's method did not converge at the smallest step",
+    "IDA_LSETUP_FAIL": "the linear system of a step is singular",
+    "IDA_RES_FAIL": "the equations gave a value that is not finite",
+    "IDA_REP_RES_ERR": "the equations gave values that are not finite",
+    "IDA_NO_RECOVERY": "no consistent accelerations were found",
+}
+
+
+#: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
+NEAR = 0.02
+#: Velocity (m/s) or deflection (m) over which friction is smoothed, from which it may be what stops an integrator.
+NARROW_FRICTION = 1e-6
+
+
+def cause_of_failure(
+    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, flag: str, ahead: float
+) -> str:
+    """Likely cause of a failure after the state that was reached last.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+    t : float
+        Time of the last state.
+    q, v, z : numpy.ndarray
+        The last state, each (1, k).
+    flag : str
+        The integrator's own word.
+    ahead : float
+        How far to look beyond it, s.
+    """
+    eom = numeric.eom
+    said = _FLAGS.get(flag, flag)
+    remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q[0]))
+    for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
+        broken = numeric.forces_not_finite(time, pose, v[0], z[0], numeric.eom.input_values)
+        if broken:
+            return (
+                f"{', '.join(broken)} is not finite there: data of a spline that are left, a division by zero, "
+                f"or a root of a negative number ({said}){remarks}"
+            )
+    values = numeric.rank(t, q[0]).singular_values
+    if values.size and values[-1] < NEAR * values[0]:
+        pose = describe_singularity(numeric, t, q[0])
+        return f"the pose is singular or nearly so, {pose.text} ({said})"
+    if flag.startswith("the constraints"):
+        return said + remarks
+    narrow = narrowest_friction(numeric)
+    if narrow is not None and narrow[0] < NARROW_FRICTION:
+        remarks += f"; or {narrow[1].what} is too steep: {narrow[2]} is very narrow, widen it"
+    fastest = int(np.argmax(np.abs(v[0])))
+    return (
+        f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
+        f"at {v[0][fastest]:.3g} per second); method='rosenbrock', or events at the jumps, may help{remarks}"
+    )

@@ -1,0 +1,221 @@
+"""Equilibrium: the state at rest in which all forces balance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..arguments.inputs import Signals, read_signals
+from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector, position_in
+from ..assembly.initial_state import carried_by
+from ..assembly.state import assemble_at
+from ..equations import equations
+from ..equations.numeric import NumericEquations
+from ..errors import ConditionError, MechanismError, ModelError
+from ..model.conditions import Condition, read_conditions
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input, Parameter, number
+from ..numerics.least_squares import largest
+from ..results.state import State
+from .search import newton, newton_nearby, to_stable
+from .statics import Statics, Stiffness
+
+#: Speed of a driver that counts as rest (m/s or rad/s).
+AT_REST = 1e-9
+#: Violation of an inequality that is rounding.
+MET = 1e-8
+
+
+class EquilibriumError(MechanismError):
+    """No equilibrium was found, or none that meets the conditions."""
+
+
+class Equilibrium(State):
+    """A state at rest, and whether it is stable.
+
+    Attributes
+    ----------
+    stable : bool
+        Whether every free direction is held: the reduced stiffness has real
+        eigenvalues above zero. A direction in which nothing pushes (a wheel
+        that may turn) is not stable. Damping and the rates of first-order
+        states are no part of statics: :func:`linearize` tells of these.
+    stiffness : Stiffness
+        Eigenvalues and directions of the reduced stiffness.
+    """
+
+    def __init__(self, statics: Statics, x: np.ndarray):
+        q, z, lam, _ = statics.split(x)
+        rest = np.zeros(statics.n)
+        super().__init__(
+            statics.eom.mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x)
+        )
+        self.stiffness: Stiffness = statics.stiffness(x)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the reduced stiffness holds every free direction."""
+        return self.stiffness.stable
+
+    def __repr__(self) -> str:
+        least = self.stiffness.least
+        held = "nothing is free to move" if np.isinf(least) else f"least reduced stiffness {least:.6g} N/m"
+        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}"
+
+
+def equilibrium(
+    mechanism: Mechanism,
+    conditions: Any = (),
+    inputs: Any = None,
+    parameters: Any = None,
+    *,
+    unknowns: Sequence[Input | Parameter] = (),
+    prefer: str = "stable",
+    t: float = 0.0,
+) -> Equilibrium:
+    """Find the state at rest in which all forces balance.
+
+    ``Q - Phi_q^T lam = 0``, ``Phi = 0`` and ``z_rate = 0`` at ``v = 0``.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model. Drivers hold what they drive, and must be at rest.
+    conditions : sequence of relations, or State, optional
+        Where to start from: the pose that :func:`assemble` finds for them, or
+        a state. Inequalities also hold for the result, which says which of
+        several equilibria is meant. With ``unknowns=`` all of them hold for
+        the result, and may then hold reactions, inputs and parameters.
+    inputs : mapping of Input to number or expression, optional
+        Values other than the inputs' own; feedback is taken at rest.
+    parameters : mapping of Parameter to number, optional
+        Values other than the parameters' own.
+    unknowns : sequence of Input or Parameter, optional
+        Found with the equilibrium, as many as there are equalities among the
+        conditions: the torque that holds a pose, the counterweight that balances.
+    prefer : {"stable", "nearest"}
+        "stable" goes downhill from the start, past unstable equilibria;
+        "nearest" takes Newton's method to any. With `unknowns` it is "nearest".
+    t : float, default 0
+        Time at which drivers and forces are taken, s.
+
+    Returns
+    -------
+    Equilibrium
+        A State with ``.stable`` and ``.stiffness``. With redundant rows the multipliers are those of least norm.
+
+    Raises
+    ------
+    EquilibriumError
+        Where forces are left over: which, and in which coordinates.
+    ConditionError
+        For conditions that no pose meets, or that do not match the unknowns.
+
+    References
+    ----------
+    Haug 1989, section 6.6 (equilibrium); Nikravesh, *Computer-Aided Analysis of Mechanical Systems*, 1988, ch. 14.
+
+    Examples
+    --------
+    >>> import numpy as np, mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1 / 12, pose=(0.5, 0, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> rest = mbd.equilibrium(mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()]))
+    >>> round(rest[arm.phi] / np.pi, 9), rest.stable
+    (-0.5, True)
+    """
+    if prefer not in ("stable", "nearest"):
+        raise ModelError(f'equilibrium: prefer must be "stable" or "nearest", got {prefer!r}')
+    eom = equations(mechanism)
+    time = number(t, "equilibrium", "t")
+    own = carried_by(conditions, mechanism)
+    p = parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    given = own["inputs"] | dict(pairs_of(inputs, "inputs="))
+    numeric, signals = NumericEquations(eom, p), read_signals(eom, given)
+    wanted = inputs_and_parameters(mechanism, unknowns, "unknowns=")
+    rows = () if isinstance(conditions, State) else read_conditions(conditions)
+    equalities = tuple(c for c in rows if c.equality) if wanted else ()
+    if wanted and len(equalities) != len(wanted):
+        raise ConditionError(
+            f"equilibrium: {len(wanted)} unknowns ({', '.join(w.label for w in wanted)}) need as many equalities "
+            f"among the conditions, and there are {len(equalities)}"
+        )
+    start = conditions if isinstance(conditions, State) else _start(numeric, rows, time, signals, bool(wanted))
+    # the state may come from another mechanism on the same bodies
+    q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
+    _refuse_moving_drivers(numeric, time, q)
+    statics = Statics(numeric, signals, time, wanted, equalities)
+    values = [_value(w, eom, p, start) for w in wanted]
+    x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
+    if prefer == "stable" and not wanted:
+        found = to_stable(statics, x)
+        found = newton(statics, x) if found is None else found
+    else:
+        found = newton_nearby(statics, x)
+    if found is None:
+        raise EquilibriumError(_left_over(statics, x))
+    if wanted:
+        mechanism.check_values(statics.parameters(found))
+    result = Equilibrium(statics, found)
+    _check_inequalities(rows, result)
+    return result
+
+
+def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
+    """Where the search for an unknown begins."""
+    if isinstance(symbol, Parameter):
+        return float(p[position_in(eom.mechanism.parameters, symbol, "unknowns=")])
+    known = any(symbol is own for own in start.mechanism.inputs)
+    return float(start[symbol]) if known else symbol.value
+
+
+def _start(numeric: NumericEquations, rows: Sequence[Condition], time: float, signals: Signals, trim: bool) -> State:
+    """Assembled pose to start from; conditions that say nothing of the pose wait for the equilibrium itself."""
+    later = ("multiplier", "input") if trim else ()
+    usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
+    return assemble_at(numeric, usable, time, signals)
+
+
+def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:
+    nu = np.abs(numeric.velocity(time, q)[1])
+    if largest(nu) > AT_REST:
+        worst = int(np.argmax(nu))
+        element = numeric.eom.row_elements[worst]
+        kind = "driver" if any(element is d for d in numeric.eom.mechanism.drivers) else "constraint"
+        raise EquilibriumError(
+            f"equilibrium: {kind} '{element.name}' moves at {nu[worst]:.6g} per second at "
+            f"t = {time:.6g} s, so nothing is at rest there; choose t= where it stands still, or use inverse_dynamics",
+            time=time,
+        )
+
+
+def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
+    for row in rows:
+        if not row.equality and result[row.expression] > MET:
+            raise EquilibriumError(
+                f"equilibrium: the equilibrium that was found breaks the condition {row.label} by "
+                f"{result[row.expression]:.6g}; start from a pose nearer to the one that is meant"
+            )
+
+
+def _left_over(statics: Statics, x: np.ndarray) -> str:
+    """What is not balanced where the search started, in words."""
+    eom, here = statics.eom, statics.stiffness(x)
+    force = here.basis @ here.force / statics.numeric.column_scale**2
+    order = np.argsort(-np.abs(force * statics.numeric.column_scale))
+    parts = [f"{eom.coordinate_names[k]} ({force[k]:.4g})" for k in order[:3] if abs(force[k]) > 1e-9 * largest(force)]
+    rates = statics.rows(x)[0][statics.n + statics.constant_rows :][: statics.k]
+    parts += [f"{z.label} (rate {r:.4g})" for z, r in zip(eom.mechanism.states, rates, strict=True) if abs(r) > 1e-9]
+    soft = here.values.size and here.least <= 1e-9 * here.scale
+    remedy = (
+        "no force holds it back in some direction (a body that falls?)"
+        if soft
+        else "the forces may have no balance near this pose"
+    )
+    return (
+        f"equilibrium: no state at rest was found; at the start the forces that are not balanced act on "
+        f"{', '.join(parts) or 'nothing'} (N or N m); {remedy}; "
+        "give conditions nearer to it, or check springs and loads"
+    )

@@ -1,0 +1,261 @@
+"""Following a path of equilibria, and where it loses its stability."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..model.symbols import as_expression
+from ..numerics.least_squares import largest
+from ..numerics.newton import settle
+from ..numerics.roots import bracketed_root
+from .equilibrium import Equilibrium, EquilibriumError
+from .statics import NEUTRAL, Statics
+
+#: Points of a path that is asked to go on for ever.
+MOST_POINTS = 2000
+#: Smallest step of a path, as a share of the usual one.
+SMALLEST = 1e-6
+#: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
+LARGEST_TURN, STRAIGHT = 0.2, 0.7
+#: Singular values below this share vanish at a critical point, where rounding would throw a step off the path.
+SINGULAR = 1e-9
+#: Accuracy to which a critical value is found, relative to the range.
+ACCURACY = 1e-11
+
+
+@dataclass(frozen=True)
+class CriticalState:
+    """A point of a path at which a direction loses (or gains) its stiffness.
+
+    Attributes
+    ----------
+    value : float
+        Value of the parameter: the buckling load.
+    state : Equilibrium
+        The equilibrium there.
+    kind : {"limit", "bifurcation", "flutter"}
+        At a limit point the path turns back, and the mechanism snaps through;
+        at a bifurcation the path goes on, and another one crosses it. Flutter,
+        under forces without potential, sets in where two frequencies meet.
+    direction : numpy.ndarray
+        Displacement over q in which the stiffness vanishes, or in which it flutters (n,), the largest entry 1.
+    """
+
+    value: float
+    state: Equilibrium
+    kind: str
+    direction: np.ndarray
+
+
+class EquilibriumPath:
+    """Equilibria in the order of the path; ``path[expression]`` evaluates anything.
+
+    Attributes
+    ----------
+    parameter : Input or Parameter
+        What was changed.
+    values : numpy.ndarray
+        Its values (k,); they need not increase where the path turns.
+    states : tuple of Equilibrium
+        (k,).
+    stable : numpy.ndarray of bool
+        (k,).
+    least_stiffness : numpy.ndarray
+        Least eigenvalue of the reduced stiffness (k,), N/m.
+    critical : tuple of CriticalState
+        Where the number of directions that give way changes, and where flutter sets in or ends.
+    """
+
+    def __init__(self, parameter: Any, values: Sequence[float], states: Sequence[Equilibrium], critical: Sequence[Any]):
+        self.parameter = parameter
+        self.values = np.array(values)
+        self.states = tuple(states)
+        self.stable = np.array([state.stable for state in states])
+        self.least_stiffness = np.array([state.stiffness.least for state in states])
+        self.critical: tuple[CriticalState, ...] = tuple(critical)
+
+    def __getitem__(self, expression: Any) -> np.ndarray:
+        """Values of an expression along the path: (k,), or (k, i) for a vector."""
+        expression = as_expression(expression, "path[…]")
+        return np.array([state[expression] for state in self.states])
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"EquilibriumPath: {len(self)} states, {self.parameter.label} = {self.values[0]:.6g} … "
+            f"{self.values[-1]:.6g}, {int(np.sum(self.stable))} of them stable"
+        ]
+        return "\n".join(lines + [f"  {c.kind} at {self.parameter.label} = {c.value:.8g}" for c in self.critical])
+
+
+@dataclass
+class _Point:
+    """A point of the path: unknowns, direction of the path there, eigenvalues."""
+
+    x: np.ndarray
+    tangent: np.ndarray
+    state: Equilibrium
+
+
+class Follower:
+    """Predictor along the tangent, corrector by Newton's method at a given advance along it."""
+
+    def __init__(self, statics: Statics, parameter: Any, first: float, last: float, steps: int):
+        self.statics, self.parameter, self.first, self.last, self.steps = statics, parameter, first, last, steps
+        n, k = statics.n, statics.k
+        c = statics.numeric.column_scale
+        # advances count in turns and levers, and in shares of the range of the parameter
+        self._size = np.concatenate([c * statics.lever, np.ones(k), np.zeros(statics.m), [abs(last - first)]])
+        self._seen = np.flatnonzero(self._size)
+        self._turns = np.flatnonzero(statics.eom.angles)
+        self._n = n
+
+    def run(self, origin: Equilibrium) -> EquilibriumPath:
+        sign = np.sign(self.last - self.first)
+        x = self.statics.join(origin.q, origin.z, origin.lam, [self.first])
+        point = self._point(x, None)
+        if point.tangent[-1] * sign < 0:
+            point.tangent = -point.tangent
+        points, critical = [point], []
+        usual = 1.0 / self.steps
+        step = usual
+        while len(points) < MOST_POINTS:
+            nearest = (self.last - point.x[-1]) * sign / abs(self.last - self.first)
+            following = self._advance(point, step)
+            if following is None:
+                step /= 2
+                if step < SMALLEST * usual:
+                    raise EquilibriumError(
+                        f"equilibrium_path: the path cannot be followed beyond {self.parameter.label} = "
+                        f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
+                    )
+                continue
+            if (following.x[-1] - self.last) * sign > 0 and nearest > 0:
+                end = self._at(following, self.last)
+                following = end if end is not None else following
+            critical += self._critical_between(point, following)
+            points.append(following)
+            point, step = following, min(2 * step, usual)
+            beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
+            if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
+                break
+        return EquilibriumPath(self.parameter, [p.x[-1] for p in points], [p.state for p in points], critical)
+
+    # --- points ----------------------------------------------------------------------
+    def _point(self, x: np.ndarray, before: np.ndarray | None) -> _Point:
+        return _Point(x, self._tangent(x, before), Equilibrium(self.statics, x))
+
+    def _tangent(self, x: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Direction of the path in scaled unknowns, in the sense of the direction before."""
+        jacobian = self.statics.scaled(x)[0](x)[1]
+        size = np.where(
+            self._size > 0, self._size, largest(jacobian[:, : self._n]) * self.statics.stiffness(x).scale + 1
+        )
+        _, values, right = np.linalg.svd(jacobian * size)
+        null = right[np.sum(values > 1e-10 * values[0]) :].T
+        # multipliers that are not unique have null directions of their own, in which nothing moves
+        left, sizes, _ = np.linalg.svd(null[self._seen], full_matrices=False)
+        tangent = left[:, 0] if before is None else left[:, sizes > 1e-6] @ (left[:, sizes > 1e-6].T @ before)
+        tangent = tangent / np.linalg.norm(tangent)
+        return tangent if before is None or tangent @ before >= 0 else -tangent
+
+    def _advance(self, point: _Point, step: float) -> _Point | None:
+        """Equilibrium at an advance along the tangent of a point; None where it is not found nearby."""
+        seen, size = self._seen, self._size[self._seen]
+        guess = point.x.copy()
+        guess[seen] += step * size * point.tangent
+        equations, weights = self.statics.scaled(guess)
+        row = np.zeros((1, guess.size))
+        row[0, seen] = point.tangent / size
+
+        def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = equations(x)
+            return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
+
+        x = settle(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
+        if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
+            return None
+        found = self._point(x, point.tangent)
+        return found if found.tangent @ point.tangent > STRAIGHT else None
+
+    def _at(self, point: _Point, value: float) -> _Point | None:
+        """Equilibrium at a value of the parameter, near a point."""
+        guess = point.x.copy()
+        guess[-1] = value
+        equations, weights = self.statics.scaled(guess)
+        row = np.zeros((1, guess.size))
+        row[0, -1] = 1.0
+
+        def at_value(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = equations(x)
+            return np.append(values, x[-1] - value), np.vstack([slope, row])
+
+        x = settle(at_value, guess, weights, iterations=20, smallest=SINGULAR)
+        return None if x is None else self._point(x, point.tangent)
+
+    # --- critical points -------------------------------------------------------------------
+    def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:
+        """Where eigenvalues change their sign between two points, by regula falsi along the path, or flutter begins."""
+        ends = low.state.stiffness, high.state.stiffness
+        length = float(low.tangent @ ((high.x - low.x)[self._seen] / self._size[self._seen]))
+        few, many = sorted(end.falling for end in ends)
+        if all(end.is_real for end in ends):
+            found = [self._critical(low, high, length, index) for index in range(few, many)]
+        else:
+            found = [self._critical(low, high, length, None)] if (many - few) % 2 else []
+        if ends[0].flutters != ends[1].flutters:
+            found.append(self._flutter(low, high, length))
+        return found
+
+    def _flutter(self, low: _Point, high: _Point, length: float) -> CriticalState:
+        """Where two frequencies meet, by halving: the point on the side where it flutters."""
+        inner, outer = 0.0, length
+        points = {inner: low, outer: high}
+        while outer - inner > ACCURACY:
+            middle = (inner + outer) / 2
+            between = self._advance(low, middle)
+            if between is None or not inner < middle < outer:
+                break
+            points[middle] = between
+            if between.state.stiffness.flutters == low.state.stiffness.flutters:
+                inner = middle
+            else:
+                outer = middle
+        point = points[inner if low.state.stiffness.flutters else outer]
+        direction = self.statics.flutter(point.x)
+        direction = direction / direction[np.argmax(np.abs(direction))]
+        return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
+
+    def _critical(self, low: _Point, high: _Point, length: float, index: int | None) -> CriticalState:
+        found: dict[float, _Point] = {0.0: low, length: high}
+
+        def eigenvalue(advance: float) -> float:
+            if advance not in found:
+                between = self._advance(low, advance)
+                if between is None:
+                    raise EquilibriumError(
+                        f"equilibrium_path: the critical point near {self.parameter.label} = {low.x[-1]:.8g} "
+                        "cannot be located; take more steps="
+                    )
+                found[advance] = between
+            here = found[advance].state.stiffness
+            return here.singularity if index is None else float(np.sort(here.values.real)[index])
+
+        ends = {advance: eigenvalue(advance) for advance in (0.0, length)}
+        at = min(ends, key=lambda advance: abs(ends[advance]))
+        if abs(ends[at]) > NEUTRAL * low.state.stiffness.scale:  # else a point of the path is the critical one itself
+            at = bracketed_root(eigenvalue, 0.0, length, ends[0.0], ends[length], ACCURACY)
+        eigenvalue(at)
+        point = found[at]
+        turned = low.tangent[-1] * high.tangent[-1] < 0
+        here = point.state.stiffness
+        column = int(np.argmin(np.abs(here.values))) if index is None else index
+        direction = here.directions[:, column].real
+        direction = direction / direction[np.argmax(np.abs(direction))]
+        return CriticalState(float(point.x[-1]), point.state, "limit" if turned else "bifurcation", direction)

@@ -1,0 +1,102 @@
+"""The way to an equilibrium: downhill to a stable one, or by Newton's method to any."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..numerics.least_squares import largest
+from ..numerics.newton import settle
+from .statics import Statics, Stiffness
+
+#: How far a body may turn in a step (rad), and move (in levers of the mechanism).
+LARGEST_STEP = 0.2
+#: How far a body may turn in a step of Newton's method, rad: more leads to equilibria that are far away.
+LARGEST_TURN = 0.5
+#: Steps downhill.
+STEPS = 400
+#: A step this small (in levers) ends the way downhill: Newton's method takes over.
+SETTLED = 1e-6
+#: By how much a pose is moved out of an unstable equilibrium, in levers, and how often.
+NUDGE, NUDGES = 1e-2, 4
+
+
+def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
+    """Follow the unbalanced forces until they vanish, or the steps are used up.
+
+    Newton steps on the reduced stiffness with the signs of its eigenvalues
+    taken away lead downhill also where the stiffness is negative, so that
+    unstable equilibria are passed. A step is halved until the forces have done
+    work along it, which keeps it from overshooting; no potential is needed.
+    """
+    x = statics.follow(x)
+    here = statics.stiffness(x)
+    for _ in range(STEPS):
+        step = _step(here)
+        size = largest(step)
+        if size <= SETTLED * statics.lever:
+            return x
+        step *= min(1.0, LARGEST_STEP * statics.lever / size)
+        share = 1.0
+        while share > 1e-6:
+            moved = statics.displaced(x, here.basis @ (share * step))
+            if moved is not None:
+                there = statics.stiffness(moved)
+                way = (moved - x)[: statics.n] / statics.numeric.column_scale**2
+                if here.force @ (here.basis.T @ way) + there.force @ (there.basis.T @ way) > 0:
+                    break
+            share /= 2
+        else:
+            return x
+        x, here = moved, there
+    return x
+
+
+def _step(stiffness: Stiffness) -> np.ndarray:
+    values, vectors = np.linalg.eigh((stiffness.matrix + stiffness.matrix.T) / 2)
+    floor = max(1e-9 * stiffness.scale, 1e-6 * largest(stiffness.force), np.finfo(float).tiny)
+    along = vectors.T @ stiffness.force
+    # where nothing pushes, nothing is to be gained, however soft the direction is
+    along[np.abs(along) <= 1e-13 * (1 + stiffness.scale)] = 0.0
+    return vectors @ (along / np.maximum(np.abs(values), floor))
+
+
+def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
+    """Equilibrium to rounding by Newton's method on all rows; None where it does not settle."""
+    equations, weights = statics.scaled(x)
+    limit = np.full(x.size, np.inf)
+    limit[np.flatnonzero(statics.eom.angles)] = LARGEST_TURN
+    return settle(equations, x, weights, step_limit=limit)
+
+
+def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
+    """Equilibrium by Newton's method; from beside the start where the stiffness vanishes at the start itself."""
+    found = newton(statics, x)
+    directions = statics.stiffness(x).directions if found is None else np.zeros((0, 0))
+    for way in directions.T[:2].real:
+        for side in (1, -1, 5, -5):
+            moved = statics.displaced(x, side * NUDGE * statics.lever * way)
+            found = None if moved is None else newton(statics, moved)
+            if found is not None:
+                return found
+    return found
+
+
+def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
+    """Stable equilibrium downhill of a pose; an unstable one where there is none; None where none was found."""
+    first: np.ndarray | None = None
+    for attempt in range(NUDGES):
+        settled = downhill(statics, x)
+        found = newton(statics, settled)
+        if found is None or largest((found - settled)[: statics.n]) > 0.1 * (1 + statics.lever):
+            return found if first is None else first
+        stiffness = statics.stiffness(found)
+        if stiffness.stable or stiffness.negative == 0:
+            return found
+        first = found if first is None else first
+        direction = stiffness.directions[:, 0].real
+        way = direction * NUDGE * statics.lever * (1 if attempt % 2 == 0 else -1)
+        moved = statics.displaced(found, way)
+        if moved is None:
+            return first
+        x = moved
+    return first

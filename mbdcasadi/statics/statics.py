@@ -1,0 +1,289 @@
+"""The equations of statics, and the stiffness of a mechanism in its free directions.
+
+    Q(t, q, 0, z, lam, u, p) - Phi_q^T lam = 0,    Phi(q, t) = 0,    z_rate = 0
+
+With ``N`` a basis of the virtual displacements (``Phi_q N = 0``) the reduced
+stiffness is ``K = -N^T (Q - Phi_q^T lam)_q N``: the stiffness of springs,
+gravity and other applied forces, and the geometric one of the multipliers.
+First-order states, and multipliers on which forces depend, follow the pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..model.conditions import Condition
+from ..numerics.least_squares import largest, solve
+from ..numerics.rank import analyse_rank, unit_rows
+
+#: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
+NEUTRAL = 1e-11
+#: A row of forces counts as no softer than this share of the stiffness that is typical of the mechanism.
+SOFTEST = 1e-3
+#: Imaginary parts above this share of the same belong to forces without potential, not to rounding.
+CIRCULATORY = 1e-7
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Reduced stiffness at a pose.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        Eigenvalues, least real part first (k,), N/m; a turn counts as the arc at the typical lever of the mechanism.
+    directions : numpy.ndarray
+        Displacement over q that belongs to each (n, k).
+    matrix : numpy.ndarray
+        The stiffness itself, in the basis of :attr:`basis` (k, k).
+    basis : numpy.ndarray
+        Virtual displacements (n, k).
+    force : numpy.ndarray
+        Unbalanced force along the basis (k,), N.
+    scale : float
+        Stiffness that is typical of the mechanism: what rounding is measured by.
+    stable : bool
+        Whether every free direction is held: all eigenvalues above zero. Where
+        forces have no potential (a load that follows a rod) the matrix is not
+        symmetric, and small undamped motions decide: the squares of their
+        frequencies must be real and above zero.
+    flutters : bool
+        Whether such squares are complex, so that small motions grow.
+    """
+
+    values: np.ndarray
+    directions: np.ndarray
+    matrix: np.ndarray
+    basis: np.ndarray
+    force: np.ndarray
+    scale: float
+    stable: bool
+    flutters: bool
+
+    @property
+    def least(self) -> float:
+        """Smallest real part; infinite where nothing can move."""
+        return float(np.min(self.values.real, initial=np.inf)) + 0.0  # no -0
+
+    @property
+    def negative(self) -> int:
+        """Number of directions in which the mechanism gives way."""
+        return int(np.sum(self.values.real < -NEUTRAL * self.scale))
+
+    @property
+    def falling(self) -> int:
+        """Number of directions in which the mechanism gives way without turning about: real eigenvalues below zero.
+
+        Only these change their number where the stiffness is singular; a complex pair, of forces
+        without potential, may pass the imaginary axis and nothing happens.
+        """
+        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
+        return int(np.sum(real & (self.values.real < -NEUTRAL * self.scale)))
+
+    @property
+    def singularity(self) -> float:
+        """Eigenvalue nearest to zero, with the sign of the determinant."""
+        sign = np.linalg.slogdet(self.matrix)[0]
+        return float(sign * np.min(np.abs(self.values), initial=np.inf))
+
+    @property
+    def is_real(self) -> bool:
+        """Whether all eigenvalues are real, as they are where forces have a potential."""
+        return not np.iscomplexobj(self.values)
+
+
+class Statics:
+    """Equations of statics at one time; the unknowns are ``x = (q, z, lam, y)``.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters.
+    signals : Signals
+        Inputs; feedback is taken at zero velocity.
+    t : float
+        Time, s.
+    unknowns : sequence of casadi.SX, optional
+        Inputs and parameters ``y`` that are looked for too.
+    conditions : sequence of Condition, optional
+        Equalities that hold besides.
+    """
+
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        signals: Signals,
+        t: float,
+        unknowns: Sequence[ca.SX] = (),
+        conditions: Sequence[Condition] = (),
+    ):
+        self.numeric, self.t = numeric, t
+        eom = self.eom = numeric.eom
+        self.n, self.k, self.m = eom.q.numel(), eom.z.numel(), eom.lam.numel()
+        y = ca.vertcat(ca.SX(0, 1), *unknowns)
+        self._free_p = _places(eom.mechanism.parameters, unknowns)
+        self._known_p = [k for k in range(numeric.p.size) if k not in self._free_p]
+        self._from_y = [_places(unknowns, [eom.mechanism.parameters[k]])[0] for k in self._free_p]
+        u = ca.SX(signals.expressions)
+        for k in _places(eom.mechanism.inputs, unknowns):
+            u[k] = eom.mechanism.inputs[k]
+        u = ca.substitute(u, eom.v, ca.SX.zeros(self.n))
+        rows = ca.vertcat(eom.Q - eom.Phi_q.T @ eom.lam, eom.Phi, eom.z_rate, *[c.expression for c in conditions])
+        rest = ca.SX.zeros(self.n)
+        rows = ca.substitute(ca.densify(rows), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
+        x = ca.vertcat(eom.q, eom.z, eom.lam, y)
+        arguments = [x, eom.t, eom.p[self._known_p]]
+        self._rows = ca.Function("statics", arguments, [rows, ca.jacobian(rows, x)])
+        self._inputs = ca.Function("inputs", arguments, [ca.densify(u)])
+        self.constant_rows = eom.Phi.numel()
+
+    # --- the unknowns ----------------------------------------------------------------
+    def join(self, q: np.ndarray, z: np.ndarray, lam: np.ndarray, y: np.ndarray | Sequence[float] = ()) -> np.ndarray:
+        """The unknowns as one vector."""
+        return np.concatenate([q, z, lam, np.asarray(y, float)])
+
+    def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``q, z, lam, y``."""
+        parts = np.split(x, np.cumsum([self.n, self.k, self.m]))
+        return parts[0], parts[1], parts[2], parts[3]
+
+    def parameters(self, x: np.ndarray) -> np.ndarray:
+        """All parameter values, those that are looked for included."""
+        p = self.numeric.p.copy()
+        p[self._free_p] = self.split(x)[3][self._from_y]
+        return p
+
+    def inputs(self, x: np.ndarray) -> np.ndarray:
+        """Input values (n_u,)."""
+        return self._inputs(x, self.t, self.numeric.p[self._known_p]).full().ravel()
+
+    # --- residual ------------------------------------------------------------------------
+    def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All rows ``(forces, Phi, z_rate, conditions)`` and their Jacobian."""
+        values, jacobian = self._rows(x, self.t, self.numeric.p[self._known_p])
+        return values.full().ravel(), jacobian.full()
+
+    def scaled(self, x: np.ndarray):
+        """The rows as equations with slopes of size one, and the metric of the unknowns.
+
+        The rows keep the scale they have at `x`.
+        """
+        c = self.numeric.column_scale
+        values, jacobian = self.rows(x)
+        size = np.max(np.abs(jacobian[:, : self.n] * c), axis=1, initial=0.0)
+        least = SOFTEST * self._typical(x, values, jacobian) or 1.0
+        size[: self.n] = np.maximum(size[: self.n], least / c)
+        size[self.n :] = np.maximum(size[self.n :], 1.0)
+        # the largest would make columns so large beside soft springs that these were taken for none
+        force = float(np.min(size[: self.n], initial=np.inf))
+
+        def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = self.rows(x)
+            return values / size, slope / size[:, None]
+
+        given = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
+        return equations, np.concatenate(given)
+
+    def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
+        """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
+
+        Forces are those that act, reactions, and those that states and unknowns of the size they have would bring.
+        """
+        c, n = self.numeric.column_scale, self.n
+        _, z, lam, y = self.split(x)
+        size = np.concatenate([np.maximum(1.0, np.abs(z)), np.abs(lam), np.maximum(1.0, np.abs(y))])
+        force = max(largest(c * values[:n]), largest(c[:, None] * jacobian[:n, n:] * size))
+        return largest(c[:, None] * jacobian[:n, :n] * c) + force / self.lever
+
+    # --- moving ------------------------------------------------------------------------------
+    @property
+    def lever(self) -> float:
+        """Typical distance on the mechanism: what a displacement is compared with, m."""
+        return 1 / float(np.min(self.numeric.column_scale))
+
+    def displaced(self, x: np.ndarray, way: np.ndarray) -> np.ndarray | None:
+        """Pose moved by `way` (n,) and brought back onto the constraints; None where the parts come apart."""
+        numeric = self.numeric
+        outcome = solve(lambda q: numeric.position(self.t, q), x[: self.n] + way, numeric.weights, iterations=20)
+        if not outcome.converged:
+            return None
+        return self.follow(np.concatenate([outcome.x, x[self.n :]]))
+
+    # --- free directions --------------------------------------------------------------------
+    def follow(self, x: np.ndarray) -> np.ndarray:
+        """The same pose with the multipliers and first-order states that balance what can be balanced."""
+        c, basis = self._free(x)
+        x = x.copy()
+        for _ in range(3):
+            values, jacobian = self.rows(x)
+            left = self._left(jacobian, basis, c)
+            right = np.concatenate([values[: self.n] * c, values[self.n + self.constant_rows :][: self.k]])
+            step = -np.linalg.lstsq(left, right, rcond=1e-12)[0]
+            x[self.n : self.n + self.k] += step[: self.k]
+            x[self.n + self.k : self.n + self.k + self.m] += step[self.k : self.k + self.m]
+            if largest(step[: self.k]) <= 1e-12 and not self.eom.Q_depends_on_lam:
+                break
+        return x
+
+    def stiffness(self, x: np.ndarray) -> Stiffness:
+        """Reduced stiffness and unbalanced force at a pose, with multipliers and states from :meth:`follow`."""
+        c, basis = self._free(x)
+        values, jacobian = self.rows(x)
+        left = self._left(jacobian, basis, c)
+        rates = slice(self.n + self.constant_rows, self.n + self.constant_rows + self.k)
+        moved = np.vstack([c[:, None] * jacobian[: self.n, : self.n], jacobian[rates, : self.n]]) @ basis
+        held = np.concatenate([c * values[: self.n], np.zeros(self.k)])
+        answer = np.linalg.lstsq(left, np.column_stack([moved, held]), rcond=1e-12)[0][self.k + self.m :]
+        matrix, force = -answer[:, :-1], answer[:, -1]
+        scale = self._typical(x, values, jacobian)
+        if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
+            values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
+            stable, flutters = bool(np.all(values > NEUTRAL * scale)), False
+        else:
+            values, vectors = np.linalg.eig(matrix)
+            order = np.argsort(values.real)
+            values, vectors = values[order], vectors[:, order]
+            squares = self._squares(matrix, basis, x)[0]
+            size = largest(squares)
+            flutters = bool(np.any(np.abs(squares.imag) > CIRCULATORY * size))
+            stable = not flutters and bool(np.all(squares.real > NEUTRAL * size))
+        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable, flutters)
+
+    def _squares(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Squares of the frequencies of small undamped motions, and their shapes in the basis."""
+        inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
+        least = float(np.min(np.linalg.eigvalsh(inertia)))
+        return np.linalg.eig(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
+
+    def flutter(self, x: np.ndarray) -> np.ndarray:
+        """Displacement over q of the small motion whose frequency is farthest from real (n,)."""
+        here = self.stiffness(x)
+        squares, shapes = self._squares(here.matrix, here.basis, x)
+        return here.basis @ shapes[:, np.argmax(np.abs(squares.imag))].real
+
+    def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
+        c = self.numeric.column_scale
+        p = self.parameters(x)
+        jacobian = self.numeric.velocity_function(self.t, x[: self.n], p)[0].full() * c
+        null = analyse_rank(unit_rows(jacobian)).null_columns
+        return c, c[:, None] * null
+
+    def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """What multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
+        n, k, m = self.n, self.k, self.m
+        rates = slice(n + self.constant_rows, n + self.constant_rows + k)
+        upper = np.hstack([c[:, None] * jacobian[:n, n : n + k + m], basis / c[:, None]])
+        lower = np.hstack([jacobian[rates, n : n + k + m], np.zeros((k, basis.shape[1]))])
+        return np.vstack([upper, lower])
+
+
+def _places(symbols: Sequence[ca.SX], wanted: Sequence[ca.SX]) -> list[int]:
+    """Where symbols stand that are among those wanted."""
+    return [k for k, symbol in enumerate(symbols) if any(symbol is w for w in wanted)]

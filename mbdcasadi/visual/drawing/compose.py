@@ -1,0 +1,184 @@
+"""The scene of a mechanism: bodies, symbols, loads, names and traces, over the times of a sample."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import MechanismError
+from ...model.bodies import Body, Marker, ground
+from ...model.joints.lower_pairs import Translational
+from ..page.tooltips import readings
+from ..symbols import symbol
+from . import lines, scene
+from .labels import wrapped
+from .loads import draw_loads
+from .outlines import draw_body, points_on, shape_loops
+from .pen import Pen
+from .sample import Sample
+from .scene import Label, Scene
+
+#: The unit of symbols: a part of the picture's diagonal, at most a part of the shortest link, and at least a part.
+UNIT, OF_LINK, LEAST = 0.019, 0.19, 0.007
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is drawn beside bodies and symbols.
+
+    Attributes
+    ----------
+    forces, names, frames, centroids : bool
+        Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
+    trace : tuple of casadi.SX
+        Points whose way is drawn.
+    traced : tuple of Marker
+        Those of them that are markers on bodies.
+    readings : bool
+        Whether items carry numbers.
+    """
+
+    forces: bool = False
+    names: bool = False
+    frames: bool = False
+    centroids: bool = False
+    trace: tuple[ca.SX, ...] = ()
+    traced: tuple[Marker, ...] = ()
+    readings: bool = False
+
+
+def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
+    """Describe a mechanism as a scene.
+
+    Parameters
+    ----------
+    sample : Sample
+        The times; places that parts take over all of them shape guides, racks and the size of symbols.
+    options : Options
+        What is drawn.
+
+    Returns
+    -------
+    Scene, dict of str to float
+        The scene, and the scale of forces (N per m) and couples (N m per m) where there are arrows.
+    """
+    mechanism = sample.mechanism
+    unit, hanging = _measures(sample)
+    pen = Pen(sample, Scene(unit), hanging)
+    known = options.readings and sample.has_multipliers
+
+    def item(thing: Any) -> int:
+        return pen.item_of(thing, lambda: readings(thing, known) if options.readings else {})
+
+    # sliders last: rails fit to what other symbols draw of the body
+    joints = sorted(mechanism.joints, key=lambda joint: isinstance(joint, Translational))
+    for element in (*mechanism.drivers, *joints, *mechanism.forces):
+        pen.item = item(element)
+        symbol(element, pen)
+    for body in mechanism.bodies:
+        pen.item = item(body)
+        draw_body(body, pen, options.traced)
+        if options.centroids:
+            _centroid(pen, body)
+        if options.frames:
+            _axes(pen, body)
+        for marker in options.traced:
+            if marker.body is body:
+                pen.dot(pen.on(marker))
+    pen.item = None
+    if options.frames:
+        _axes(pen, ground)
+    pen.finish()
+    scale = draw_loads(pen, options.forces)
+    if options.names:
+        _names(pen)
+    # a body covers those before it in the list, whatever its marks were drawn for
+    pen.scene.marks.sort(key=_depth)
+    return pen.scene, scale
+
+
+def _depth(mark: scene.Mark) -> tuple[int, int]:
+    return mark.layer, mark.body if mark.layer == scene.BODY and mark.body is not None else -1
+
+
+def _measures(sample: Sample) -> tuple[float, bool]:
+    """Unit of symbols, m, and whether the mechanism hangs from its supports."""
+    mechanism = sample.mechanism
+    elements = [*mechanism.joints, *mechanism.forces]
+    markers = [m for e in elements for m in getattr(e, "markers", ())]
+    centres = sample[ca.vertcat(*[b.position for b in mechanism.bodies])].reshape(-1, 2)
+    places = sample[ca.vertcat(ca.SX(0, 1), *[m.position for m in markers])].reshape(-1, 2)
+    reach = [_reach(body) for body in mechanism.bodies] + [_radius(e, sample) for e in elements]
+    every = np.vstack([centres, places])
+    diagonal = float(np.hypot(*np.ptp(every, axis=0))) + 1.4 * max(reach)
+    if not np.isfinite(diagonal):
+        raise MechanismError("the poses to be drawn are not finite")
+    diagonal = diagonal or 1.0
+    probe = Pen(sample, Scene(1.0))
+    apart = [
+        np.hypot(*(p - q))
+        for body in mechanism.bodies
+        for points in [points_on(body, mechanism.joints, probe)]
+        for k, p in enumerate(points)
+        for q in points[:k]
+    ]
+    unit = max(min([UNIT * diagonal, *(OF_LINK * d for d in apart)]), LEAST * diagonal)
+    fixed = [m for e in mechanism.joints if ground in e.bodies for m in getattr(e, "markers", ())]
+    if not fixed:
+        return unit, False
+    supports = sample[ca.vertcat(*[m.position for m in fixed])].reshape(-1, 2)
+    return unit, bool(centres[:, 1].mean() < supports[:, 1].mean() - 0.08 * diagonal)
+
+
+def _reach(body: Body) -> float:
+    if body.shape is None:
+        return 0.0
+    return float(np.max(np.hypot(*np.vstack(shape_loops(body, 0.0)).T)))
+
+
+def _radius(element: Any, sample: Sample) -> float:
+    """Largest radius that an element speaks of: of gears, wheels, discs, cams."""
+    radii = [getattr(element, name, 0.0) for name in ("radius", "radius_a", "radius_b")]
+    radii += [getattr(getattr(element, side, None), "radius", 0.0) for side in "ab"]
+    radii += [getattr(getattr(element, "outline", None), "size", 0.0) / 2]
+    return max(abs(sample.number(radius)) for radius in radii if radius is not None)
+
+
+# --- on request ---------------------------------------------------------------------------
+def _centroid(pen: Pen, body: Body) -> None:
+    """The sign of a centre of mass: a disc with two quarters filled."""
+    r, frame = 0.6 * pen.unit, pen.of_body(body)
+    frame.area("centroid", lines.circle((0, 0), r, 32), layer=scene.PIN)
+    for start in (0, np.pi):
+        frame.area("centroid quarters", np.vstack([[[0, 0]], lines.arc(r, start, np.pi / 2, 12)]), layer=scene.PIN)
+
+
+def _axes(pen: Pen, body: Body) -> None:
+    """The frame of a body as two arrows."""
+    u, frame = pen.unit, pen.of_body(body)
+    for style, turn in (("x axis", 0.0), ("y axis", np.pi / 2)):
+        shaft, head = lines.arrow(3.6 * u, 1.0 * u)
+        frame.draw(style, lines.turned(shaft, turn), lines.turned(head[[1, 0, 2]], turn), layer=scene.ARROW)
+
+
+def _names(pen: Pen) -> None:
+    """Names of bodies beside their middles, and of joints beside their markers."""
+    u, mechanism = pen.unit, pen.sample.mechanism
+    for body in mechanism.bodies:
+        points = points_on(body, mechanism.joints, pen)
+        middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
+        pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name))
+    named: dict[tuple, tuple[Marker, list[str]]] = {}
+    for joint in mechanism.joints:
+        markers = getattr(joint, "markers", ())
+        if markers:
+            # what slides is named where the block is, not where its guide begins
+            marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
+            place = tuple(np.round(pen.first(marker.position) / u, 2))
+            named.setdefault(place, (marker, []))[1].append(joint.name)
+    for marker, names in named.values():
+        frame = pen.on(marker)
+        pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), wrapped(names), False))

@@ -1,0 +1,254 @@
+"""Drawings of a mechanism: bodies and joints in the symbols of textbooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from ...assembly.assemble import assemble
+from ...errors import MechanismError
+from ...model.bodies import Body, Marker
+from ...model.mechanism import Mechanism
+from ...model.quantities import whole, yes_or_no
+from ...results.state import State
+from ...results.trajectory import Trajectory
+from .canvas import LOWEST, STEP, Canvas
+from .compose import Options, compose
+from .labels import settled
+from .sample import Sample
+from .scene import TRACE, Scene, box_of
+from .style import LIGHT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Width of a figure, inches, and the bounds of its height to its width.
+WIDTH, FLAT, TALL = 7.2, 0.34, 1.1
+#: Least width of what is shown to its height.
+NARROW = 0.4
+#: Times at which traces are taken, or a few more.
+TIMES = 300
+#: Opacity of poses behind the first: of those between, and of the last.
+BETWEEN, LAST = 0.2, 0.55
+
+
+def draw(
+    source: Any,
+    axes: Axes | None = None,
+    *,
+    forces: bool = False,
+    names: bool = False,
+    frames: bool = False,
+    centroids: bool = False,
+    trace: Any = (),
+    poses: int | None = None,
+) -> Axes:
+    """Draw a mechanism: bodies from their shapes or their markers, joints and forces as symbols.
+
+    Parameters
+    ----------
+    source : State, Trajectory, Solution, Equilibrium, Mechanism or library model
+        What to draw. A mechanism is assembled first; of a motion the first pose is
+        drawn, and others behind it where `poses` are asked for.
+    axes : matplotlib.axes.Axes, optional
+        Where to draw; axes of a new figure where none are given.
+    forces : bool, default False
+        Whether reactions (green), all applied forces (red) and weights (grey) are
+        drawn, to scale; forces of :class:`Force` elements always are.
+    names, frames, centroids : bool, default False
+        Whether bodies and joints are named, and the axes of bodies and their centres of mass drawn.
+    trace : sequence of Marker, Body or expression (2,)
+        Points whose way is drawn, of a motion.
+    poses : int, optional
+        How many poses of a motion are drawn, at equal distances in time: the first
+        in full strength, the last weaker, those between faint. 1 where none is given.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        ``axes.figure.savefig(path)`` writes it.
+
+    Raises
+    ------
+    MechanismError
+        For what cannot be drawn, and for a trace or several poses of a single state.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> axes = mbd.draw(mbd.library.four_bar(), names=True)
+    """
+    from matplotlib.figure import Figure
+
+    pictured = subject(source)
+    if not isinstance(pictured, Trajectory) and poses is not None:
+        raise MechanismError("draw: poses= is for motions; this is one state")
+    flags = {"forces": forces, "names": names, "frames": frames, "centroids": centroids}
+    options = trace_options(trace, **{name: yes_or_no(value, "draw", name) for name, value in flags.items()})
+    if options.trace and not isinstance(pictured, Trajectory):
+        raise MechanismError("draw: a trace is the way of a point over a motion; this is one state")
+    count = 1 if poses is None else whole(poses, "draw", "poses", 1)
+    if axes is None:
+        axes = Figure(layout="constrained").subplots()
+        fresh = True
+    else:
+        fresh = False
+    sample, shown = _sample(pictured, count, bool(options.trace))
+    if options.forces:
+        sample.need_reactions("draw")
+    _draw(sample, options, axes, shown, fresh)
+    return axes
+
+
+def _sample(source: State | Trajectory, count: int, traced: bool) -> tuple[Sample, np.ndarray]:
+    """Sample of a source, and numbers of the times whose poses are drawn, at equal distances."""
+    if isinstance(source, State) or not len(source) or not (traced or count > 1):
+        return Sample(source), np.array([0])
+    if not source.interpolates:
+        wanted = np.linspace(source.t[0], source.t[-1], count)
+        return Sample(source), np.unique([int(np.argmin(np.abs(source.t - time))) for time in wanted])
+    between = -(-TIMES // max(count - 1, 1))
+    times = np.linspace(source.t[0], source.t[-1], max(count - 1, 1) * between + 1)
+    return Sample(source, times), between * np.arange(count)
+
+
+def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh: bool) -> None:
+    scene, scale = compose(sample, options)
+    poses = scene.poses(sample)
+    ghost = replace(scene.without("loads"), labels=[])
+    for k in shown[:0:-1]:
+        Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
+    ways = draw_traces(axes, sample, options.trace)
+    box = room(scene, poses[shown], ways)
+    if scale:
+        box = draw_scale(axes, scale, box, scene.unit)
+    frame_axes(axes, box, fresh)
+    Canvas(axes, _named(scene, poses[:1], axes)).show(poses[0])
+
+
+def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
+    """The scene with its names where there is room for them in the axes."""
+    box = np.array([axes.get_xlim(), axes.get_ylim()]).T
+    place = axes.get_position()
+    size = 72 * axes.figure.get_size_inches() * [place.width, place.height]  # type: ignore[union-attr]
+    return settled(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
+
+
+# --- what is drawn -------------------------------------------------------------------------
+def subject(source: Any) -> State | Trajectory:
+    """State or trajectory of anything that can be drawn; a mechanism is assembled."""
+    for name in ("trajectory", "state", "mechanism"):
+        if isinstance(source, State | Trajectory | Mechanism):
+            break
+        source = getattr(source, name, source)
+    if isinstance(source, Mechanism):
+        return assemble(source)
+    if isinstance(source, State | Trajectory):
+        return source
+    raise MechanismError(f"draw: takes a state, a motion, a solution or a mechanism, got {source!r}")
+
+
+def motion_of(source: Any, what: str) -> Trajectory:
+    """Motion of a trajectory or a solution, with times in it."""
+    found = subject(source)
+    if not isinstance(found, Trajectory) or not len(found):
+        raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {source!r}")
+    return found
+
+
+def trace_options(trace: Any, **more: bool) -> Options:
+    """Options with the points (2,) of markers, bodies and expressions."""
+    given = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
+    if not isinstance(given, Sequence):
+        raise MechanismError(f"trace= takes a list of markers, got {trace!r}")
+    found = []
+    for point in given:
+        where = point.position if isinstance(point, Marker | Body) else point
+        if not isinstance(where, ca.SX) or where.numel() != 2:
+            raise MechanismError(f"trace= takes markers, bodies or expressions of two components, got {point!r}")
+        found.append(ca.vec(where))
+    return Options(trace=tuple(found), traced=tuple(p for p in given if isinstance(p, Marker)), **more)
+
+
+# --- axes ------------------------------------------------------------------------------------
+def draw_traces(axes: Axes, sample: Sample, points: Sequence[ca.SX]) -> np.ndarray:
+    """Draw ways of points, and return all places on them (k, 2)."""
+    if not points:
+        return np.zeros((0, 2))
+    ways = sample[ca.vertcat(*points)].reshape(-1, len(points), 2)
+    for k in range(len(points)):
+        axes.plot(
+            *ways[:, k].T, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round"
+        )
+    return ways.reshape(-1, 2)
+
+
+def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """Corners about marks and ways, with a margin; very long arrows of forces may reach out of it."""
+    box = box_of(scene.without("loads").marks, poses)
+    if len(ways):
+        box = np.array([np.minimum(box[0], ways.min(axis=0)), np.maximum(box[1], ways.max(axis=0))])
+    diagonal = float(np.hypot(*(box[1] - box[0])))
+    loads = [m for m in scene.marks if m.group]
+    if loads:
+        low, high = box_of(loads, poses)
+        reach = 0.25 * diagonal
+        box = np.array([np.minimum(box[0], np.maximum(low, box[0] - reach)),
+                        np.maximum(box[1], np.minimum(high, box[1] + reach))])  # fmt: skip
+    margin = 1.2 * scene.unit + 0.03 * diagonal
+    return box + margin * np.array([[-1], [1]])
+
+
+def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
+    """Equal scales, units, and a figure of the drawing's own proportions where it is new."""
+    width, height = box[1] - box[0]
+    if fresh and width < NARROW * height:
+        box = box + (NARROW * height - width) / 2 * np.array([[-1, 0], [1, 0]])
+        width = NARROW * height
+    if fresh:
+        ratio = min(max(height / width, FLAT), TALL)
+        axes.figure.set_size_inches(WIDTH if ratio < 0.8 else WIDTH * 0.8 / ratio + 0.6, min(WIDTH * ratio, 6.4) + 0.6)  # type: ignore[union-attr]
+    axes.set_xlim(box[0, 0], box[1, 0])
+    axes.set_ylim(box[0, 1], box[1, 1])
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    two_spines(axes)
+    sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
+    for axis, length in sides:
+        axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
+
+
+def two_spines(axes: Axes) -> None:
+    """Leave axes their left and lower spine, in a light colour."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color("#8a929a")
+    axes.tick_params(color="#8a929a", labelsize="small")
+
+
+def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:
+    """Draw an arrow of a round force, and the radius of a round couple, above the drawing; return the larger box."""
+    (low, bottom), (high, top) = box
+    diagonal, place = float(np.hypot(high - low, top - bottom)), top
+    for kind, share in (("N", 0.13), ("N m", 0.05)):
+        if kind in scale:
+            value = nice(share * diagonal * scale[kind])
+            length, where = value / scale[kind], high - unit
+            ends = dict(arrowstyle="-|>" if kind == "N" else "|-|, widthA=0.25, widthB=0.25", color=LIGHT["ink"],
+                        shrinkA=0, shrinkB=0, linewidth=1.2, mutation_scale=10)  # fmt: skip
+            axes.annotate("", (where, place), (where - length, place), arrowprops=ends)
+            text = f"{value:g} {kind}" + (" (radius)" if kind == "N m" else "")
+            axes.annotate(text, (where - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
+                          fontsize="small", color=LIGHT["ink"])  # fmt: skip
+            place += 0.045 * diagonal
+    return np.array([[low, bottom], [high, place]])
+
+
+def nice(value: float) -> float:
+    """A number of the kind 1, 2 or 5 times a power of ten, not above the value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(f for f in (1, 2, 5) if f * power <= value * (1 + 1e-12)))

@@ -1,0 +1,263 @@
+"""What symbols are drawn with: a pen that knows the scene, its scale, and the values of expressions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...model.bodies import Body, Marker
+from ...model.geometry.shapes import Disc
+from . import lines, scene
+from .sample import Sample
+from .scene import Mark, Scene
+
+
+class Frame:
+    """Where marks are put: a frame of the scene, and a fixed place in it.
+
+    Parameters
+    ----------
+    pen : Pen
+        Whose scene it is.
+    number : int
+        Number of the frame in the scene.
+    shift : numpy.ndarray
+        Place in it (2,), m.
+    angle : float
+        Angle in it, rad.
+    body : Body or None
+        Body whose colour marks have.
+    """
+
+    def __init__(self, pen: Pen, number: int, shift: Any = (0.0, 0.0), angle: float = 0.0, body: Body | None = None):
+        self.pen, self.number, self.shift, self.angle, self.body = pen, number, np.asarray(shift, float), angle, body
+
+    def local(self, points: Any) -> np.ndarray:
+        """Points as they lie in the frame of the scene."""
+        points = np.atleast_2d(np.asarray(points, float))
+        if points.shape[1] == 4:
+            return points + np.array([self.shift[0], 0.0, self.shift[1], 0.0])
+        return self.shift + lines.turned(points, self.angle)
+
+    def draw(self, style: str, *loops: Any, closed: bool = False, layer: int = scene.SPRING, group: str = "") -> None:
+        """Put lines, or areas where they close, into the frame."""
+        body = None if self.body is None else self.pen.number_of(self.body)
+        found = tuple(self.local(points) for points in loops if len(points))
+        if found:
+            if style == "body" and self.body is not None:
+                self.pen.loops.setdefault(self.body, []).extend(found)
+            mark = Mark(self.number, found, closed, style, layer, body, self.pen.item, group)
+            self.pen.scene.marks.append(mark)
+
+    def area(self, style: str, *loops: Any, layer: int = scene.BODY, group: str = "") -> None:
+        """Put closed areas into the frame; a loop that runs clockwise is a hole."""
+        self.draw(style, *loops, closed=True, layer=layer, group=group)
+
+
+class Pen:
+    """Draws the symbols of elements into a scene.
+
+    Parameters
+    ----------
+    sample : Sample
+        The times that are drawn.
+    target : Scene
+        Where marks go.
+
+    Attributes
+    ----------
+    unit : float
+        The length that symbols are made of, m: a pin has the radius 0.55.
+    item : int or None
+        Number of the item that marks are part of.
+    replaced : dict of Body to float
+        Bodies of which a symbol draws the outline (a gear, a cam), and its largest radius, m.
+    teeth : dict
+        Gears that are drawn: (body, place, radius, inside) to (count, phase).
+    loops : dict of Body to list of numpy.ndarray
+        Areas (k, 2) of bodies that symbols have drawn, in the bodies' frames, m.
+    stands, arrows : set
+        Places where a support or a curved arrow is drawn.
+    hanging : bool
+        Whether the mechanism hangs from its supports.
+    """
+
+    def __init__(self, sample: Sample, target: Scene, hanging: bool = False):
+        self.sample, self.scene, self.unit, self.hanging = sample, target, target.unit, hanging
+        self.item: int | None = None
+        self.replaced: dict[Body, float] = {}
+        self.teeth: dict[Any, tuple[int, float]] = {}
+        self.loops: dict[Body, list[np.ndarray]] = {}
+        self.stands: set[tuple] = set()
+        self.arrows: set[tuple] = set()
+        self._numbers = {body: k for k, body in enumerate(sample.mechanism.bodies)}
+        self._frames: dict[Any, int] = {}
+        self._items: dict[Any, int] = {}
+        self._later: list[tuple[int | None, Callable[[np.ndarray], None]]] = []
+
+    def item_of(self, thing: Any, readings: Callable[[], dict[str, ca.SX]] = dict) -> int:
+        """Number of the item of a body or an element, made where there is none yet."""
+        if thing not in self._items:
+            self._items[thing] = len(self.scene.items)
+            kind = "body" if isinstance(thing, Body) else type(thing).__name__
+            self.scene.items.append(scene.Item(thing.name, kind, readings()))
+        return self._items[thing]
+
+    # --- numbers -----------------------------------------------------------------------------
+    def number_of(self, body: Body) -> int | None:
+        """Number of a body in the mechanism; None for the ground."""
+        return self._numbers.get(body)
+
+    def number(self, expression: Any) -> float:
+        """Value of a scalar at the first time."""
+        return self.sample.number(expression)
+
+    def over(self, *expressions: Any) -> np.ndarray:
+        """Values (n_t, k) of scalars over all times."""
+        return self.sample[ca.vertcat(*[ca.SX(e) for e in expressions])]
+
+    def first(self, *expressions: Any) -> np.ndarray:
+        """Values (k,) of scalars at the first time."""
+        return self.sample.first(ca.vertcat(*[ca.SX(e) for e in expressions]))
+
+    def span(self, expression: Any) -> tuple[float, float]:
+        """Least and largest value of a scalar over all times."""
+        values = self.over(expression)
+        return float(values.min()), float(values.max())
+
+    def at_one_place(self, first: Marker, second: Marker) -> bool:
+        """Whether two markers sit at the same point of the same body."""
+        if first.body is not second.body:
+            return False
+        return bool(np.hypot(*self.first(first.local - second.local)) <= 1e-9)
+
+    # --- frames ------------------------------------------------------------------------------
+    def ground(self) -> Frame:
+        """The global frame."""
+        return Frame(self, 0)
+
+    def of_body(self, body: Body) -> Frame:
+        """Centroidal frame of a body."""
+        if body.is_ground:
+            return self.ground()
+        if body not in self._frames:
+            self._frames[body] = self.scene.frame(body.position, body.phi)
+        return Frame(self, self._frames[body], body=body)
+
+    def on(self, marker: Marker) -> Frame:
+        """Frame of a marker, fixed in its body."""
+        base = self.of_body(marker.body)
+        if not (ca.vertcat(marker.local, marker.local_angle).is_constant() or self._is_fixed(marker)):
+            return Frame(self, self.scene.frame(marker.position, marker.angle), body=base.body)
+        x, y, angle = self.first(marker.local, marker.local_angle)
+        return Frame(self, base.number, (x, y), angle, base.body)
+
+    def _is_fixed(self, marker: Marker) -> bool:
+        values = self.over(marker.local, marker.local_angle)
+        return bool(np.ptp(values, axis=0).max() <= 1e-12)
+
+    def at(self, position: Any, angle: Any = 0.0, body: Body | None = None) -> Frame:
+        """Frame at a point given by expressions, with an angle given by one."""
+        return Frame(self, self.scene.frame(position, angle), body=body)
+
+    def along(self, position: Any, way: Any) -> Frame:
+        """Frame at a point whose x axis goes along a vector."""
+        way = ca.SX(way)
+        return Frame(self, self.scene.frame(position, ca.atan2(way[1], way[0]), direction=True))
+
+    def between(self, start: Any, end: Any) -> Frame:
+        """Frame whose x axis runs from one point to another, as long as they are apart."""
+        way = ca.SX(end) - ca.SX(start)
+        length = ca.norm_2(way)
+        return Frame(self, self.scene.frame(start, ca.atan2(way[1], way[0]), length, direction=True))
+
+    def vector(self, position: Any, vector: Any, scale: float) -> Frame:
+        """Frame at a point along a vector, as long as the vector times a scale."""
+        vector = ca.SX(vector)
+        angle = ca.atan2(vector[1], vector[0])
+        return Frame(self, self.scene.frame(position, angle, scale * ca.norm_2(vector), direction=True))
+
+    def scaled(self, position: Any, value: Any, scale: float) -> Frame:
+        """Frame at a point, as long as a scalar times a scale, and mirrored where that is negative."""
+        return Frame(self, self.scene.frame(position, 0.0, scale * ca.SX(value)))
+
+    # --- what comes last -----------------------------------------------------------------------
+    def later(self, draw: Callable[[np.ndarray], None]) -> None:
+        """Draw when the extent of all else is known: ``draw(box)`` with ``[[x, y], [x, y]]``, m."""
+        self._later.append((self.item, draw))
+
+    def finish(self) -> None:
+        """Draw what was left for later."""
+        if not self._later:
+            return
+        box = self.box()
+        for item, draw in self._later:
+            self.item = item
+            draw(box)
+        self._later = []
+
+    def box(self) -> np.ndarray:
+        """Corners of all that is drawn so far, over all times."""
+        return scene.box_of(self.scene.marks, self.scene.poses(self.sample))
+
+    # --- common pieces -------------------------------------------------------------------------
+    def pin(self, frame: Frame, radius: float = 0.55) -> None:
+        """The circle of a pin."""
+        frame.area("pin", lines.circle((0, 0), radius * self.unit), layer=scene.PIN)
+
+    def dot(self, frame: Frame, radius: float = 0.25) -> None:
+        """A filled point."""
+        frame.area("dot", lines.circle((0, 0), radius * self.unit, 24), layer=scene.PIN)
+
+    def hatched(self, frame: Frame, start: Any, end: Any, layer: int = scene.GROUND) -> None:
+        """A line of the ground, hatched to the right of the way from start to end."""
+        u = self.unit
+        frame.draw("hatch", *lines.hatching(start, end, 0.62 * u, 0.75 * u), layer=layer)
+        frame.draw("ground line", [start, end], layer=layer)
+
+    def wall(self, frame: Frame, start: Any, end: Any) -> None:
+        """A surface to the left of the way from start to end: hatched on the ground, a line on a body."""
+        if frame.body is None:
+            self.hatched(frame, start, end)
+        else:
+            frame.draw("body line", [start, end], layer=scene.GUIDE)
+
+    def is_new(self, place: np.ndarray, taken: set[tuple]) -> bool:
+        """Whether nothing of a kind is drawn at a place (2,) yet; it is taken then."""
+        key = tuple(np.round(place / self.unit, 3))
+        new = key not in taken
+        taken.add(key)
+        return new
+
+    def stand(self, frame: Frame) -> None:
+        """Support of a pin on the ground: a triangle on hatching, or under it where the mechanism hangs."""
+        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number][:2])
+        if not self.is_new(place, self.stands):
+            return
+        u, sign = self.unit, -1.0 if self.hanging else 1.0
+        upright = Frame(self, frame.number, frame.shift, 0.0)
+        feet = np.array([[-1.15, -1.9], [1.15, -1.9]]) * u * sign
+        corners = np.array([[0.32, 0.5], [-0.32, 0.5]]) * u * sign
+        upright.area("ground", lines.convex_hull(np.vstack([feet, corners])), layer=scene.GROUND)
+        ends = np.array([[-1.7, -1.9], [1.7, -1.9]]) * u * sign
+        self.hatched(upright, ends[0], ends[1])
+
+    def replaces(self, body: Body, radius: float) -> None:
+        """Say that a symbol draws the outline of a body, up to a radius."""
+        if not body.is_ground:
+            self.replaced[body] = max(self.replaced.get(body, 0.0), radius)
+
+    def covers(self, body: Body) -> bool:
+        """Whether a symbol draws what the shape of a body would."""
+        disc = isinstance(body.shape, Disc) and body.shape.radius <= 1.001 * self.replaced.get(body, 0.0)
+        return body in self.replaced and (body.shape is None or disc)
+
+    def curve(self, point: Callable[[Any], Any], places: np.ndarray) -> np.ndarray:
+        """Points (k, 2) of a curve that may hold parameters of the mechanism."""
+        place = ca.SX.sym("place")
+        symbols = ca.vertcat(ca.SX(0, 1), *self.sample.mechanism.parameters)
+        function = ca.Function("curve", [place, symbols], [ca.densify(point(place))])
+        return np.array([function(float(x), self.sample.parameters).full().ravel() for x in places])

@@ -1,0 +1,102 @@
+"""What a picture is taken of: the values of expressions at one instant or over a motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import MechanismError
+from ...model.mechanism import Mechanism
+from ...results.state import State
+from ...results.trajectory import Trajectory
+
+
+class Sample:
+    """Values of expressions over some times.
+
+    Parameters
+    ----------
+    source : State or Trajectory
+        Where they come from.
+    times : numpy.ndarray, optional
+        Times of a motion, s; its own where none are given.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        The model.
+    t : numpy.ndarray
+        Times (n_t,), s.
+    """
+
+    def __init__(self, source: State | Trajectory, times: np.ndarray | None = None):
+        self.mechanism: Mechanism = source.mechanism
+        self._source: Any = source
+        self._between: np.ndarray | None = None
+        self._start: State
+        if isinstance(source, State):
+            self.t, self._start = np.array([source.t]), source
+            return
+        if not len(source):
+            raise MechanismError("the trajectory holds no times, and so there is nothing to draw")
+        self.t = source.t if times is None else np.asarray(times, float)
+        if times is not None and source.interpolates:
+            self._source = source.at(self.t)
+        elif times is not None:
+            # read from arrays, and without a way back to the constraints: values are taken on straight lines
+            self._between = self.t
+        # the times given begin where the motion does
+        self._start = self._source.initial
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Values of the parameters of the mechanism."""
+        return self._source.parameters
+
+    def __getitem__(self, expression: Any) -> np.ndarray:
+        """Values (n_t, k) of a column of k expressions."""
+        column = ca.densify(ca.vec(ca.SX(expression)))
+        if not column.numel():
+            return np.zeros((self.t.size, 0))
+        if column.is_constant():
+            return np.tile(np.asarray(ca.DM(column)).ravel(), (self.t.size, 1))
+        if isinstance(self._source, State):
+            return np.asarray(self._source[column], float).reshape(1, -1)
+        values = np.asarray(self._source[column], float).reshape(len(self._source), -1)
+        if self._between is None:
+            return values
+        return np.column_stack([np.interp(self._between, self._source.t, row) for row in values.T])
+
+    def number(self, expression: Any) -> float:
+        """Value of a scalar at the first time."""
+        if not isinstance(expression, ca.SX):
+            return float(expression)
+        if expression.is_constant():
+            return float(expression)
+        return float(self.first(expression)[0])
+
+    def first(self, expression: Any) -> np.ndarray:
+        """Values (k,) of a column at the first time."""
+        column = ca.densify(ca.vec(ca.SX(expression)))
+        if column.is_constant():
+            return np.asarray(ca.DM(column)).ravel()
+        return np.atleast_1d(np.asarray(self._start[column], float))
+
+    def need_reactions(self, what: str) -> None:
+        """Raise where forces are asked for and those of joints are not known."""
+        if self._source.equations.lam.numel() and not self.has_multipliers:
+            reason = getattr(self._source, "obstacle", None)
+            raise MechanismError(
+                f"{what}: forces=True, but the reactions are not known"
+                + (f" ({reason})" if reason else "; take the motion from simulate or inverse_dynamics")
+            )
+
+    @property
+    def has_multipliers(self) -> bool:
+        """Whether reactions are known."""
+        eom = self._source.equations
+        if isinstance(self._source, State) and self._source.obstacle is not None:
+            return False
+        return bool(eom.lam.numel()) and bool(np.all(np.isfinite(self._source.lam)))

@@ -1,0 +1,157 @@
+"""Phase plots, energies with what the integration lost of them, and paths of equilibria."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import MechanismError
+from ...results.columns import read_expressions, read_lines
+from ..drawing.draw import motion_of
+from .plot import COLOURS, dress, lines_over
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ...statics.follower import EquilibriumPath
+
+#: Violations of constraints below this are drawn at it: a logarithm has no place for zero.
+LEAST_VIOLATION = 1e-18
+#: Points of a phase plot, where the motion can be interpolated: its corners would be seen.
+SMOOTH = 1000
+
+
+def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
+    """Plot one expression over another one, as a coordinate and its rate.
+
+    Parameters
+    ----------
+    motions : Trajectory or Solution, or dict of str to them
+        One motion, or several with their names.
+    expressions : dict of str to expression
+        Two scalars with their labels: across, and up.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a dot where each motion starts.
+
+    Raises
+    ------
+    MechanismError
+        For other than two scalars.
+
+    Examples
+    --------
+    >>> figure = plot_phase(motion, {"phi, rad": arm.phi, "omega, rad/s": arm.omega})  # doctest: +SKIP
+    """
+    from matplotlib.figure import Figure
+
+    pair = read_expressions(expressions)
+    if len(pair) != 2 or any(e.numel() != 1 for e in pair.values()):
+        raise MechanismError("plot_phase: takes two scalars {label: expression}, the first across, the second up")
+    named = motions if isinstance(motions, Mapping) else {"": motions}
+    figure = Figure(figsize=(5.6, 4.6), layout="constrained")
+    axes = figure.subplots()
+    for k, (name, motion) in enumerate(named.items()):
+        run = motion_of(motion, "plot_phase")
+        if run.interpolates and len(run) < SMOOTH:
+            run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
+        across, up = (run[e] for e in pair.values())
+        axes.plot(across, up, color=COLOURS[k % len(COLOURS)], linewidth=1.5, label=name)
+        axes.plot(across[0], up[0], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
+    label_across, label_up = pair
+    dress(axes, label_up, len(named) > 1)
+    axes.set_xlabel(label_across)
+    return figure
+
+
+def plot_energy(motion: Any) -> Figure:
+    """Plot energies, the change of their sum, and how well the constraints are met.
+
+    Parameters
+    ----------
+    motion : Trajectory or Solution
+        The motion.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Kinetic, potential and total energy; total less its first value; and, where there
+        are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
+    """
+    from matplotlib.figure import Figure
+
+    run = motion_of(motion, "plot_energy")
+    eom, energy = run.equations, run.energy
+    change = energy.total - energy.total[0]
+    drift = {}
+    if eom.Phi.numel():
+        drift["|Phi|, m or rad"] = np.max(np.abs(run[eom.Phi].reshape(len(run), -1)), axis=1)
+    if eom.lam.numel():
+        rows = (eom.Phi_q @ eom.v - eom.nu)[[k for k, e in enumerate(eom.row_elements) if not getattr(e, "modes", ())]]
+        drift["its rate"] = np.max(np.abs(run[rows].reshape(len(run), -1)), axis=1)
+    count = 3 if drift else 2
+    figure = Figure(figsize=(7.2, 1.0 + 2.0 * count), layout="constrained")
+    stack = list(figure.subplots(count, 1, sharex=True))
+    sizes = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
+    lines_over(stack[0], run, sizes, "energy, J")
+    lines_over(stack[1], run, {"": change}, "change of total, J")
+    if drift:
+        held = {name: np.maximum(values, LEAST_VIOLATION) for name, values in drift.items()}
+        stack[2].set_yscale("log")
+        lines_over(stack[2], run, held, "violation")
+    stack[-1].set_xlabel("t, s")
+    figure.align_ylabels(stack)
+    return figure
+
+
+def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
+    """Plot a path of equilibria: expressions over the parameter that was changed.
+
+    Parameters
+    ----------
+    path : EquilibriumPath
+        What :func:`equilibrium_path` found.
+    expressions : dict of str to expression
+        What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Stable states in full lines, unstable ones dashed; critical states are marked and named.
+    """
+    from matplotlib.figure import Figure
+
+    found = read_lines(expressions)
+    if not found:
+        raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
+    if not hasattr(path, "least_stiffness"):
+        raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
+    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(found)), layout="constrained")
+    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+        values = path[column].reshape(len(path), -1)
+        for k, (name, line) in enumerate(zip(names, values.T, strict=True)):
+            _branches(axes, path, line, COLOURS[k % len(COLOURS)], name)
+        for critical in path.critical:
+            at = np.atleast_1d(critical.state[column])
+            axes.plot(np.full(at.shape, critical.value), at, "o", color="#20272e", markersize=5, zorder=4)
+            axes.annotate(f"{critical.kind} at {critical.value:.4g}", (critical.value, at[0]), (6, 6),
+                          textcoords="offset points", fontsize="small", color="#5b6770")  # fmt: skip
+        dress(axes, label, len(names) > 1)
+    stack[-1].set_xlabel(path.parameter.label)
+    return figure
+
+
+def _branches(axes: Axes, path: EquilibriumPath, values: np.ndarray, colour: str, name: str) -> None:
+    """Pieces of one stability; each reaches to the first point of the next one."""
+    edges = np.flatnonzero(np.diff(path.stable.astype(int))) + 1
+    for piece in np.split(np.arange(len(path)), edges):
+        reach = np.append(piece, piece[-1] + 1) if piece[-1] + 1 < len(path) else piece
+        style = "-" if path.stable[piece[0]] else (0, (4, 3))
+        label = name if piece[0] == 0 else "_"
+        axes.plot(path.values[reach], values[reach], color=colour, linewidth=1.6, linestyle=style, label=label)

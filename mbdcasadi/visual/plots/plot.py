@@ -1,0 +1,183 @@
+"""Plots over time, as Matplotlib figures that belong to nobody but the caller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import MechanismError
+from ...model.expressions import norm
+from ...results.columns import (
+    columns,
+    effort_unit,
+    has_multipliers,
+    joints_of,
+    reaction_body,
+    read_lines,
+)
+from ...results.trajectory import Trajectory
+from ..drawing.draw import motion_of, two_spines
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Distinct also in print and to those who see red and green alike.
+COLOURS = ("#1f5fa8", "#d1495b", "#2e8b6f", "#e0a030", "#7a5195", "#5b6770", "#3aa6c4", "#a0522d")
+_STYLES = ("-", "--", ":")
+
+
+def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
+    """Plot expressions over time, one above the other.
+
+    Parameters
+    ----------
+    motion : Trajectory or Solution
+        The motion.
+    expressions : dict of str to expression, or of str to dict of str to expression
+        The label of each axis, with the unit in it, and what is drawn there:
+        a scalar, a vector with a line for each component, or scalars by the names of their lines.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One pair of axes for each expression; ``figure.savefig(path)`` writes it.
+
+    Raises
+    ------
+    MechanismError
+        Where there is nothing to draw.
+
+    Examples
+    --------
+    >>> figure = plot(motion, {"crank, rad": crank.phi, "pin force, N": force})  # doctest: +SKIP
+    >>> figure = plot(motion, {"angle, rad": {"crank": crank.phi, "rod": rod.phi}})  # doctest: +SKIP
+    """
+    from matplotlib.figure import Figure
+
+    found = read_lines(expressions)
+    if not found:
+        raise MechanismError("plot: there is nothing to draw; give {label: expression}")
+    run = motion_of(motion, "plot")
+    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(found)), layout="constrained")
+    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+        values = run[column].reshape(len(run), -1)
+        lines_over(axes, run, dict(zip(names, values.T, strict=True)), label)
+    _mark_events(stack, run)
+    stack[-1].set_xlabel("t, s")
+    figure.align_ylabels(stack)
+    return figure
+
+
+def overview(motion: Trajectory) -> Figure:
+    """Draw what a motion looks like at one glance.
+
+    Coordinates of all bodies on the left; on the right the sizes of the joint
+    reactions, the efforts of drivers, the inputs, and the energy.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from matplotlib.figure import Figure
+
+    if not len(motion):
+        raise MechanismError("overview: the trajectory holds no times")
+    left, right = _coordinates(motion), _loads(motion)
+    rows = len(left) * len(right)
+    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+    grid = figure.add_gridspec(rows, 2)
+    for side, panels in enumerate((left, right)):
+        height = rows // len(panels)
+        stack: list[Axes] = []
+        for k, (label, lines) in enumerate(panels.items()):
+            share = stack[0] if stack else None
+            stack.append(figure.add_subplot(grid[k * height : (k + 1) * height, side], sharex=share))
+            lines_over(stack[-1], motion, lines, label)
+            stack[-1].tick_params(labelbottom=k == len(panels) - 1)
+        _mark_events(stack, motion)
+        stack[-1].set_xlabel("t, s")
+        figure.align_ylabels(stack)
+    figure.suptitle(motion.mechanism.name or "motion", fontweight="bold")
+    return figure
+
+
+Panels = dict[str, dict[str, np.ndarray]]
+
+
+def _coordinates(motion: Trajectory) -> Panels:
+    bodies = motion.mechanism.bodies
+    return {
+        label: columns(motion, {body.name: getattr(body, level) for body in bodies})
+        for label, level in (("x, m", "x"), ("y, m", "y"), ("phi, rad", "phi"))
+    }
+
+
+def _loads(motion: Trajectory) -> Panels:
+    mechanism = motion.mechanism
+    panels: Panels = {}
+    if has_multipliers(motion):
+        panels["reaction, N"] = reaction_sizes(motion)[1]
+        for unit in ("N", "N m"):
+            drivers = [driver for driver in mechanism.drivers if effort_unit(driver) == unit]
+            label = f"{drivers[0].name}, {unit}" if len(drivers) == 1 else f"driver effort, {unit}"
+            panels[label] = columns(motion, {driver.name: -driver.multipliers for driver in drivers})
+    panels["input"] = columns(motion, {u.label: u for u in mechanism.inputs})
+    energy = motion.energy
+    panels["energy, J"] = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
+    return {label: lines for label, lines in panels.items() if lines}
+
+
+def reaction_sizes(motion: Trajectory) -> tuple[dict[str, ca.SX], dict[str, np.ndarray]]:
+    """Sizes of joint reactions as expressions, and over time, by joint; without those that never push."""
+    forces = {j.name: norm(j.reaction_on(reaction_body(j)).force) for j in joints_of(motion.mechanism)}
+    # what never pushes, such as the angle of a slider that is held, would only fill the legend
+    sizes = {name: size for name, size in columns(motion, forces).items() if np.any(size > 1e-9)}
+    return {name: forces[name] for name in sizes}, sizes
+
+
+def lines_over(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
+    """Draw named lines into axes; a single one needs no legend."""
+    marker = "o" if len(motion) == 1 else ""
+    for k, (name, values) in enumerate(lines.items()):
+        colour, style = COLOURS[k % len(COLOURS)], _STYLES[(k // len(COLOURS)) % len(_STYLES)]
+        axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker, label=name)
+    dress(axes, label, len(lines) > 1)
+    if len(motion) > 1:
+        axes.set_xlim(motion.t[0], motion.t[-1])
+
+
+def dress(axes: Axes, label: str, legend: bool) -> None:
+    """Give axes their label, a grid, room about what does not change, and a legend beside them."""
+    axes.set_ylabel(label)
+    axes.grid(True, color="#d8dce0", linewidth=0.6)
+    axes.set_axisbelow(True)
+    two_spines(axes)
+    # rounding errors of a quantity that rests would else fill the whole height
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if high - low < 1e-9 * max(size, 1e-3) and axes.get_yscale() == "linear":
+        margin = 0.1 * size if size > 1e-9 else 1.0
+        axes.set_ylim(low - margin, high + margin)
+    if legend:
+        beside = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", handlelength=1.4)
+        beside.set_frame_on(False)
+
+
+def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:
+    for event in motion.events:
+        for axes in stack:
+            axes.axvline(event.t, color="#8a929a", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
+        stack[0].annotate(
+            event.name, (event.t, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2), textcoords="offset points",
+            fontsize="x-small", color="#5b6770",
+        )  # fmt: skip

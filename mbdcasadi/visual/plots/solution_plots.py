@@ -1,0 +1,177 @@
+"""What an optimal motion looks like at one glance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import MechanismError
+from ...model.joints.composite import PointOnLine
+from ...model.joints.lower_pairs import Revolute, Translational
+from ...model.rates import time_derivative
+from ...results.columns import columns, read_lines
+from .plot import COLOURS, dress, reaction_sizes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ...optimal_control.solution import Solution
+
+#: Times at which curves between mesh points are drawn.
+TIMES = 600
+#: How far beyond the curve of an input a limit may lie to be shown, in parts of the curve's own range.
+FAR = 1.0
+#: Letters of the name of a limit: a longer one would leave no room for the curves.
+LABEL = 34
+
+
+def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = None) -> Figure:
+    """Plot a solution of optimal control: inputs with their limits, states, reactions, active limits and the mesh.
+
+    Parameters
+    ----------
+    solution : Solution
+        What :func:`optimize` found.
+    expressions : dict of str to expression, optional
+        What is drawn of the states, by label, as in :func:`plot`. Where none are given: the natural
+        coordinates of joints on the ground and their rates, or the coordinates of
+        the bodies where there are no such joints.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Dots are the points at which the equations hold; dashed lines are limits of
+        inputs; bars say when which limit holds the motion back.
+    """
+    from matplotlib.figure import Figure
+
+    if not hasattr(solution, "active_limits"):
+        raise MechanismError(f"plot_solution: takes what optimize returns, got {solution!r}")
+    states = _usual_states(solution) if expressions is None else _named(expressions)
+    inputs, active, loads = (
+        solution.problem.mechanism.inputs,
+        solution.active_limits,
+        reaction_sizes(solution.trajectory)[0],
+    )
+    heights = [1.5] * (len(inputs) + len(states)) + [1.5] * bool(loads) + [0.15 + 0.22 * len(active)] * bool(active)
+    heights.append(0.25)
+    figure = Figure(figsize=(8.4, 1.1 + sum(heights)), layout="constrained")
+    stack = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    rest = iter(stack)
+    # the polynomials of inputs may jump from one interval to the next, and are drawn interval by interval
+    fine = solution.trajectory.at(np.linspace(0.0, solution.duration, TIMES))
+    for symbol in inputs:
+        _input(next(rest), solution, fine, symbol)
+    for label, lines in states.items():
+        _lines(next(rest), solution, fine, lines, label)
+    if loads:
+        _lines(next(rest), solution, fine, loads, "reaction, N")
+    if active:
+        _active(next(rest), active)
+    _mesh(next(rest), solution)
+    for axes in stack:
+        axes.set_xlim(0.0, solution.duration)
+        axes.tick_params(labelbottom=axes is stack[-1])
+    stack[-1].set_xlabel("t, s")
+    figure.align_ylabels(stack)
+    name = solution.problem.mechanism.name or "optimal motion"
+    figure.suptitle(f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s", fontsize="medium")
+    return figure
+
+
+def _named(expressions: Mapping[str, Any]) -> dict[str, dict[str, ca.SX]]:
+    """Lines by name, by label of the axes."""
+    found = read_lines(expressions)
+    return {label: dict(zip(names, ca.vertsplit(column), strict=True)) for label, (names, column) in found.items()}
+
+
+def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
+    """Natural coordinates and their rates: lines by name, by label of the axes."""
+    mechanism = solution.problem.mechanism
+    grounded = [joint for joint in mechanism.joints if any(body.is_ground for body in joint.bodies)]
+    angles = {joint.name: joint.angle for joint in grounded if isinstance(joint, Revolute)}
+    ways = {joint.name: joint.displacement for joint in grounded if isinstance(joint, Translational | PointOnLine)}
+    if not angles and not ways:
+        angles = {body.name: body.phi for body in mechanism.bodies}
+        ways = {body.name: body.position for body in mechanism.bodies}
+    found = {}
+    for natural, label, unit in ((angles, "angle", "rad"), (ways, "place", "m")):
+        if natural:
+            found[f"{label}, {unit}"] = natural
+            found[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
+    return found
+
+
+def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
+    motion = solution.trajectory
+    axes.plot(fine.t, fine[symbol], color=COLOURS[0], linewidth=1.5)
+    axes.plot(motion.t, motion[symbol], ".", color=COLOURS[0], markersize=3)
+    low, high = axes.get_ylim()
+    for limit in _limits(solution, symbol):
+        values = np.broadcast_to(fine[limit], fine.t.shape)
+        axes.plot(fine.t, values, color=COLOURS[1], linewidth=1.1, linestyle=(0, (5, 3)))
+        # a limit that is far away would leave no room for the curve
+        if values.max() < high + FAR * (high - low) and values.min() > low - FAR * (high - low):
+            low, high = min(low, values.min()), max(high, values.max())
+    margin = 0.04 * (high - low)
+    axes.set_ylim(low - margin, high + margin)
+    dress(axes, symbol.label, False)
+
+
+def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
+    """Limits of an input as expressions: of those that are linear in it, and hold no other input."""
+    found = []
+    others = [u for u in solution.problem.mechanism.inputs if u is not symbol]
+    for condition in (*solution.problem.path, *solution.program.limit_owners):
+        slope = ca.jacobian(condition.expression, symbol)
+        if condition.equality or not slope.nnz() or ca.depends_on(slope, symbol):
+            continue
+        limit = ca.simplify(ca.substitute(symbol - condition.expression / slope, symbol, 0))
+        if not others or not ca.depends_on(condition.expression, ca.vertcat(*others)):
+            found.append(ca.SX(limit))
+    return found
+
+
+def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, ca.SX], label: str) -> None:
+    between, at = columns(fine, dict(expressions)), columns(solution.trajectory, dict(expressions))
+    for k, (name, values) in enumerate(between.items()):
+        colour = COLOURS[k % len(COLOURS)]
+        axes.plot(fine.t, values, color=colour, linewidth=1.5, label=name)
+        axes.plot(solution.trajectory.t, at[name], ".", color=colour, markersize=3)
+    dress(axes, label, len(between) > 1)
+
+
+def _active(axes: Axes, active: Any) -> None:
+    """A bar for each span of each limit."""
+    for row, limit in enumerate(active):
+        for start, end in limit.spans:
+            if end > start:
+                axes.barh(row, end - start, left=start, height=0.55, color=COLOURS[1])
+            else:
+                axes.plot(start, row, "d", color=COLOURS[1], markersize=5)
+        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small")
+    dress(axes, "", False)
+    axes.set_ylim(len(active) - 0.4, -0.6)
+    _say(axes, "active limits")
+
+
+def _short(label: str) -> str:
+    return label if len(label) <= LABEL else label[: LABEL - 1] + "…"
+
+
+def _mesh(axes: Axes, solution: Solution) -> None:
+    axes.vlines(solution.mesh, 0, 1, color="#5b6770", linewidth=0.9)
+    dress(axes, "", False)
+    axes.set_ylim(0, 1)
+    axes.grid(False)
+    _say(axes, "mesh")
+
+
+def _say(axes: Axes, what: str) -> None:
+    """A label that is read without turning the head, in axes too low for one on its side."""
+    axes.set_yticks([])
+    axes.set_ylabel(what, rotation=0, ha="right", va="center")

@@ -1,0 +1,196 @@
+"""Films of a motion: GIF by Pillow, MP4 by ffmpeg; the frames are drawn by Matplotlib."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import FileError, MechanismError
+from .drawing.canvas import LOWEST, STEP, Canvas
+from .drawing.draw import FLAT, TALL, draw_scale, frame_axes, room
+from .drawing.scene import TRACE
+from .drawing.style import LIGHT
+from .film import Film
+from .plots.plot import COLOURS, dress
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Width of a film, inches, and its dots per inch.
+WIDTH, DPI = 6.0, 100
+#: Points of a trace to a frame: a fast motion has corners otherwise.
+FINER = 5
+#: Shortest time that viewers of GIFs keep to, s.
+SHORTEST_FRAME = 0.02
+#: Colours of a GIF; one more stands for what did not change.
+COLOURS_OF_GIF = 63
+
+
+class Stage:
+    """A figure of the scene and its plots, which is moved from frame to frame.
+
+    Parameters
+    ----------
+    film : Film
+        What it shows.
+    forces : bool
+        Whether all forces are shown.
+    """
+
+    def __init__(self, film: Film, forces: bool):
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        self.film = film
+        scene = film.scene if forces else film.scene.without("loads")
+        box = film.box if forces else room(scene, film.poses, film.ways.reshape(-1, 2))
+        ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
+        curves = len(film.curves)
+        # even numbers of pixels: films want them
+        size = WIDTH, round((WIDTH * ratio + 0.9 + 1.25 * curves) * DPI / 2) * 2 / DPI
+        self.figure: Figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor=LIGHT["paper"])
+        self.canvas: Any = FigureCanvasAgg(self.figure)
+        axes = self.figure.subplots(1 + curves, 1, height_ratios=[WIDTH * ratio + 0.5] + [1.25] * curves, squeeze=False)
+        scene_axes, *others = axes[:, 0]
+        self._picture = Canvas(scene_axes, scene)
+        if film.scale and scene.has_arrows:
+            box = draw_scale(scene_axes, film.scale if forces else {"N": film.scale["N"]}, box, scene.unit)
+        frame_axes(scene_axes, box, fresh=False)
+        self._traces = [
+            scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
+            for _ in range(film.ways.shape[1])
+        ]
+        self._ways = [finer(film.ways[:, k]) for k in range(film.ways.shape[1])]
+        self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
+                                      color=LIGHT["muted"], va="bottom")  # fmt: skip
+        if film.title:
+            scene_axes.set_title(film.title, fontsize="medium")
+        self._cursors = [self._plot(a, *curve) for a, curve in zip(others, film.curves.items(), strict=True)]
+        if others:
+            others[-1].set_xlabel("t, s")
+        self._moving = [*self._picture.artists, *self._traces, self._clock, *self._cursors]
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._moving.sort(key=lambda artist: artist.get_zorder())
+        self.canvas.draw()
+        # the places of axes stay as they are, or they would tremble from frame to frame
+        self.figure.set_layout_engine("none")
+        self._behind = self.canvas.copy_from_bbox(self.figure.bbox)
+
+    def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
+        for k, (name, values) in enumerate(lines.items()):
+            axes.plot(self.film.t, values, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=name)
+        dress(axes, label, len(lines) > 1)
+        axes.set_xlim(self.film.t[0], self.film.t[-1])
+        return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, pixels."""
+        width, height = self.canvas.get_width_height()
+        return height, width
+
+    def image(self, k: int) -> np.ndarray:
+        """Frame k as an array (height, width, 3) of bytes."""
+        film = self.film
+        self._picture.show(film.poses[k])
+        for line, way in zip(self._traces, self._ways, strict=True):
+            line.set_data(*way[: FINER * k + 1].T)
+        self._clock.set_text(f"t = {film.t[k]:.{film.digits}f} s")
+        for cursor in self._cursors:
+            cursor.set_xdata([film.t[k], film.t[k]])
+        self.canvas.restore_region(self._behind)
+        for artist in self._moving:
+            self.figure.draw_artist(artist)
+        return np.array(self.canvas.buffer_rgba())[:, :, :3]
+
+
+def finer(way: np.ndarray) -> np.ndarray:
+    """A way (n, 2) with points between the frames, on cubics through four of them: (FINER (n - 1) + 1, 2)."""
+    if len(way) < 3:
+        return way[0] + np.linspace(0, 1, FINER + 1)[:, None] * (way[1] - way[0])
+    before, after = 3 * way[0] - 3 * way[1] + way[2], 3 * way[-1] - 3 * way[-2] + way[-3]
+    a, b, c, d = (np.vstack([before, way, after])[k : len(way) - 1 + k, None] for k in range(4))
+    s = (np.arange(FINER) / FINER)[:, None]
+    between = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
+    return np.vstack([between.reshape(-1, way.shape[1]), way[-1:]])
+
+
+def write_gif(film: Film, forces: bool, path: Path) -> None:
+    """Write a GIF that repeats; frames that would pass faster than viewers can show them are left out."""
+    from PIL import Image
+
+    step = max(1, int(np.ceil(SHORTEST_FRAME * film.fps - 1e-9)))
+    shown = range(0, len(film.t), step)
+    stage = Stage(film, forces)
+    palette = _palette([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)])
+    pictures, before = [], np.zeros(0)
+    for k in shown:
+        colours = _packed(stage.image(k))
+        changed = colours != before if before.size else np.ones(colours.shape, bool)
+        before = colours
+        # what is as it was is transparent: it takes no room
+        indices = np.full(colours.shape, COLOURS_OF_GIF, np.uint8)
+        indices[changed] = _nearest(colours[changed], palette)
+        picture = Image.fromarray(indices.reshape(stage.shape))
+        picture.putpalette(palette.ravel().tolist())
+        pictures.append(picture)
+    # the format counts in hundredths of a second
+    duration = 10 * max(2, round(100 * step / film.fps))
+    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0,
+                     transparency=COLOURS_OF_GIF, disposal=1, optimize=False)  # fmt: skip
+
+
+def _packed(image: np.ndarray) -> np.ndarray:
+    """Colours of an image as single numbers."""
+    return image.reshape(-1, 3) @ np.array([65536, 256, 1])
+
+
+def _palette(images: list[np.ndarray]) -> np.ndarray:
+    """The colours that occur most (k, 3): those of areas stay exactly what they are."""
+    values, counts = np.unique(np.concatenate([_packed(image) for image in images]), return_counts=True)
+    most = values[np.argsort(-counts, kind="stable")][:COLOURS_OF_GIF]
+    return np.column_stack([most >> 16, most >> 8 & 255, most & 255])
+
+
+def _nearest(packed: np.ndarray, palette: np.ndarray) -> np.ndarray:
+    """Index of the nearest colour of a palette for each packed colour."""
+    values, inverse = np.unique(packed, return_inverse=True)
+    colours = np.column_stack([values >> 16, values >> 8 & 255, values & 255])
+    return np.argmin(np.sum((colours[:, None] - palette) ** 2, axis=2), axis=1)[inverse]
+
+
+def need_ffmpeg(path: Any) -> str:
+    """Path of ffmpeg, or an error that says what to do."""
+    found = shutil.which("ffmpeg")
+    if found is None:
+        raise MechanismError(
+            f"animate: '{path}' needs the program ffmpeg, which is not on the path; install it, or write .gif or .html"
+        )
+    return found
+
+
+def write_mp4(film: Film, forces: bool, path: Path) -> None:
+    """Write a film in H.264, by ffmpeg."""
+    stage = Stage(film, forces)
+    height, width = stage.shape
+    command = [
+        need_ffmpeg(path), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
+        "-r", f"{film.fps:g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path),
+    ]  # fmt: skip
+    images: Iterator[np.ndarray] = (stage.image(k) for k in range(len(film.t)))
+    done = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        for image in images:
+            done.stdin.write(image.tobytes())  # type: ignore[union-attr]
+    except BrokenPipeError:
+        pass  # what went wrong is on its standard error
+    _, told = done.communicate()
+    if done.returncode:
+        raise FileError(f"animate: ffmpeg could not write the film: {told.decode(errors='replace').strip()}")
