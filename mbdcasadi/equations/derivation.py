@@ -45,7 +45,7 @@ def equations(mechanism: Mechanism) -> Equations:
     """
     if not isinstance(mechanism, Mechanism):
         raise ModelError(f"expected a Mechanism, got {mechanism!r}")
-    return mechanism.memory.once("equations", lambda: Equations(mechanism))
+    return mechanism.cache.get_or_create("equations", lambda: Equations(mechanism))
 
 
 class Equations:
@@ -169,7 +169,7 @@ class Equations:
     def masses(self, p: np.ndarray) -> np.ndarray:
         """Diagonal of M as numbers (n,)."""
         diagonal = ca.densify(self.mass_diagonal)
-        function = self.mechanism.memory.once("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
+        function = self.mechanism.cache.get_or_create("masses", lambda: ca.Function("masses", [self.p], [diagonal]))
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------
@@ -185,7 +185,7 @@ class Equations:
         elements = [ca.SX(e) for e in expression.elements()] if expression.numel() else []
         key = ("expression", expression.shape, tuple(e.element_hash() for e in elements))
         # the expression is kept beside its function: a hash is only unique while the node lives
-        return self.mechanism.memory.once(key, lambda: (self._of_expression(expression), expression))[0]
+        return self.mechanism.cache.get_or_create(key, lambda: (self._of_expression(expression), expression))[0]
 
     def _of_expression(self, expression: ca.SX) -> ca.Function:
         for symbol in symbols_of(expression):

@@ -113,4 +113,4 @@ class DrivenEquations:
 
 def driven_equations(eom: Equations) -> DrivenEquations:
     """Compiled solves of a driven mechanism, made once and kept."""
-    return eom.mechanism.memory.once("driven", lambda: DrivenEquations(eom))
+    return eom.mechanism.cache.get_or_create("driven", lambda: DrivenEquations(eom))

@@ -41,8 +41,8 @@ class NumericEquations:
         for element in eom.mechanism.elements:
             if getattr(element, "modes", ()):
                 raise ModelError(
-                    f"{element.what} switches exactly between sticking and sliding, which simulate alone can follow; "
-                    "take Coulomb, Stribeck or LuGre here"
+                    f"{element.description} switches exactly between sticking and sliding, which only simulate "
+                    "can follow; take Coulomb, Stribeck or LuGre here"
                 )
         self.eom = eom
         self.p = np.asarray(p, float)
@@ -79,7 +79,7 @@ class NumericEquations:
 
     def _evaluator(self, key: str, terms: Callable[[], tuple[list[ca.SX], list[ca.SX]]]) -> Evaluator:
         """A function of one time from its arguments and results, made once for a mechanism."""
-        return self.eom.mechanism.memory.once(key, lambda: Evaluator(ca.Function(key, *terms())))
+        return self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(ca.Function(key, *terms())))
 
     def position(self, t: float, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """``Phi`` and its Jacobian, position rows only."""
@@ -144,12 +144,14 @@ class NumericEquations:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
         choice: dict[str, Any] = {"massless": self.massless, "redundant": redundant, "refinements": refinements}
         key = ("forward dynamics", *choice.values())
-        return self.eom.mechanism.memory.once(key, lambda: forward_dynamics(self.eom, **choice))
+        return self.eom.mechanism.cache.get_or_create(key, lambda: forward_dynamics(self.eom, **choice))
 
     def stabilised_dynamics(self) -> ca.Function:
         """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
         key = ("stabilised dynamics", self.massless)
-        return self.eom.mechanism.memory.once(key, lambda: stabilised_dynamics(self.eom, massless=self.massless))
+        return self.eom.mechanism.cache.get_or_create(
+            key, lambda: stabilised_dynamics(self.eom, massless=self.massless)
+        )
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:
         """Coordinates in which something moves that neither has mass nor is held by joints."""
@@ -170,7 +172,7 @@ class NumericEquations:
             forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
             if forces:
                 values = self.eom.function(ca.vertcat(*forces))(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
-                found += [] if np.all(np.isfinite(values.full())) else [element.what]
+                found += [] if np.all(np.isfinite(values.full())) else [element.description]
         return found
 
     def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:

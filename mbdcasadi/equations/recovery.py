@@ -44,13 +44,13 @@ class Recovery:
     def position_step(self) -> ca.Function:
         """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``."""
         eom = self.numeric.eom
-        return eom.mechanism.memory.once("position step", lambda: _position_step(eom))
+        return eom.mechanism.cache.get_or_create("position step", lambda: _position_step(eom))
 
     @cached_property
     def velocity_step(self) -> ca.Function:
         """``(t, q, v, p, weights) -> v``: one step towards ``Phi_q v = nu``."""
         eom = self.numeric.eom
-        return eom.mechanism.memory.once("velocity step", lambda: _velocity_step(eom))
+        return eom.mechanism.cache.get_or_create("velocity step", lambda: _velocity_step(eom))
 
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""

@@ -13,7 +13,9 @@ from .explicit import ExplicitRow, explicit_rows
 
 def reduced_equations(eom: Equations, *, curved: bool = True) -> ReducedEquations:
     """:class:`ReducedEquations` of a mechanism, made once and kept."""
-    return eom.mechanism.memory.once(("reduced equations", curved), lambda: ReducedEquations(eom, curved=curved))
+    return eom.mechanism.cache.get_or_create(
+        ("reduced equations", curved), lambda: ReducedEquations(eom, curved=curved)
+    )
 
 
 class ReducedEquations:

@@ -90,14 +90,14 @@ class _Reader:
 
     def __init__(self, text: str, what: str):
         self.text = text
-        self.what = what
+        self.description = what
         self.places: list[int] = []  # place in the text as written, for each character that Python reads
 
     def refuse(self, reason: str, place: int | None = None) -> FileError:
         shown = self.text if len(self.text) <= 200 else self.text[:200] + "…"
         where = "" if place is None else f" at character {place + 1}"
         return FileError(
-            f"{self.what} = {shown!r}: {reason}{where}; it must be arithmetic in t: numbers, t, pi, + - * / ^, "
+            f"{self.description} = {shown!r}: {reason}{where}; it must be arithmetic in t: numbers, t, pi, + - * / ^, "
             f"parentheses and {', '.join(FUNCTIONS)}"
         )
 

@@ -32,7 +32,7 @@ class Fields:
 
     def __init__(self, data: Any, file: str, what: str):
         self.file = file
-        self.what = what
+        self.description = what
         if not isinstance(data, dict):
             raise self.refuse(f"must be an object {{…}}, got {_shown(data)}")
         self.data = data
@@ -43,7 +43,7 @@ class Fields:
 
     def refuse(self, reason: str) -> FileError:
         """Error that names the file and the object."""
-        return FileError(f"{self.file}: {self.what}: {reason}" if self.what else f"{self.file}: {reason}")
+        return FileError(f"{self.file}: {self.description}: {reason}" if self.description else f"{self.file}: {reason}")
 
     def get(self, name: str, default: Any = _REQUIRED) -> Any:
         """Value of a field as the file has it."""
@@ -104,7 +104,7 @@ class Fields:
             return ca.SX(float(value))
         if not isinstance(value, str):
             raise self.refuse(f"{name} must be a text with arithmetic in t, got {_shown(value)}")
-        return parse_arithmetic(value, f"{self.file}: {self.what}: {name}")
+        return parse_arithmetic(value, f"{self.file}: {self.description}: {name}")
 
     def no_function(self) -> None:
         """Check that ``fun`` is absent, NONE or zero, for elements that take none."""
@@ -119,7 +119,9 @@ class Fields:
         """Warn of fields that were given and not used."""
         unused = [name for name in self.data if name not in self._read]
         if unused:
-            warnings.warn(f"{self.file}: {self.what}: {_quoted(unused)} is not used", MechanismWarning, stacklevel=4)
+            warnings.warn(
+                f"{self.file}: {self.description}: {_quoted(unused)} is not used", MechanismWarning, stacklevel=4
+            )
 
 
 def objects(data: dict[str, Any], name: str, file: str) -> list[Any]:

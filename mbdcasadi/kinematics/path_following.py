@@ -97,7 +97,7 @@ class Continuation(MotionFollower):
 
     def _recursion(self, count: int) -> Any:
         names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
-        return self.numeric.eom.mechanism.memory.once(
+        return self.numeric.eom.mechanism.cache.get_or_create(
             ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names)
         )
 

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-class Memory(dict[Any, Any]):
+class Cache(dict[Any, Any]):
     """Values by key, each made once."""
 
-    def once(self, key: Any, make: Callable[[], T]) -> T:
+    def get_or_create(self, key: Any, make: Callable[[], T]) -> T:
         """The value of a key; where there is none yet, what `make` returns."""
         if key not in self:
             self[key] = make()

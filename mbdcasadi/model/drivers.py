@@ -39,7 +39,7 @@ class Driver(ConstraintElement):
     Haug 1989, section 3.5 (driving constraints).
     """
 
-    word = "driver"
+    kind = "driver"
 
     def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"

@@ -55,7 +55,7 @@ class Element(Immutable):
         ``gap`` besides, a simulation does not pass through where it is closed for a short time.
     """
 
-    word: ClassVar[str] = "element"
+    kind: ClassVar[str] = "element"
 
     markers: tuple[Marker, ...] = ()
     rows: ca.SX = ca.SX(0, 1)
@@ -73,9 +73,9 @@ class Element(Immutable):
         self.name = check_name(name, type(self).__name__)
 
     @property
-    def what(self) -> str:
+    def description(self) -> str:
         """The element in words, as messages name it."""
-        return f"{self.word} '{self.name}'"
+        return f"{self.kind} '{self.name}'"
 
     @property
     def smoothings(self) -> tuple[Smoothing, ...]:
@@ -162,7 +162,9 @@ class ConstraintElement(Element):
         super().__init__(name)
         self.rows = ca.vec(rows)
         others = ("velocity", "acceleration", "input", "state")
-        refuse_kinds(self.rows, others, self.what, "position constraints hold coordinates, parameters and time only")
+        refuse_kinds(
+            self.rows, others, self.description, "position constraints hold coordinates, parameters and time only"
+        )
         if velocity_rows is not None:
             self.velocity_rows = ca.vec(velocity_rows)
         self.row_labels = row_labels
@@ -209,7 +211,7 @@ class ConstraintElement(Element):
         if body not in self.bodies:
             names = ", ".join(f"'{b.name}'" for b in self.bodies)
             name = body.name if isinstance(body, Body) else repr(body)
-            raise ModelError(f"{self.what} does not act on '{name}'; it acts on {names}")
+            raise ModelError(f"{self.description} does not act on '{name}'; it acts on {names}")
         return Reaction(self, body)
 
 
@@ -279,7 +281,7 @@ class Reaction:
         return self.marker.axes.T @ self.force
 
     def __repr__(self) -> str:
-        return f"Reaction of {self.element.what} on '{self.body.name}'"
+        return f"Reaction of {self.element.description} on '{self.body.name}'"
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:

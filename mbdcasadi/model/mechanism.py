@@ -9,7 +9,7 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from .bodies import Body
-from .cache import Memory
+from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import Immutable
@@ -85,7 +85,7 @@ class Mechanism(Immutable):
         self._check_names()
         self._check_connections()
         self._check_symbols()
-        self.memory = Memory()
+        self.cache = Cache()
 
     # --- checks --------------------------------------------------------------------
     def _check_parts(self) -> None:
@@ -99,17 +99,17 @@ class Mechanism(Immutable):
                 if isinstance(part, type) or not hasattr(part, "rows") or not hasattr(part, "virtual_work"):
                     raise ModelError(f"{argument}= takes model elements, got {part!r}")
                 if argument == "forces" and part.rows.numel():
-                    raise ModelError(f"{part.what} is a constraint; give it in joints= or drivers=")
+                    raise ModelError(f"{part.description} is a constraint; give it in joints= or drivers=")
                 if argument != "drivers" and isinstance(part, Driver):
-                    raise ModelError(f"{part.what} belongs in drivers=, not in {argument}=")
+                    raise ModelError(f"{part.description} belongs in drivers=, not in {argument}=")
                 if argument != "forces" and not isinstance(part, Element) and not hasattr(part, "multipliers"):
                     raise ModelError(f"{part!r} has rows but no multipliers")
                 if argument != "forces" and not part.rows.numel() and not part.velocity_rows.numel():
-                    raise ModelError(f"{part.what} constrains nothing; give it in forces=")
+                    raise ModelError(f"{part.description} constrains nothing; give it in forces=")
 
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
         rates: dict[StateVariable, ca.SX] = {}
-        sources = [("states=", self._own_states)] + [(e.what, e.rates) for e in self.elements]
+        sources = [("states=", self._own_states)] + [(e.description, e.rates) for e in self.elements]
         for source, given in sources:
             for state, rate in given.items():
                 if not isinstance(state, StateVariable):
@@ -139,13 +139,14 @@ class Mechanism(Immutable):
                 if not body.is_ground and not any(body is own for own in self.bodies):
                     also = " (another body of that name is)" if body.name in known else ""
                     raise ModelError(
-                        f"{element.what} uses body '{body.name}', which is not among bodies= of the mechanism{also}"
+                        f"{element.description} uses body '{body.name}', which is not among bodies= of "
+                        f"the mechanism{also}"
                     )
 
     def _check_symbols(self) -> None:
         allowed = self.symbol_hashes
         sources = [(f"body '{b.name}'", [ca.SX(b.mass), ca.SX(b.inertia)]) for b in self.bodies]
-        sources += [(e.what, e.expressions()) for e in self.elements]
+        sources += [(e.description, e.expressions()) for e in self.elements]
         sources += [(f"the rate of state variable '{z.label}'", [rate]) for z, rate in self.state_rates.items()]
         for what, expressions in sources:
             for symbol in symbols_of(ca.veccat(*expressions)):
@@ -164,7 +165,9 @@ class Mechanism(Immutable):
         lists = {"input": "inputs", "parameter": "parameters", "state": "states"}
         kind = role.kind if role else ""
         if role is not None and isinstance(role.owner, Element) and kind == "state":
-            return f"{what} uses {describe(symbol)}, which belongs to {role.owner.what}; list that in forces= too"
+            return (
+                f"{what} uses {describe(symbol)}, which belongs to {role.owner.description}; list that in forces= too"
+            )
         if kind in lists:
             return f"{what} uses {describe(symbol)}, which is not among {lists[kind]}= of the mechanism"
         if kind == "acceleration":
@@ -179,7 +182,7 @@ class Mechanism(Immutable):
         ModelError
             Naming the element, the quantity, its value, and the parameters behind it.
         """
-        limits, function = self.memory.once("limits", self._limits)
+        limits, function = self.cache.get_or_create("limits", self._limits)
         if not limits:
             return
         given = {p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)}

@@ -32,7 +32,7 @@ class Limit:
 
     Attributes
     ----------
-    what, name : str
+    owner, name : str
         Element and quantity, for the message.
     expression : casadi.SX
         The quantity.
@@ -40,7 +40,7 @@ class Limit:
         Its limits.
     """
 
-    what: str
+    owner: str
     name: str
     expression: ca.SX
     at_least: float | None = None
@@ -49,11 +49,11 @@ class Limit:
     def check(self, value: float, because: str = "") -> None:
         """Raise where a value is not finite or out of the limits; `because` says where it comes from."""
         if not math.isfinite(value):
-            raise ModelError(f"{self.what}: {self.name} must be finite, got {value}{because}")
+            raise ModelError(f"{self.owner}: {self.name} must be finite, got {value}{because}")
         if self.at_least is not None and value < self.at_least:
-            raise ModelError(f"{self.what}: {self.name} must be at least {self.at_least:g}, got {value}{because}")
+            raise ModelError(f"{self.owner}: {self.name} must be at least {self.at_least:g}, got {value}{because}")
         if self.above is not None and value <= self.above:
-            raise ModelError(f"{self.what}: {self.name} must be above {self.above:g}, got {value}{because}")
+            raise ModelError(f"{self.owner}: {self.name} must be above {self.above:g}, got {value}{because}")
 
 
 def quantity(
@@ -72,7 +72,7 @@ def quantity(
     ----------
     value : float or casadi.SX
         What the user gave.
-    what, name : str
+    owner, name : str
         Element and quantity, for the message.
     at_least, above : float, optional
         Limits of the value; checked here where the number behind it is known.

@@ -9,7 +9,7 @@ import casadi as ca
 
 from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
-from ..model.cache import Memory
+from ..model.cache import Cache
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.lists import entries, listed, refuse_twice
@@ -88,7 +88,7 @@ class OptimalControlProblem(Immutable):
             waypoints=self.waypoints, free_parameters=free_parameters,
         )  # fmt: skip
         #: compiled programs, kept for the next solve
-        self.memory = Memory()
+        self.cache = Cache()
         #: ranks of conditions, by the number of free quantities
         self.ranks: dict[int, ConditionRank] = {}
         self._check()

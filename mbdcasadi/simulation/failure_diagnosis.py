@@ -62,7 +62,7 @@ def cause_of_failure(
         return said + remarks
     narrow = narrowest_friction(numeric)
     if narrow is not None and narrow[0] < NARROW_FRICTION:
-        remarks += f"; or {narrow[1].what} is too steep: {narrow[2]} is very narrow, widen it"
+        remarks += f"; or {narrow[1].description} is too steep: {narrow[2]} is very narrow, widen it"
     fastest = int(np.argmax(np.abs(v[0])))
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "

@@ -189,7 +189,7 @@ class Resolution:
         """What is to be told after a run, with the tolerances of the integrator; one sentence for each element."""
         found = self._missed(reltol, abstol)
         for k, finding in self._passed.items():
-            owner = self._owner[k].what
+            owner = self._owner[k].description
             found.setdefault(
                 owner,
                 f"{owner}: the surfaces pass through each other, {max(finding.sizes):.2g} m deep, between two steps of "

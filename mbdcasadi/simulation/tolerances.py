@@ -51,7 +51,7 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     narrowest, element, words = found
     if not np.isfinite(narrowest) or narrowest * SHARE < SMALLEST:
         raise SimulationError(
-            f"{element.what}: {words} is too narrow for an integrator, which keeps to "
+            f"{element.description}: {words} is too narrow for an integrator, which keeps to "
             f"{SMALLEST:.0e} at best; take at least {SMALLEST / SHARE:.0e}, or DryFriction, which needs none"
         )
     return min(asked, SHARE * narrowest)

@@ -33,7 +33,7 @@ class Uniqueness:
         self.needed = eom.Q_depends_on_lam
         if not self.needed:
             return
-        self._systems = eom.mechanism.memory.once("reactions", lambda: _systems(eom))
+        self._systems = eom.mechanism.cache.get_or_create("reactions", lambda: _systems(eom))
 
     def first_lost(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, lam: np.ndarray, u: np.ndarray
@@ -55,7 +55,7 @@ class Uniqueness:
         """The elements whose forces depend on reactions, in words."""
         eom = self.numeric.eom
         found = [
-            e.what
+            e.description
             for e in eom.mechanism.elements
             if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in e.virtual_work)
         ]

@@ -294,7 +294,7 @@ class OnParabola:
 
     def __init__(self, name, marker, curvature):
         self.name = name
-        self.what = f"parabola '{name}'"
+        self.description = f"parabola '{name}'"
         self.markers = (marker,)
         self.bodies = (marker.body, mbd.ground)
         self.rows = ca.SX(marker.y - curvature * marker.x**2)
@@ -334,7 +334,7 @@ class Drag:
 
     def __init__(self, name, body):
         self.name = name
-        self.what = f"drag '{name}'"
+        self.description = f"drag '{name}'"
         self.bodies = (body,)
         self.markers = ()
         self.rows = self.velocity_rows = self.multipliers = ca.SX(0, 1)
@@ -436,7 +436,7 @@ class Motor:
 
     def __init__(self, name, body, voltage):
         self.name = name
-        self.what = f"motor '{name}'"
+        self.description = f"motor '{name}'"
         self.current = mbd.StateVariable(f"{name}.current", initial=0.5)
         self.bodies = (body,)
         self.markers = ()

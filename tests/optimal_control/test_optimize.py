@@ -144,10 +144,10 @@ def test_another_start_uses_what_was_compiled():
         running_cost=u**2,
     )
     mbd.optimize(problem, intervals=10)
-    built = dict(problem.memory)
+    built = dict(problem.cache)
     second = mbd.optimize(problem, intervals=10, initial=[block.x == 1, block.vx == 0])
     assert second.cost == pytest.approx(12 * 4 / 8, rel=1e-8)
-    assert problem.memory == built
+    assert problem.cache == built
 
 
 def test_an_infeasible_problem_says_which_demand():

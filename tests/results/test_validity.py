@@ -15,11 +15,11 @@ from mbdcasadi.model.validity import Monitor
 class Fence(Element):
     """A user's own element that only watches a body."""
 
-    word = "fence"
+    kind = "fence"
 
     def __init__(self, name, body):
         super().__init__(name)
-        self.monitors = (Monitor(1.0 - body.x, f"{self.what}: the body has passed it"),)
+        self.monitors = (Monitor(1.0 - body.x, f"{self.description}: the body has passed it"),)
 
 
 def runner(speed=1.0):

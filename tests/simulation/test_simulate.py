@@ -534,7 +534,7 @@ def test_massless_body_that_moves_freely_is_refused():
 class Drag(mbd.model.elements.Element):
     """Quadratic drag on a body: an element from outside the package."""
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, name, body, coefficient):
         super().__init__(name)

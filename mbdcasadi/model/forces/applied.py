@@ -38,20 +38,20 @@ class Force(Element):
     Haug 1989, section 6.1, eq. (6.1.20).
     """
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = None):
         super().__init__(name)
-        self.at = as_marker(at, self.what, "at")
-        self.opposite = None if opposite is None else as_body(opposite, self.what, "opposite")
+        self.at = as_marker(at, self.description, "at")
+        self.opposite = None if opposite is None else as_body(opposite, self.description, "opposite")
         if self.opposite is self.at.body or (self.opposite is None and self.at.body.is_ground):
             raise ModelError(
-                f"{self.what} acts on '{self.at.body.name}' and leans on it too: it would do nothing; "
+                f"{self.description} acts on '{self.at.body.name}' and leans on it too: it would do nothing; "
                 "at is a marker on the body that moves, opposite another body"
             )
-        components = vector2(vector, self.what, "vector")
+        components = vector2(vector, self.description, "vector")
         if frame not in ("global", "body"):
-            raise ModelError(f"{self.what}: frame must be 'global' or 'body', got {frame!r}")
+            raise ModelError(f"{self.description}: frame must be 'global' or 'body', got {frame!r}")
         self.frame = frame
         self.force = components if frame == "global" else rotation(self.at.angle) @ components
         self.markers = (self.at,)
@@ -83,18 +83,18 @@ class Torque(Element):
         Couple on the body, N m.
     """
 
-    word = "torque"
+    kind = "torque"
 
     def __init__(self, name: str, body: Any, value: Any, opposite: Any = ground):
         super().__init__(name)
-        self.body = as_body(body, self.what, "body")
-        self.opposite = as_body(opposite, self.what, "opposite")
+        self.body = as_body(body, self.description, "body")
+        self.opposite = as_body(opposite, self.description, "opposite")
         if self.opposite is self.body:
             raise ModelError(
-                f"{self.what} acts on '{self.body.name}' and leans on it too: it would do nothing; "
+                f"{self.description} acts on '{self.body.name}' and leans on it too: it would do nothing; "
                 "body is the one that moves, opposite another one"
             )
-        self.torque = ca.SX(quantity(value, self.what, "value"))
+        self.torque = ca.SX(quantity(value, self.description, "value"))
         self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
         self.__dict__["bodies"] = (self.body, self.opposite)
 
@@ -116,7 +116,7 @@ class GeneralizedForce(Element):
         GeneralizedForce("belt motor", [(b.phi - 2 * a.phi, tau)])
     """
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, name: str, pairs: Any):
         super().__init__(name)
@@ -125,17 +125,19 @@ class GeneralizedForce(Element):
             try:
                 expression, force = (ca.vec(ca.SX(part)) for part in entry)
             except (TypeError, ValueError, NotImplementedError):
-                raise ModelError(f"{self.what}: takes pairs (expression, force), got {entry!r}") from None
+                raise ModelError(f"{self.description}: takes pairs (expression, force), got {entry!r}") from None
             if expression.numel() != force.numel():
                 raise ModelError(
-                    f"{self.what}: an expression of {expression.numel()} components is paired "
+                    f"{self.description}: an expression of {expression.numel()} components is paired "
                     f"with a force of {force.numel()}"
                 )
-            refuse_kinds(expression, BEYOND_COORDINATES, self.what, "a virtual displacement is one of coordinates")
-            quantities = [quantity(part, self.what, "force") for part in ca.vertsplit(force)]
+            refuse_kinds(
+                expression, BEYOND_COORDINATES, self.description, "a virtual displacement is one of coordinates"
+            )
+            quantities = [quantity(part, self.description, "force") for part in ca.vertsplit(force)]
             checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
         if not checked:
-            raise ModelError(f"{self.what}: takes at least one pair (expression, force)")
+            raise ModelError(f"{self.description}: takes at least one pair (expression, force)")
         self.virtual_work = tuple(checked)
         # what such a force leans on is the ground: a motor's housing, a belt's bearings
         self.__dict__["bodies"] = (*dict.fromkeys(b for e, _ in checked for b in owners(e)), ground)

@@ -43,7 +43,7 @@ class Bushing(Element):
         On b, N m.
     """
 
-    word = "bushing"
+    kind = "bushing"
 
     def __init__(
         self,
@@ -56,25 +56,27 @@ class Bushing(Element):
         angular_damping: Any = 0.0,
     ):
         super().__init__(name)
-        self.markers = self.a, self.b = markers_on_two(a, b, self.what)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.description)
         limits: list[Limit] = []
 
         def by_axis(value: Any, quantity_name: str) -> ca.SX:
             parts = list(value) if isinstance(value, list | tuple) else [value, value]
             if len(parts) != 2:
-                raise ModelError(f"{self.what}: {quantity_name} takes one value or one by axis, got {value!r}")
+                raise ModelError(f"{self.description}: {quantity_name} takes one value or one by axis, got {value!r}")
             return ca.vertcat(
                 *[
-                    ca.SX(quantity(part, self.what, f"{quantity_name} {axis}", at_least=0.0, limits=limits))
+                    ca.SX(quantity(part, self.description, f"{quantity_name} {axis}", at_least=0.0, limits=limits))
                     for part, axis in zip(parts, "xy", strict=True)
                 ]
             )
 
         self.stiffness, self.damping = by_axis(stiffness, "stiffness"), by_axis(damping, "damping")
         self.angular_stiffness = quantity(
-            angular_stiffness, self.what, "angular_stiffness", at_least=0.0, limits=limits
+            angular_stiffness, self.description, "angular_stiffness", at_least=0.0, limits=limits
         )
-        self.angular_damping = quantity(angular_damping, self.what, "angular_damping", at_least=0.0, limits=limits)
+        self.angular_damping = quantity(
+            angular_damping, self.description, "angular_damping", at_least=0.0, limits=limits
+        )
         self.limits = tuple(limits)
         self.displacement = self.a.axes.T @ (self.b.position - self.a.position)
         self.angle = self.b.angle - self.a.angle

@@ -48,14 +48,14 @@ class PIController(Element):
         Mechanism(..., forces=[speed, motor])
     """
 
-    word = "controller"
+    kind = "controller"
 
     def __init__(self, name: str, error: Any, proportional: Any, integral: Any, initial: Any = 0.0):
         super().__init__(name)
-        self.error = ca.SX(quantity(error, self.what, "error"))
-        refuse_kinds(self.error, _UNKNOWN, self.what, "an error is one of positions and velocities")
-        self.proportional = quantity(proportional, self.what, "proportional")
-        self.integral = quantity(integral, self.what, "integral")
+        self.error = ca.SX(quantity(error, self.description, "error"))
+        refuse_kinds(self.error, _UNKNOWN, self.description, "an error is one of positions and velocities")
+        self.proportional = quantity(proportional, self.description, "proportional")
+        self.integral = quantity(integral, self.description, "integral")
         self.integrated = state_of(self, f"{name}.integral", initial)
         self.rates = {self.integrated: self.error}
         self.output = self.proportional * self.error + self.integral * self.integrated
@@ -81,14 +81,14 @@ class FirstOrderLag(Element):
         y, in the unit of the command.
     """
 
-    word = "lag"
+    kind = "lag"
 
     def __init__(self, name: str, command: Any, time_constant: Any, initial: Any = 0.0):
         super().__init__(name)
         limits: list[Limit] = []
-        self.command = ca.SX(quantity(command, self.what, "command"))
-        refuse_kinds(self.command, _UNKNOWN, self.what, "a command is one of positions and velocities")
-        self.time_constant = quantity(time_constant, self.what, "time_constant", above=0.0, limits=limits)
+        self.command = ca.SX(quantity(command, self.description, "command"))
+        refuse_kinds(self.command, _UNKNOWN, self.description, "a command is one of positions and velocities")
+        self.time_constant = quantity(time_constant, self.description, "time_constant", above=0.0, limits=limits)
         self.limits = tuple(limits)
         self.output = state_of(self, f"{name}.output", initial)
         self.rates = {self.output: (self.command - self.output) / self.time_constant}
@@ -113,11 +113,11 @@ class EnergyMeter(Element):
         J.
     """
 
-    word = "energy meter"
+    kind = "energy meter"
 
     def __init__(self, name: str, power: Any, initial: Any = 0.0):
         super().__init__(name)
-        self.power = ca.SX(quantity(power, self.what, "power"))
-        refuse_kinds(self.power, _UNKNOWN, self.what, "a power is one of positions, velocities and forces")
+        self.power = ca.SX(quantity(power, self.description, "power"))
+        refuse_kinds(self.power, _UNKNOWN, self.description, "a power is one of positions, velocities and forces")
         self.energy = state_of(self, f"{name}.energy", initial)
         self.rates = {self.energy: self.power}

@@ -47,7 +47,7 @@ class Cylinder(TSDA):
         Force that the pressures push with, N.
     """
 
-    word = "cylinder"
+    kind = "cylinder"
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Cylinder(TSDA):
         rod_pressure: Any = 0.0,
         damping: Any = 0.0,
     ):
-        what = f"{self.word} '{name}'"
+        what = f"{self.kind} '{name}'"
         limits: list[Limit] = []
         self.bore = quantity(bore, what, "bore", above=0.0, limits=limits, fixed=True)
         self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits, fixed=True)
@@ -126,19 +126,21 @@ class HydraulicCylinder(Cylinder):
         p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
         super().__init__(name, a, b, bore, rod, p, p_rod, damping)
         limits = list(self.limits)
-        self.volume = quantity(volume, self.what, "volume", above=0.0, limits=limits, fixed=True)
-        self.bulk_modulus = quantity(bulk_modulus, self.what, "bulk_modulus", above=0.0, limits=limits)
-        self.middle_length = quantity(middle_length, self.what, "middle_length", above=0.0, limits=limits, fixed=True)
+        self.volume = quantity(volume, self.description, "volume", above=0.0, limits=limits, fixed=True)
+        self.bulk_modulus = quantity(bulk_modulus, self.description, "bulk_modulus", above=0.0, limits=limits)
+        self.middle_length = quantity(
+            middle_length, self.description, "middle_length", above=0.0, limits=limits, fixed=True
+        )
         self.limits = tuple(limits)
-        self.flow = ca.SX(quantity(flow, self.what, "flow"))
-        self.rod_flow = ca.SX(quantity(rod_flow, self.what, "rod_flow"))
+        self.flow = ca.SX(quantity(flow, self.description, "flow"))
+        self.rod_flow = ca.SX(quantity(rod_flow, self.description, "rod_flow"))
         out = self.length - self.middle_length
         chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
         rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
         rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
         self.monitors = (
-            Monitor(chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the piston's side is empty"),
-            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.what}: the chamber on the rod's side is empty"),
+            Monitor(chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"),
+            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"),
         )
         self.rates = {p: rise, p_rod: rod_rise}
 
@@ -171,7 +173,7 @@ class GasSpring(TSDA):
         c, N s/m.
     """
 
-    word = "gas spring"
+    kind = "gas spring"
 
     def __init__(
         self,
@@ -186,7 +188,7 @@ class GasSpring(TSDA):
         ambient: Any = ATMOSPHERE,
         damping: Any = 0.0,
     ):
-        what = f"{self.word} '{name}'"
+        what = f"{self.kind} '{name}'"
         limits: list[Limit] = []
         self.area = quantity(area, what, "area", above=0.0, limits=limits, fixed=True)
         self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits, fixed=True)
@@ -199,7 +201,7 @@ class GasSpring(TSDA):
         super().__init__(name, a, b, law=self._tension)
         self.limits = tuple(limits)
         within = "the length is below dead_length, where the gas has no volume"
-        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.what}: {within}"),)
+        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),)
 
     @cached_property
     def pressure(self) -> ca.SX:

@@ -61,16 +61,16 @@ class FieldForce(Element):
         FieldForce("gravity", rod, lambda point: -MU * point.position / mbd.norm(point) ** 3)
     """
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
         super().__init__(name)
-        self.body = as_body(body, self.what, "body")
-        field = function_of(field, self.what, "field", "a point")
-        order = whole(order, self.what, "order", 1, 20)
+        self.body = as_body(body, self.description, "body")
+        field = function_of(field, self.description, "field", "a point")
+        order = whole(order, self.description, "order", 1, 20)
         if self.body.is_ground or self.body.shape is None:
             raise ModelError(
-                f"{self.what}: body '{self.body.name}' has no shape over which its mass is spread; "
+                f"{self.description}: body '{self.body.name}' has no shape over which its mass is spread; "
                 "make it by Body.from_shape"
             )
         self._check_spread(self.body)
@@ -79,7 +79,9 @@ class FieldForce(Element):
         pairs = []
         for place, share in zip(local + self.body.shape_frame, shares, strict=True):
             point = Marker(self.body, ca.SX(ca.DM(place)), ca.SX(0))
-            pairs.append((point.position, float(share) * self.body.mass * vector2(field(point), self.what, "field")))
+            pairs.append(
+                (point.position, float(share) * self.body.mass * vector2(field(point), self.description, "field"))
+            )
         self.virtual_work = tuple(pairs)
         self.__dict__["bodies"] = (self.body,)
         self.force = sum((force for _, force in pairs), ca.SX(2, 1))
@@ -91,12 +93,12 @@ class FieldForce(Element):
         apart = np.hypot(*(centroid + body.shape_frame))
         if apart > _SPREAD * radius:
             raise ModelError(
-                f"{self.what}: the centre of mass of body '{body.name}' is {apart:.4g} m from the centroid of its "
-                "shape: its mass is not spread evenly; make it by Body.from_shape"
+                f"{self.description}: the centre of mass of body '{body.name}' is {apart:.4g} m from the centroid of "
+                "its shape: its mass is not spread evenly; make it by Body.from_shape"
             )
         mass, inertia = known_value(body.mass), known_value(body.inertia)
         if mass is not None and inertia is not None and abs(inertia - mass * square) > _SPREAD * mass * square:
             raise ModelError(
-                f"{self.what}: the inertia of body '{body.name}' is {inertia:.6g} kg m², and of its mass spread evenly "
-                f"over its shape it would be {mass * square:.6g}; make it by Body.from_shape"
+                f"{self.description}: the inertia of body '{body.name}' is {inertia:.6g} kg m², and of its mass spread "
+                f"evenly over its shape it would be {mass * square:.6g}; make it by Body.from_shape"
             )

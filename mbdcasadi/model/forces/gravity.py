@@ -27,11 +27,11 @@ class Gravity(Element):
     Haug 1989, section 6.1.
     """
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, acceleration: Any = (0.0, -9.81), name: str = "gravity"):
         super().__init__(name)
-        self.acceleration = vector2(acceleration, self.what, "acceleration")
+        self.acceleration = vector2(acceleration, self.description, "acceleration")
 
     def acting_on(self, bodies: Sequence[Body]) -> Element:
         return _Weight(self, tuple(bodies))
@@ -40,7 +40,7 @@ class Gravity(Element):
 class _Weight(Element):
     """Gravity with the bodies of a mechanism known."""
 
-    word = "force"
+    kind = "force"
 
     def __init__(self, gravity: Gravity, bodies: tuple[Body, ...]):
         super().__init__(gravity.name)

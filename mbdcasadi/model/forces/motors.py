@@ -57,7 +57,7 @@ class DCMotor(Element):
     >>> motor = mbd.DCMotor.from_line("motor", wheel, stall_torque=2.0, no_load_speed=100.0)
     """
 
-    word = "motor"
+    kind = "motor"
 
     def __init__(
         self,
@@ -72,24 +72,26 @@ class DCMotor(Element):
         current: Any = 0.0,
     ):
         super().__init__(name)
-        self.body = as_body(body, self.what, "body")
-        self.opposite = as_body(opposite, self.what, "opposite")
+        self.body = as_body(body, self.description, "body")
+        self.opposite = as_body(opposite, self.description, "opposite")
         if self.opposite is self.body:
-            raise ModelError(f"{self.what} turns '{self.body.name}' and leans on it too: it would do nothing")
+            raise ModelError(f"{self.description} turns '{self.body.name}' and leans on it too: it would do nothing")
         limits: list[Limit] = []
-        self.voltage = ca.SX(quantity(voltage, self.what, "voltage"))
-        self.constant = quantity(constant, self.what, "constant", above=0.0, limits=limits, fixed=True)
-        self.resistance = quantity(resistance, self.what, "resistance", above=0.0, limits=limits, fixed=True)
-        without = known_value(quantity(inductance, self.what, "inductance", at_least=0.0, fixed=True)) == 0
-        self.inductance = 0.0 if without else quantity(inductance, self.what, "inductance", above=0.0, limits=limits)
-        self.ratio = quantity(ratio, self.what, "ratio", fixed=True)
+        self.voltage = ca.SX(quantity(voltage, self.description, "voltage"))
+        self.constant = quantity(constant, self.description, "constant", above=0.0, limits=limits, fixed=True)
+        self.resistance = quantity(resistance, self.description, "resistance", above=0.0, limits=limits, fixed=True)
+        without = known_value(quantity(inductance, self.description, "inductance", at_least=0.0, fixed=True)) == 0
+        self.inductance = (
+            0.0 if without else quantity(inductance, self.description, "inductance", above=0.0, limits=limits)
+        )
+        self.ratio = quantity(ratio, self.description, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
-            raise ModelError(f"{self.what}: the ratio is zero, and the motor would turn nothing")
+            raise ModelError(f"{self.description}: the ratio is zero, and the motor would turn nothing")
         self.limits = tuple(limits)
         left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
         if without:
             if isinstance(current, StateVariable) or current != 0.0:
-                raise ModelError(f"{self.what}: without inductance the current has no start; leave current= out")
+                raise ModelError(f"{self.description}: without inductance the current has no start; leave current= out")
             self.current = left / self.resistance
         else:
             self.current = state_of(self, f"{name}.current", current)
@@ -119,7 +121,7 @@ class DCMotor(Element):
         opposite : Body, default ground
             Body that carries the housing.
         """
-        what = f"{cls.word} '{name}'"
+        what = f"{cls.kind} '{name}'"
         torque = quantity(stall_torque, what, "stall_torque", above=0.0)
         speed = quantity(no_load_speed, what, "no_load_speed", above=0.0)
         # at one volt: K = 1 V / omega0, and the stall current is T0 / K

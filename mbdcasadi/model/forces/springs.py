@@ -20,20 +20,22 @@ from .laws import stored_energy
 class _SpringDamper(Element):
     """What the translational and the rotational element share: the law of the force in one coordinate."""
 
-    word = "spring"
+    kind = "spring"
 
     def __init__(
         self, name: str, a: Any, b: Any, stiffness: Any, free: Any, damping: Any, actuator: Any, law: Callable | None
     ):
         super().__init__(name)
-        self.markers = self.a, self.b = markers_on_two(a, b, self.what)
-        self.stiffness = quantity(stiffness, self.what, "stiffness")
-        self.damping = quantity(damping, self.what, "damping")
-        self.actuator = quantity(actuator, self.what, "actuator")
-        self.free = quantity(free, self.what, self._free_name)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.description)
+        self.stiffness = quantity(stiffness, self.description, "stiffness")
+        self.damping = quantity(damping, self.description, "damping")
+        self.actuator = quantity(actuator, self.description, "actuator")
+        self.free = quantity(free, self.description, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
-            raise ModelError(f"{self.what}: stiffness and damping belong to the linear law; with law= give neither")
-        self.law = None if law is None else function_of(law, self.what, "law", *self._law_arguments)
+            raise ModelError(
+                f"{self.description}: stiffness and damping belong to the linear law; with law= give neither"
+            )
+        self.law = None if law is None else function_of(law, self.description, "law", *self._law_arguments)
         self.virtual_work = ((self._coordinate, -self._effort),)
 
     _free_name = "free_length"
@@ -51,7 +53,7 @@ class _SpringDamper(Element):
     @cached_property
     def _effort(self) -> ca.SX:
         if self.law is not None:
-            force = quantity(self.law(self._coordinate, self.rate), self.what, "law")
+            force = quantity(self.law(self._coordinate, self.rate), self.description, "law")
             return ca.SX(force) + self.actuator
         return self.stiffness * (self._coordinate - self.free) + self.damping * self.rate + self.actuator
 

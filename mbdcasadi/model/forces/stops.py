@@ -43,15 +43,15 @@ class EndStop(Element):
         EndStop("buffer", 0.1 - guide.displacement, mbd.HuntCrossley(2e5, exponent=1, damping=0.5))
     """
 
-    word = "stop"
+    kind = "stop"
 
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
-        self.gap = ca.SX(quantity(gap, self.what, "gap"))
-        refuse_kinds(self.gap, BEYOND_COORDINATES, self.what, "a gap is one of coordinates")
+        self.gap = ca.SX(quantity(gap, self.description, "gap"))
+        refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap is one of coordinates")
         if not owners(self.gap):
-            raise ModelError(f"{self.what}: the gap {gap} depends on no coordinate of a body")
-        self.law = function_of(law, self.what, "law", "penetration", "rate")
+            raise ModelError(f"{self.description}: the gap {gap} depends on no coordinate of a body")
+        self.law = function_of(law, self.description, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
         # what a stop leans on is the ground, where its gap does not say otherwise
         found = owners(self.gap)
@@ -66,12 +66,12 @@ class EndStop(Element):
     @cached_property
     def force(self) -> ca.SX:
         """Force that opens the gap, N or N m."""
-        return pushing_force(self.law, self.gap, self.rate, self.what)
+        return pushing_force(self.law, self.gap, self.rate, self.description)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
         """What a run must follow in several steps."""
-        return (Smoothing(self.force, 1.0, f"{self.what}: its force", "or soften the law", self.force),)
+        return (Smoothing(self.force, 1.0, f"{self.description}: its force", "or soften the law", self.force),)
 
     @cached_property
     def potential(self) -> ca.SX:

@@ -80,15 +80,15 @@ class Segment:
     level: float | None = None
     law: str = "cycloidal"
 
-    word: ClassVar[str] = "segment"
+    kind: ClassVar[str] = "segment"
 
     def __post_init__(self) -> None:
-        if number(self.duration, self.word, "duration") <= 0:
-            raise ModelError(f"{self.word}: duration must be positive, got {self.duration}")
+        if number(self.duration, self.kind, "duration") <= 0:
+            raise ModelError(f"{self.kind}: duration must be positive, got {self.duration}")
         if self.level is not None:
-            number(self.level, self.word, "level")
+            number(self.level, self.kind, "level")
         if self.law not in LAWS:
-            raise ModelError(f"{self.word}: law must be one of {', '.join(LAWS)}, got {self.law!r}")
+            raise ModelError(f"{self.kind}: law must be one of {', '.join(LAWS)}, got {self.law!r}")
 
 
 def rise(duration: float, level: float, law: str = "cycloidal") -> Segment:

@@ -24,7 +24,7 @@ class Joint(ConstraintElement):
         The markers.
     """
 
-    word = "joint"
+    kind = "joint"
 
     def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...] = ()):
         self.a, self.b = a, b

@@ -16,7 +16,7 @@ from .composite import distance_row
 class _Absolute(ConstraintElement):
     """One coordinate of a marker has a given value."""
 
-    word = "constraint"
+    kind = "constraint"
 
     def __init__(self, name: str, marker: Any, value: Any = 0.0):
         what = f"constraint '{name}'"
@@ -82,7 +82,7 @@ class AbsoluteDistance(ConstraintElement):
     Haug 1989, section 3.2.
     """
 
-    word = "constraint"
+    kind = "constraint"
 
     def __init__(self, name: str, marker: Any, point: Any, distance: Any):
         what = f"constraint '{name}'"

@@ -99,14 +99,14 @@ class Gear(Joint):
         self.monitors = (
             Monitor(
                 _CENTRES - ca.fabs(off),
-                f"{self.what}: the centres are not at the distance that the pitch radii make "
+                f"{self.description}: the centres are not at the distance that the pitch radii make "
                 "(the sum of both, for an internal pair the difference)",
                 shown=ca.norm_2(along) - distance,
                 unit="m",
             ),
             Monitor(
                 along[0] / distance,
-                f"{self.what}: the line of centres turns against carrier '{carrier.name}'; "
+                f"{self.description}: the line of centres turns against carrier '{carrier.name}'; "
                 "name the body that carries both centres as carrier=",
                 still=beyond,
             ),

@@ -31,7 +31,7 @@ class Constraint(ConstraintElement):
         For one that depends on velocities, accelerations, multipliers, inputs or states.
     """
 
-    word = "constraint"
+    kind = "constraint"
 
     def __init__(self, name: str, expression: Any):
         what = f"constraint '{name}'"

@@ -40,7 +40,7 @@ class NonholonomicConstraint(ConstraintElement):
     Goldstein, Poole, Safko, *Classical Mechanics*, 2002, sections 1.3 and 2.4.
     """
 
-    word = "constraint"
+    kind = "constraint"
 
     def __init__(self, name: str, expression: Any):
         rows = _velocity_rows(name, expression)
@@ -60,7 +60,7 @@ class KnifeEdge(ConstraintElement):
         Point P and direction of the blade, on a body that moves.
     """
 
-    word = "constraint"
+    kind = "constraint"
 
     def __init__(self, name: str, marker: Any):
         self.marker = as_marker(marker, f"constraint '{name}'", "marker")

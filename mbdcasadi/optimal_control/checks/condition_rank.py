@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...model.cache import Memory
+from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
 from ...numerics.least_squares import solve
@@ -70,9 +70,9 @@ class ConditionRank:
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
         #: by conditions, which are kept beside so that their identities stay theirs
         self._functions: dict[tuple[int, ...], tuple[Evaluator, Sequence[Condition]]] = {}
-        self._found = Memory()
+        self._found = Cache()
         key = ("scattered states", numeric.p.tobytes())
-        self.states: list[Place] = eom.mechanism.memory.once(key, self._scattered)
+        self.states: list[Place] = eom.mechanism.cache.get_or_create(key, self._scattered)
 
     def _scattered(self) -> list[Place]:
         """Consistent states about the estimate."""
@@ -113,7 +113,7 @@ class ConditionRank:
             values, slopes = function(*state, self.numeric.p, np.ones(self._own.numel()))
             return values.ravel(), slopes * self._columns
 
-        return self._found.once(("values", key, _key(state)), evaluate)
+        return self._found.get_or_create(("values", key, _key(state)), evaluate)
 
     def span(self, state: Place, given: Sequence[Condition] = ()) -> np.ndarray:
         """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
@@ -124,7 +124,7 @@ class ConditionRank:
             constraints = self.span(state)
             return np.vstack([constraints, _span(self._rest(given, state, constraints), DEPENDENT)])
 
-        return self._found.once(("span", _names(given), _key(state)), found)
+        return self._found.get_or_create(("span", _names(given), _key(state)), found)
 
     def _rest(self, conditions: Sequence[Condition], state: Place, span: np.ndarray) -> np.ndarray:
         """Unit gradients of conditions less what lies in a span."""
@@ -150,7 +150,7 @@ class ConditionRank:
             rests = (self._rest(conditions, state, self.span(state, given)) for state in self.states)
             return max(analyse_rank(rest, DEPENDENT).rank for rest in rests)
 
-        return self._found.once(("count", _names(conditions), _names(given)), counted)
+        return self._found.get_or_create(("count", _names(conditions), _names(given)), counted)
 
     def independent(
         self, conditions: Sequence[Condition], state: Place, given: Sequence[Condition] = ()

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.numeric import NumericEquations
-from ...model.cache import Memory
+from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ..placeholders import with_values
 from ..preparation import Preparation
@@ -50,7 +50,7 @@ class MotionProgram(Layout):
         super().__init__(prepared, mesh)
         self.initial, self.final = prepared.initial, prepared.final
         self.blocks: list[Block] = []
-        self._compiled = Memory()
+        self._compiled = Cache()
         pieces = [self._interval_piece(), *self._place_pieces(), *self._end_pieces(), *self._time_pieces()]
         self.program = SparseProgram(self.size, pieces, self.given)
 
@@ -101,7 +101,7 @@ class MotionProgram(Layout):
         if not conditions:
             return []
         key = "conditions", *map(id, conditions)
-        function = self._compiled.once(key, lambda: ca.Function("c", self.arguments, [stacked(conditions)]))
+        function = self._compiled.get_or_create(key, lambda: ca.Function("c", self.arguments, [stacked(conditions)]))
         return self._rows_of(conditions, ca.vertsplit(self._put_in(function, at, unknowns)), share, word)
 
     @cached_property

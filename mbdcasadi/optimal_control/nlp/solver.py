@@ -98,7 +98,9 @@ class Solver:
         if not isinstance(self.problem.initial, State):
             return Preparation(self.problem, self.settings, self.numeric, self.start)
         key = "preparation", tuple(self.settings.plain.values()), self.numeric.p.tobytes()
-        return self.problem.memory.once(key, lambda: Preparation(self.problem, self.settings, self.numeric, self.start))
+        return self.problem.cache.get_or_create(
+            key, lambda: Preparation(self.problem, self.settings, self.numeric, self.start)
+        )
 
     @cached_property
     def balance(self) -> Balance:
@@ -121,12 +123,12 @@ class Solver:
 
     def layout(self, mesh: Mesh) -> MotionProgram:
         """Program for a number of intervals, made once and kept."""
-        return self.problem.memory.once(self._key(mesh), lambda: MotionProgram(self.prepared, mesh))
+        return self.problem.cache.get_or_create(self._key(mesh), lambda: MotionProgram(self.prepared, mesh))
 
     def compiled(self, program: MotionProgram, mesh: Mesh, warmth: str) -> tuple[ca.Function, Monitor]:
         """Solver of a program, made once and kept."""
         key = self._key(mesh), warmth, self.settings.option_key
-        return self.problem.memory.once(key, lambda: self._compiled(program, WARMTH[warmth]))
+        return self.problem.cache.get_or_create(key, lambda: self._compiled(program, WARMTH[warmth]))
 
     def _compiled(self, program: MotionProgram, more: dict[str, Any]) -> tuple[ca.Function, Monitor]:
         monitor = Monitor(program.size, program.lower, program.cost_scale, program.program.data_size)

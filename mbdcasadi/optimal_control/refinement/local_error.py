@@ -114,7 +114,7 @@ def end_errors(solution: Solution) -> np.ndarray:
     starts = solution.nodes[:-1, : 2 * n + eom.z.numel()]
     redundant = solution.redundant
     key = ("interval", degree, redundant, numeric.massless)
-    integrator = eom.mechanism.memory.once(key, lambda: _integrator(numeric, degree, redundant=redundant))
+    integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
     recovery = Recovery(numeric, redundant=redundant)
     times = solution.mesh[1:]

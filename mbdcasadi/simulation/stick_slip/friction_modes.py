@@ -73,7 +73,7 @@ class ModesOfFriction:
     def variant(self, modes: Modes) -> Mechanism:
         """The mechanism with every friction in a mode; made once."""
         key = ("stick and slip", modes)
-        memory = self.mechanism.memory
+        memory = self.mechanism.cache
         if key not in memory:
             place = {id(f): f.in_mode(mode) for f, mode in zip(self.frictions, modes, strict=True)}
             memory[key] = self.mechanism.replace(forces=[place.get(id(f), f) for f in self.mechanism.forces])

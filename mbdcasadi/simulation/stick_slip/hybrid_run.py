@@ -101,7 +101,7 @@ class StickSlip:
         """Friction under reactions that are not unique has no solution to find."""
         if not self.modes.numeric(self.modes.free).has_redundant_rows(state.t, state.q):
             return
-        names = [f.what for f in self.frictions if ca.depends_on(ca.SX(f.load), equations(self.mechanism).lam)]
+        names = [f.description for f in self.frictions if ca.depends_on(ca.SX(f.load), equations(self.mechanism).lam)]
         if names:
             raise SimulationError(
                 f"{', '.join(names)} depends on reactions, and with redundant constraints these are not unique: remove "
@@ -191,8 +191,8 @@ class StickSlip:
             if np.min(speed, initial=0.0) < -1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)):
                 k = int(np.argmin(speed))
                 raise SimulationError(
-                    f"{friction.what} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; take more "
-                    "outputs",
+                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; take "
+                    "more outputs",
                     time=float(motion.t[k]),
                 )
 
@@ -206,7 +206,7 @@ class StickSlip:
         found = self.modes.decided(state, broken)
         if found is not None:
             return found
-        names = ", ".join(f.what for f in self.frictions)
+        names = ", ".join(f.description for f in self.frictions)
         raise SimulationError(
             f"at t = {state.t:.6g} s neither sticking nor sliding of {names} meets the laws of friction: friction is "
             "so large that the joint jams, or its rows contradict each other at rest",

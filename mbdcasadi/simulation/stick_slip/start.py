@@ -18,7 +18,7 @@ def assemble_with_friction(mechanism: Mechanism, conditions: Any, t: float, inpu
     found = modes.decided(state, {})
     if found is not None:
         return modes.whole(*found)
-    names = ", ".join(friction.what for friction in modes.frictions)
+    names = ", ".join(friction.description for friction in modes.frictions)
     obstacle = SingularityError(
         f"neither sticking nor sliding of {names} meets the laws of friction at t = {t:.6g} s: it jams", time=t
     )

@@ -77,7 +77,7 @@ class Contact(Element):
     >>> floor = mbd.Contact("floor", mbd.Circle(ball.at(0, 0), 0.1), mbd.HalfPlane(mbd.ground.at(0, 0)), law)
     """
 
-    word = "contact"
+    kind = "contact"
 
     def __init__(
         self, name: str, a: Outline, b: Outline, law: Callable[[Any, Any], Any], friction: FrictionLaw | None = None
@@ -85,21 +85,21 @@ class Contact(Element):
         super().__init__(name)
         for outline in (a, b):
             if not isinstance(outline, Outline):
-                raise ModelError(f"{self.what}: takes outlines as Circle(marker, radius), got {outline!r}")
+                raise ModelError(f"{self.description}: takes outlines as Circle(marker, radius), got {outline!r}")
         if a.marker.body is b.marker.body:
             raise ModelError(
-                f"{self.what}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
+                f"{self.description}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
             )
         if isinstance(law, FrictionLaw):
             raise ModelError(
-                f"{self.what}: law must be a function of penetration and rate, got {law!r}; friction= is it"
+                f"{self.description}: law must be a function of penetration and rate, got {law!r}; friction= is it"
             )
-        self.a, self.b, self.law = a, b, function_of(law, self.what, "law", "penetration", "rate")
+        self.a, self.b, self.law = a, b, function_of(law, self.description, "law", "penetration", "rate")
         self.markers = (a.marker, b.marker)
-        self.friction = None if friction is None else as_law(friction, self.what)
+        self.friction = None if friction is None else as_law(friction, self.description)
         if self.friction is not None and self.friction.exact:
             raise ModelError(
-                f"{self.what}: DryFriction switches a row of a joint, and a compliant contact has none; "
+                f"{self.description}: DryFriction switches a row of a joint, and a compliant contact has none; "
                 "take Coulomb, Stribeck or LuGre"
             )
         rubs = () if self.friction is None else self.friction.limits
@@ -107,8 +107,8 @@ class Contact(Element):
         self.velocity_tolerance = None if self.friction is None else self.friction.velocity_tolerance
         self.deflection_tolerance = None if self.friction is None else self.friction.deflection_tolerance
         self._places = [
-            Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.what)
-            for k, touch in enumerate(touches(a, b, self.what))
+            Place(touch, a.marker, b.marker, law, self.friction, name if k == 0 else f"{name}.{k}", self.description)
+            for k, touch in enumerate(touches(a, b, self.description))
         ]
         self.rates: Mapping[Any, ca.SX] = {s: r for place in self._places for s, r in place.rates.items()}
         self.virtual_work = tuple(pair for place in self._places for pair in place.virtual_work)
@@ -145,9 +145,9 @@ class Contact(Element):
         Sums over the places, since places hand over to each other.
         """
         load = self.normal_force
-        found = [Smoothing(load, 1.0, f"{self.what}: its normal force", "or soften the law", load)]
+        found = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
         if self.friction is not None:
-            turn = f"{self.what}: its friction's change of direction"
+            turn = f"{self.description}: its friction's change of direction"
             for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
                 found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
         return tuple(found)

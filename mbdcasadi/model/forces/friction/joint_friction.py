@@ -38,20 +38,20 @@ class FrictionInJoint(Element):
         Of the guide, m; for a translational joint.
     """
 
-    word = "friction"
+    kind = "friction"
     #: what exact friction switches between
     modes: tuple[str, ...] = ()
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
         super().__init__(name)
         if not isinstance(joint, Revolute | Translational):
-            raise ModelError(f"{self.what}: takes a Revolute or a Translational joint, got {joint!r}")
-        self.joint, self.law = joint, as_law(law, self.what)
+            raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
+        self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
         limits: list[Limit] = [*law.limits]
         self._check_sizes(radius, length)
-        self.radius = None if radius is None else quantity(radius, self.what, "radius", above=0.0, limits=limits)
-        self.length = None if length is None else quantity(length, self.what, "length", above=0.0, limits=limits)
+        self.radius = None if radius is None else quantity(radius, self.description, "radius", above=0.0, limits=limits)
+        self.length = None if length is None else quantity(length, self.description, "length", above=0.0, limits=limits)
         self._prepare(limits)
         self.limits = tuple(limits)
         if law.exact:
@@ -89,12 +89,17 @@ class FrictionInJoint(Element):
         if isinstance(self.joint, Revolute):
             if radius is None:
                 raise ModelError(
-                    f"{self.what}: friction in {self.joint.what} needs the radius of the pin, radius=, in m"
+                    f"{self.description}: friction in {self.joint.description} needs the radius "
+                    "of the pin, radius=, in m"
                 )
             if length is not None:
-                raise ModelError(f"{self.what}: length= belongs to a translational joint, and {self.joint.what} turns")
+                raise ModelError(
+                    f"{self.description}: length= belongs to a translational joint, and {self.joint.description} turns"
+                )
         elif radius is not None:
-            raise ModelError(f"{self.what}: radius= belongs to a revolute joint, and {self.joint.what} slides")
+            raise ModelError(
+                f"{self.description}: radius= belongs to a revolute joint, and {self.joint.description} slides"
+            )
 
     def _prepare(self, limits: list[Limit]) -> None:
         """Read what a subclass needs before the load is asked for."""
@@ -131,7 +136,7 @@ class FrictionInJoint(Element):
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
         """What a run must follow in several steps."""
-        subject = f"{self.what}: its change of direction"
+        subject = f"{self.description}: its change of direction"
         remedy = f"{self.law.remedy}, or take DryFriction, which needs no smoothing"
         return tuple(Smoothing(s, 2.0, subject, remedy) for s in self.resistance.smoothed)
 
@@ -144,14 +149,16 @@ class FrictionInJoint(Element):
     def force(self) -> ca.SX:
         """Force on the second body along the first one's x axis, N; of a translational joint."""
         if isinstance(self.joint, Revolute):
-            raise ModelError(f"{self.what} acts by a couple: ask for .torque (or .friction_force at the pin's surface)")
+            raise ModelError(
+                f"{self.description} acts by a couple: ask for .torque (or .friction_force at the pin's surface)"
+            )
         return self.resistance.force
 
     @property
     def torque(self) -> ca.SX:
         """Couple on the second body, N m; of a revolute joint."""
         if isinstance(self.joint, Translational):
-            raise ModelError(f"{self.what} acts by a force along the guide: ask for .force")
+            raise ModelError(f"{self.description} acts by a force along the guide: ask for .force")
         return self.radius * self.resistance.force
 
     @property
@@ -163,7 +170,7 @@ class FrictionInJoint(Element):
 class SlidingFriction(Element):
     """Exact friction while it slides in a given direction: ``F = -σ μ N``; without force in none."""
 
-    word = "friction"
+    kind = "friction"
 
     def __init__(self, friction: FrictionInJoint, direction: int):
         super().__init__(friction.name)
@@ -234,7 +241,7 @@ class JointFriction(FrictionInJoint):
         super().__init__(name, joint, law, radius, length)
 
     def _prepare(self, limits: list[Limit]) -> None:
-        self.preload = quantity(self._preload, self.what, "preload", at_least=0.0, limits=limits)
+        self.preload = quantity(self._preload, self.description, "preload", at_least=0.0, limits=limits)
 
     @cached_property
     def load(self) -> ca.SX:
@@ -271,7 +278,7 @@ class LoadIndependentFriction(FrictionInJoint):
         super().__init__(name, joint, law, radius)
 
     def _prepare(self, limits: list[Limit]) -> None:
-        self._load = quantity(self._load, self.what, "load", at_least=0.0, limits=limits)
+        self._load = quantity(self._load, self.description, "load", at_least=0.0, limits=limits)
 
     @property
     def load(self) -> ca.SX:
