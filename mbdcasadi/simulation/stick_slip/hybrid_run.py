@@ -191,8 +191,8 @@ class StickSlip:
             if np.min(speed, initial=0.0) < -1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)):
                 k = int(np.argmin(speed))
                 raise SimulationError(
-                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; take "
-                    "more outputs",
+                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; "
+                    "take more outputs",
                     time=float(motion.t[k]),
                 )
 
