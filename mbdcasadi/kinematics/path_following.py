@@ -13,7 +13,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, MechanismWarning
 from ..numerics.console import interruptible, quiet
 from ..numerics.least_squares import largest, solve
-from ..numerics.progress import time_bar
+from ..numerics.progress import progress_bar
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Points that are solved by one call of the compiled recursion.
@@ -51,7 +51,10 @@ class Continuation(MotionFollower):
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
-        with interruptible() as interruption, time_bar(grid.size - 1, self._progress) as bar:
+        with (
+            interruptible() as interruption,
+            progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar,
+        ):
             while done < grid.size:
                 try:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))

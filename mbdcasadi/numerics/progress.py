@@ -1,12 +1,37 @@
-"""Bars that count simulated seconds, and output times."""
+"""Progress bars: the one place that knows tqdm."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from ..simulation.chunks import Chunk
+_SECONDS = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"
 
-_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"
+
+def progress_bar(total: float, description: str, unit: str, *, show: bool, done: float = 0, **settings: Any) -> Any:
+    """Return a bar with ``update(amount)``, as a context manager; one that does nothing unless it is shown.
+
+    Parameters
+    ----------
+    total : float
+        What there is to do.
+    description, unit : str
+        Text before the bar, and unit of its numbers.
+    show : bool
+        Whether it is shown.
+    done : float
+        What was done before.
+    """
+    if not show:
+        return _NoBar()
+    from tqdm.auto import tqdm
+
+    return tqdm(total=total, initial=done, desc=description, unit=unit, **settings)
+
+
+def simulated_time_bar(total: float, *, show: bool) -> Any:
+    """Bar over simulated seconds."""
+    # a little more than the whole, since the parts are rounded when they are added up
+    return progress_bar(total * (1 + 1e-9), "simulate", "s", show=show, bar_format=_SECONDS)
 
 
 class _NoBar:
@@ -18,23 +43,3 @@ class _NoBar:
 
     def update(self, _amount: float) -> None:
         """Nothing to show."""
-
-
-def progress_bar(chunks: list[Chunk], show: bool) -> Any:
-    """Progress bar over the chunks of a run; nothing where none is wanted."""
-    if not show:
-        return _NoBar()
-    from tqdm.auto import tqdm
-
-    # a little more than the whole, since the parts are rounded when they are added up
-    total = sum(chunk.length for chunk in chunks) * (1 + 1e-9)
-    return tqdm(total=total, unit="s", desc="simulate", bar_format=_FORMAT)
-
-
-def time_bar(total: int, show: bool) -> Any:
-    """Progress bar over output times, or nothing to see."""
-    if not show:
-        return _NoBar()
-    from tqdm.auto import tqdm
-
-    return tqdm(total=total, unit=" times", desc="kinematics")
