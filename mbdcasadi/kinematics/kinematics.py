@@ -17,8 +17,8 @@ from ..errors import MechanismError, MechanismWarning, ModelError
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import tell_monitors
-from .check import generic_rank
 from .driven_motion import DrivenMotion
+from .mobility import mobility
 from .path_following import Continuation
 from .velocity_level import VelocityLevelMotion
 
@@ -146,7 +146,7 @@ def _check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str)
     n = numeric.eom.q.numel()
     if numeric.rank(t, q).rank == n:
         return
-    free = n - generic_rank(numeric, t, q)
+    free = n - mobility(numeric, t, q).rank
     if free > 0:
         raise MechanismError(
             f"{what} needs a mechanism that is driven in every degree of freedom, and this one has {free} "

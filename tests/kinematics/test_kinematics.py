@@ -244,7 +244,7 @@ def test_lock_up_is_located(times):
 def test_lock_up_names_the_driver_of_a_short_crank():
     """The row of the driver weighs little beside those of the joints, and it is what locks."""
     f = driven_four_bar(1.5 + 6 * mbd.t, 1.5, (0.2, 0.5, 0.4, 0.75))
-    with pytest.raises(mbd.SingularityError, match="lock-up.*rows that take part are.*drive;"):
+    with pytest.raises(mbd.SingularityError, match="lock-up.*rows that take part are.*drive[,;]"):
         mbd.kinematics(f.mechanism, np.linspace(0, 1, 101))
 
 
