@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -17,16 +18,19 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
-from ..numerics.least_squares import Equations, Outcome, largest, polish, solve
-from ..numerics.nearest import multipliers_at, nearest, nearest_within
+from ..numerics.least_squares import largest
+from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
+from ..numerics.newton import Equations, Outcome, refine_root, solve
 from .optimised import nearest_by_ipopt
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
-#: Residual from which a row counts as open in a message, m or rad.
+#: Residual from which a row counts as open in a message, rad or characteristic lengths.
 OPEN = 1e-6
-#: By how much an estimate is moved out of a singular pose, m and rad.
-NUDGE = 1e-4
+#: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
+HELD, MET = 1e-6, 1e-7
+#: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
+PERTURBATION = 1e-4
 
 
 class PoseProblem:
@@ -51,6 +55,7 @@ class PoseProblem:
         self.equalities = [c for c in conditions if c.equality]
         self.inequalities = [c for c in conditions if not c.equality]
         eom = numeric.eom
+        self._sizes = numeric.scale.coordinates
         self._arguments = [eom.q, eom.t, eom.z, eom.p]
         self._functions: dict[tuple[int, ...], Evaluator] = {}
 
@@ -60,7 +65,7 @@ class PoseProblem:
         q = self._meet(self.equalities, closed, estimate)
         if self.inequalities:
             q = self._within(q, estimate)
-        return polish(self.rows_with(self.equalities), q, self.numeric.weights)
+        return refine_root(self.rows_with(self.equalities), q, self.numeric.weights, sizes=self._sizes)
 
     # --- inequalities ------------------------------------------------------------------------
     def _within(self, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
@@ -76,7 +81,7 @@ class PoseProblem:
         start = self._by_optimisation(estimate, self.equalities, self.inequalities)
         if start is None:
             raise obstacle or self._limits_missed()
-        near = np.flatnonzero(np.abs(self.values(self.inequalities, start)) <= OPEN)
+        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start)) <= HELD)
         try:
             found = self._active_set(start, estimate, [int(k) for k in near])
         except AssemblyError:
@@ -98,34 +103,42 @@ class PoseProblem:
             jacobian = self.rows_with(held(active))(q)[1]
             return multipliers_at(jacobian, q - estimate, self.numeric.weights)[len(jacobian) - len(active) :]
 
-        return nearest_within(meet, lambda q: self.values(limits, q), pushes, active)
+        return project_with_inequalities(meet, lambda q: self._relative(limits, q), pushes, active)
 
     # --- closing the linkage -------------------------------------------------------------
     def _rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self.numeric.position(self.t, q)
 
     def _close(self, estimate: np.ndarray) -> np.ndarray:
-        weights = self.numeric.weights
         outcomes = []
-        for guess in (estimate, _nudged(estimate)):
-            outcomes.append(solve(self._rows, guess, weights, step_limit=1.0))
+        for guess in (estimate, self._perturbed(estimate)):
+            outcomes.append(self._solve(self._rows, guess, step_limit=self.numeric.step_limit))
             if outcomes[-1].converged:
-                return nearest(self._rows, outcomes[-1].x, estimate, weights)
+                return self._nearest(self._rows, outcomes[-1].x, estimate)
         best = self._by_optimisation(estimate, [], [])
         if best is None:
             best = self._from_other_starts(self._rows, estimate)
         if best is None:
             raise self._parts_apart(_closest(outcomes))
-        return nearest(self._rows, best, estimate, weights)
+        return self._nearest(self._rows, best, estimate)
+
+    def _solve(self, rows: Equations, start: np.ndarray, **options: Any) -> Outcome:
+        return solve(rows, start, self.numeric.weights, sizes=self._sizes, **options)
+
+    def _nearest(self, rows: Equations, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+        return nearest(rows, q, estimate, self.numeric.weights, sizes=self._sizes)
+
+    def _perturbed(self, q: np.ndarray) -> np.ndarray:
+        """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
+        return q + PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
 
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""
         generator = np.random.default_rng(0)
         found = []
         for _ in range(12):
-            outcome = solve(
-                rows, estimate + generator.uniform(-1, 1, estimate.size), self.numeric.weights, step_limit=1.0
-            )
+            start = estimate + self.numeric.step_limit * generator.uniform(-1, 1, estimate.size)
+            outcome = self._solve(rows, start, step_limit=self.numeric.step_limit)
             if outcome.converged:
                 found.append(outcome.x)
         return min(found, key=lambda q: float(np.sum(self.numeric.weights * (q - estimate) ** 2)), default=None)
@@ -141,14 +154,20 @@ class PoseProblem:
             for rows in ([eom.Phi, *[c.expression for c in equalities]], [c.expression for c in inequalities])
         )
         q = nearest_by_ipopt(eom.q, [equal], [unequal], estimate, numeric.weights)
-        outcome = solve(self.rows_with(equalities), q, numeric.weights, iterations=20)
-        met = largest(np.maximum(self.values(inequalities, outcome.x), 0)) <= OPEN / 10
+        outcome = self._solve(self.rows_with(equalities), q, iterations=20)
+        met = largest(np.maximum(self._relative(inequalities, outcome.x), 0)) <= MET
         return outcome.x if outcome.converged and met else None
 
     # --- meeting conditions ------------------------------------------------------------------
     def values(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
         """Values of conditions in a pose (k,)."""
         return self._compile(conditions)(q, self.t, self.z, self.numeric.p)[0].ravel()
+
+    def _relative(self, conditions: Sequence[Condition], q: np.ndarray) -> np.ndarray:
+        """Values of conditions by what a displacement of characteristic size changes them (k,)."""
+        values, slope = self._compile(conditions)(q, self.t, self.z, self.numeric.p)
+        change = np.abs(slope) @ self._sizes
+        return values.ravel() / np.where(change > 0, change, 1.0)
 
     def _compile(self, conditions: Sequence[Condition]) -> Evaluator:
         key = tuple(id(c) for c in conditions)
@@ -178,7 +197,7 @@ class PoseProblem:
             q = self._continue_to(conditions, start)
         if q is None:
             q = self._without_continuation(conditions, start, estimate)
-        return nearest(self.rows_with(conditions), q, estimate, self.numeric.weights)
+        return self._nearest(self.rows_with(conditions), q, estimate)
 
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""
@@ -186,7 +205,7 @@ class PoseProblem:
         q, done, step = start, 0.0, 1.0
         while done < 1.0:
             share = min(done + step, 1.0)
-            outcome = solve(self.rows_with(conditions, (1 - share) * first), q, self.numeric.weights, iterations=15)
+            outcome = self._solve(self.rows_with(conditions, (1 - share) * first), q, iterations=15)
             turned = largest((outcome.x - q)[self.numeric.eom.angles])
             if outcome.converged and turned <= LARGEST_TURN:
                 q, done = outcome.x, share
@@ -199,8 +218,8 @@ class PoseProblem:
 
     def _without_continuation(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         target = self.rows_with(conditions)
-        guesses = (start, estimate, _nudged(start))
-        outcomes = [solve(target, guess, self.numeric.weights, step_limit=1.0) for guess in guesses]
+        guesses = (start, estimate, self._perturbed(start))
+        outcomes = [self._solve(target, guess, step_limit=self.numeric.step_limit) for guess in guesses]
         found = [outcome.x for outcome in outcomes if outcome.converged]
         q = found[0] if found else self._by_optimisation(estimate, conditions, [])
         if q is None:
@@ -218,7 +237,7 @@ class PoseProblem:
     # --- messages --------------------------------------------------------------------------------
     def _parts_apart(self, outcome: Outcome) -> AssemblyError:
         residuals = self._residuals(outcome.residual)
-        parts = ", ".join(f"'{name}' ({value:.3g})" for name, value in residuals.items() if value > OPEN)
+        parts = ", ".join(f"'{name}' ({value:.3g})" for name, value in self.open_parts(outcome.residual).items())
         return AssemblyError(
             f"cannot assemble the mechanism at t = {self.t:.6g} s: the parts do not reach each other, or constraints "
             f"contradict each other; left open (m or rad) are {parts}; check lengths, points and angles of these",
@@ -230,7 +249,8 @@ class PoseProblem:
         rows = self.numeric.eom.Phi.numel()
         residuals = self._residuals(outcome.residual[:rows])
         missed = {c.label: abs(float(value)) for c, value in zip(conditions, outcome.residual[rows:], strict=True)}
-        shown = {name: value for name, value in (missed | residuals).items() if value > OPEN}
+        shown = {name: value for name, value in missed.items() if value > OPEN}
+        shown |= self.open_parts(outcome.residual[:rows])
         parts = ", ".join(f"{name} ({value:.3g})" for name, value in shown.items())
         return _ConditionsNotMet(
             f"cannot assemble the mechanism at t = {self.t:.6g} s so that {', '.join(c.label for c in conditions)}: "
@@ -247,6 +267,13 @@ class PoseProblem:
             time=self.t,
         )
 
+    def open_parts(self, values: np.ndarray) -> dict[str, float]:
+        """Residuals of the elements that stay open, largest first."""
+        numeric = self.numeric
+        angular = numeric.eom.angular_rows[numeric.eom.position_rows]
+        closed = np.abs(values) <= OPEN * np.where(angular, 1.0, numeric.scale.length)
+        return {name: value for name, value in self._residuals(np.where(closed, 0.0, values)).items() if value > 0}
+
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
         eom = self.numeric.eom
         found: dict[str, float] = {}
@@ -254,11 +281,6 @@ class PoseProblem:
             name = eom.row_elements[k].name
             found[name] = max(found.get(name, 0.0), abs(float(value)))
         return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
-def _nudged(q: np.ndarray) -> np.ndarray:
-    """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
-    return q + NUDGE * np.random.default_rng(0).uniform(-1, 1, q.size)
 
 
 def _closest(outcomes: Sequence[Outcome]) -> Outcome:

@@ -15,7 +15,7 @@ from ..errors import ConditionError, MechanismError, SingularityError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, number
-from ..numerics.least_squares import solve
+from ..numerics.newton import solve
 from ..results.state import State
 from .pose import PoseProblem
 from .velocity import VelocityProblem

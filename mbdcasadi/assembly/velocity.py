@@ -12,8 +12,9 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
-from ..numerics.least_squares import Equations, largest, polish, solve
-from ..numerics.nearest import multipliers_at, nearest, nearest_within
+from ..numerics.least_squares import largest, least_norm
+from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
+from ..numerics.newton import Equations, refine_root, solve
 from ..numerics.rank import analyse_rank
 from .optimised import nearest_by_ipopt
 
@@ -61,9 +62,7 @@ class VelocityProblem:
         missing = nu - jacobian @ estimate
         if largest(missing) <= 1e-15 * (1 + largest(estimate)):
             return estimate.copy()
-        root = np.sqrt(self.numeric.weights)
-        step, *_ = np.linalg.lstsq(jacobian / root, missing, rcond=1e-11)
-        v = estimate + step / root
+        v = estimate + least_norm(jacobian, missing, self.numeric.weights)
         left_over = jacobian @ v - nu
         if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):
             eom = self.numeric.eom
@@ -109,7 +108,7 @@ class VelocityProblem:
         def meet(active: Sequence[int]) -> np.ndarray:
             return self._meet(held(active), start, estimate)
 
-        return nearest_within(meet, lambda v: self._values(limits, v), pushes, active)
+        return project_with_inequalities(meet, lambda v: self._values(limits, v), pushes, active)
 
     def _by_optimisation(self, start: np.ndarray) -> np.ndarray | None:
         """Nearest velocity by IPOPT, or None."""
@@ -151,7 +150,7 @@ class VelocityProblem:
         outcome = solve(rows, start, weights)
         if not outcome.converged:
             raise self._refusal(conditions, outcome.residual[self._nu.size :])
-        return polish(rows, nearest(rows, outcome.x, estimate, weights), weights)
+        return refine_root(rows, nearest(rows, outcome.x, estimate, weights), weights)
 
     @staticmethod
     def _refusal(conditions: list[Condition], left_over: np.ndarray) -> ConditionError:

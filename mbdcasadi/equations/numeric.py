@@ -14,11 +14,20 @@ from ..numerics.console import call
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
+from ..numerics.tolerances import EPSILON, RANK
 from .derivation import Equations
 from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
+from .scale import Scale, scale_of
 
 #: Entries of the Jacobian from which its rank is found by sparse factorisation.
 LARGE = 40_000
+#: Share of the largest mass (and inertia) that each has at least in the metrics for assembly and projection. Beyond
+#: it the normal equations lose what a light body adds to them.
+SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
+#: Largest step of Newton's method from afar, in characteristic lengths.
+FARTHEST = 3.0
+#: Square of the share of a free motion in coordinates with mass below which it moves none.
+WITHOUT_MASS = 1e-12
 
 
 class NumericEquations:
@@ -48,8 +57,32 @@ class NumericEquations:
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
-        #: metric in which "nearest" is meant: the masses, one where there is none
-        self.weights = np.where(self.mass > 0, self.mass, 1.0)
+
+    @cached_property
+    def weights(self) -> np.ndarray:
+        """Metric in which poses and velocities are nearest: the masses, one if there is none (n,).
+
+        Masses that count for nothing beside others are raised until they count for something.
+        """
+        return self._metric(np.where(self.mass > 0, self.mass, 1.0), SMALLEST_WEIGHT)
+
+    @cached_property
+    def projection_weights(self) -> np.ndarray:
+        """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike."""
+        return self._metric(self.mass, SMALLEST_PROJECTION_WEIGHT)
+
+    def _metric(self, mass: np.ndarray, least: float) -> np.ndarray:
+        """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        sizes = self.scale.coordinates
+        alike = mass * sizes**2
+        parts = np.split(alike, range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
+        bodies = [part for part in parts if part.size]
+        most = max((float(np.max(part)) for part in bodies), default=0.0) or 1.0
+        for part in bodies:
+            own = float(np.max(part))
+            part *= max(1.0, least * most / own) if own > 0 else 1.0
+            np.maximum(part, least * max(own, least * most), out=part)
+        return np.concatenate(bodies) / sizes**2
 
     @property
     def massless(self) -> bool:
@@ -105,39 +138,52 @@ class NumericEquations:
         worst = int(np.argmax(np.abs(missed))) if missed.size else 0
         return (names[worst], float(missed[worst])) if missed.size else ("", 0.0)
 
-    # --- rank --------------------------------------------------------------------------
+    # --- scale and rank ----------------------------------------------------------------
     @cached_property
-    def column_scale(self) -> np.ndarray:
-        """Length that makes an angle comparable with a displacement, by coordinate (n,)."""
-        eom = self.eom
-        q0 = eom.estimate[0]
-        jacobian = self.velocity(0.0, q0)[0]
-        typical = largest(jacobian[:, eom.angles])
-        return np.where(eom.angles & (typical > 0), 1 / (typical or 1.0), 1.0)
+    def scale(self) -> Scale:
+        """Characteristic sizes of the mechanism."""
+        return scale_of(self.eom, self.velocity_function, self.p, self.mass)
 
-    @cached_property
+    @property
+    def column_scale(self) -> np.ndarray:
+        """Change of each coordinate that moves a point by about one metre (n,)."""
+        return self.scale.columns
+
+    @property
     def typical_step(self) -> np.ndarray:
-        """Half a radian for angles, and what it moves at a typical lever for displacements, by coordinate (n,)."""
-        angle = self.column_scale[2] if self.column_scale.size > 2 else 1.0
-        return 0.5 * self.column_scale / angle
+        """Half a radian for angles, and what it moves at the characteristic length for displacements (n,)."""
+        return 0.5 * self.scale.coordinates
+
+    @property
+    def step_limit(self) -> np.ndarray:
+        """Largest change of each coordinate in a step of Newton's method from afar (n,)."""
+        return np.where(self.eom.angles, 1.0, FARTHEST * self.scale.coordinates)
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
-        """Rank of ``Phi_q`` with each row and the angles scaled to size one."""
-        return analyse_rank(self.velocity(t, q)[0] * self.column_scale / self.row_size(t, q)[:, None])
+        """Rank of ``Phi_q`` with its columns and rows scaled to size one."""
+        return analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q))
+
+    def scaled_jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
+        """``Phi_q`` with columns that compare and rows of length one (m, n)."""
+        return self.scale.scaled(self.velocity(t, q)[0])
 
     def row_size(self, t: float, q: np.ndarray) -> np.ndarray:
-        """Size of each row of ``Phi_q`` with the angles scaled (m,); one for a row that vanishes."""
-        size = np.linalg.norm(self.velocity(t, q)[0] * self.column_scale, axis=1)
-        return np.where(size > 1e-12, size, 1.0)
+        """Length of each row of ``Phi_q`` with scaled columns (m,)."""
+        return self.scale.row_size(self.velocity(t, q)[0])
+
+    def _rank_tolerance(self, q: np.ndarray) -> float:
+        """Singular value that is none: levers are differences of places, whose rounding grows with their distance."""
+        far = largest(q[: 3 * len(self.eom.mechanism.bodies)].reshape(-1, 3)[:, :2])
+        return max(RANK, 100 * EPSILON * far / self.scale.length)
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
-        """Whether rows depend on each other at a pose; by sparse factorisation where the mechanism is large."""
+        """Whether rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
         eom = self.eom
         if eom.lam.numel() * eom.q.numel() <= LARGE:
             return self.rank(t, q).rank < eom.lam.numel()
         jacobian = self.velocity_function(t, q, self.p)[0] @ ca.diag(ca.DM(self.column_scale))
-        size = np.sqrt(ca.sum2(jacobian**2).full().ravel())
-        return sparse_rank(ca.diag(ca.DM(1 / np.where(size > 1e-12, size, 1.0))) @ jacobian) < eom.lam.numel()
+        size = self.scale.row_size(jacobian.full() / self.column_scale)
+        return sparse_rank(ca.diag(ca.DM(1 / size)) @ jacobian, self._rank_tolerance(q)) < eom.lam.numel()
 
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
@@ -157,10 +203,10 @@ class NumericEquations:
         """Coordinates in which something moves that neither has mass nor is held by joints."""
         if not self.massless:
             return []
-        free = self.rank(t, q).null_columns * self.column_scale[:, None]
-        inertia = free.T @ (self.mass[:, None] * free)
-        values, vectors = np.linalg.eigh(inertia)
-        empty = free @ vectors[:, values <= 1e-12 * max(largest(values), np.finfo(float).tiny)]
+        # how much mass there is does not matter: what moves nothing that has any moves without
+        free = self.rank(t, q).null_columns
+        values, vectors = np.linalg.eigh(free.T @ ((self.mass > 0)[:, None] * free))
+        empty = free @ vectors[:, values <= WITHOUT_MASS]
         moved = np.linalg.norm(empty, axis=1) > 1e-8
         return [self.eom.coordinate_names[k] for k in np.flatnonzero(moved & (self.mass == 0))]
 

@@ -12,7 +12,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..numerics.least_squares import ACCURACY, largest
+from ..numerics.least_squares import largest
+from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 from .numeric import NumericEquations
 from .saddle import shifted

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import MechanismError
 from ..numerics.console import quiet
 from ..numerics.least_squares import largest
+from ..numerics.newton import backtrack
 from .shooting import Linearised, Shooting
 
 #: Relative step, and gap between segments (m, rad, m/s), that count as none.
@@ -138,8 +139,8 @@ def _shorten(
     penalty: float,
 ) -> float | None:
     """Share of a step that lowers cost and gaps; None where none does."""
-    share = 1.0
-    while share > 1e-4:
+
+    def lower(share: float) -> float | None:
         try:
             cost = 0.0
             for s, f, w in zip(shootings, found, weights, strict=True):
@@ -148,9 +149,8 @@ def _shorten(
                 there = s.experiment.measured
                 away = (w * (outputs - np.where(there, s.experiment.samples, 0.0)))[there]
                 cost += float(away @ away) + penalty * float(np.sum(gaps**2))
-            if cost < before:
-                return share
+            return share if cost < before else None
         except MechanismError:  # no start, or no end, with these values: they are too far
-            pass
-        share /= 2
-    return None
+            return None
+
+    return backtrack(lower)

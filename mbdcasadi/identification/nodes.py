@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..numerics.least_squares import solve
+from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment

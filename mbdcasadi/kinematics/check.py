@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,13 @@ from ..equations import equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError
 from ..model.mechanism import Mechanism
-from ..numerics.least_squares import largest, solve
-from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part, unit_rows
+from ..numerics.newton import solve
+from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.state import State
 from ..results.validity import broken_at_pose, not_still
 from ..simulation.stick_slip.friction_modes import without_exact_friction
+from .mobility import Joints, Mobility, mobility
 from .singular import describe_singularity
-
-#: How far a pose is moved along the free motions to see whether a loss of rank is particular to it.
-EXCURSION = 0.03
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,9 @@ class Report:
         Rows that cannot be met together, in their positions or in their velocities.
     residuals : dict of str to float
         What stays open by element, where the mechanism cannot be assembled.
-    singular : {"", "lock-up", "bifurcation"}
-        What the pose is, where it is singular.
+    singular : {"", "lock-up", "bifurcation", "shaky"}
+        Kind of the pose, if it is singular: no velocity meets the drivers; several motions are possible; or an
+        infinitesimal motion is, that goes nowhere, and reactions to loads along it grow without bound.
     singular_rows : tuple of str
         Rows that depend on each other in the singular pose alone.
     unused_bodies : tuple of str
@@ -139,81 +139,48 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     else:
         q, open_rows = _pose(numeric, t)
     here = numeric.rank(t, q)
-    generic_pose, generic = _generic(numeric, t, q) if not open_rows else (q, here)
-    dependent = rows_taking_part(generic.null_rows)
+    near = Mobility(here.rank, q, here) if open_rows else mobility(numeric, t, q)
+    redundant = m - near.rank
+    dependent = rows_taking_part(near.analysis.null_rows) if redundant else []
     names = eom.row_names
-    kind, singular_rows = _singularity(numeric, t, q, here.rank < generic.rank)
+    pose = describe_singularity(numeric, t, q, shaky=bool(near.shaky)) if near.singular else None
     return Report(
-        degrees_of_freedom=n - generic.rank,
+        degrees_of_freedom=n - near.rank,
         gruebler=n - m,
         coordinates=n,
         rows=m,
-        redundant_rows=m - generic.rank,
-        redundant=tuple(names[k] for k in _superfluous(numeric, t, generic_pose)),
+        redundant_rows=redundant,
+        redundant=tuple(names[k] for k in dependent_rows(numeric.scaled_jacobian(t, near.pose))[:redundant]),
         dependent=tuple(names[k] for k in dependent),
         not_unique=tuple(dict.fromkeys(eom.row_elements[k].name for k in dependent)),
-        contradictory=_contradictory(numeric, t, q, here.null_rows, open_rows, singular=here.rank < generic.rank),
+        contradictory=_contradictory(numeric, t, q, here.null_rows, open_rows, singular=near.singular),
         residuals=open_rows,
-        singular=kind,
-        singular_rows=singular_rows,
+        singular=pose.kind if pose else "",
+        singular_rows=pose.rows if pose else (),
         unused_bodies=_unused(mechanism),
-        without_mass=tuple(numeric.motion_without_mass(t, generic_pose)),
+        without_mass=tuple(numeric.motion_without_mass(t, near.pose)),
         remarks=() if open_rows else _remarks(numeric, t, q),
     )
-
-
-def generic_rank(numeric: NumericEquations, t: float, q: np.ndarray) -> int:
-    """Rank of the Jacobian in poses near a consistent one, where that one may be singular."""
-    return _generic(numeric, t, q)[1].rank
 
 
 def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, float]]:
     """Assembled pose; where there is none the least-squares one, and what stays open."""
     estimate, _, z = numeric.eom.estimate
+    problem = PoseProblem(numeric, [], t, z)
     try:
-        return PoseProblem(numeric, [], t, z).solve(estimate), {}
-    except AssemblyError as error:
-        closest = solve(lambda q: numeric.position(t, q), estimate, numeric.weights, step_limit=1.0)
-        return closest.x, {name: value for name, value in error.residuals.items() if value > OPEN}
-
-
-def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
-    """Pose near q, on the joints' manifold, where the rank is largest; drivers let go for the excursion."""
-    kept = _without_drivers(numeric)
-
-    def joints(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        phi, jacobian = numeric.position(t, pose)
-        return phi[kept], jacobian[kept]
-
-    best = (q, numeric.rank(t, q))
-    free = analyse_rank(joints(q)[1] * numeric.column_scale).null_columns
-    generator = np.random.default_rng(1)
-    for _ in range(3 if free.size else 0):
-        direction = (free @ generator.standard_normal(free.shape[1])) * numeric.column_scale
-        moved = solve(joints, q + EXCURSION * direction / largest(direction), numeric.weights, iterations=30)
-        if moved.converged:
-            found = numeric.rank(t, moved.x)
-            if found.rank > best[1].rank:
-                best = (moved.x, found)
-    return best
+        return problem.solve(estimate), {}
+    except AssemblyError:
+        sizes = numeric.scale.coordinates
+        rows = partial(numeric.position, t)
+        closest = solve(rows, estimate, numeric.weights, sizes=sizes, step_limit=numeric.step_limit)
+        return closest.x, problem.open_parts(closest.residual)
 
 
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
     """What monitors tell of a pose, and of the motions that the joints allow in it."""
-    free = analyse_rank(numeric.position(t, q)[1][_without_drivers(numeric)] * numeric.column_scale).null_columns
+    free = Joints(numeric, t).motions(q)
     turning = not_still(numeric, t, q, free * numeric.column_scale[:, None])
     return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
-
-
-def _without_drivers(numeric: NumericEquations) -> list[int]:
-    """Places of the joints' rows among the position rows."""
-    eom = numeric.eom
-    drivers = {id(d) for d in eom.mechanism.drivers}
-    return [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
-
-
-def _superfluous(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:
-    return dependent_rows(unit_rows(numeric.velocity(t, q)[0] * numeric.column_scale))
 
 
 def _contradictory(
@@ -232,13 +199,6 @@ def _contradictory(
     shares = [np.abs(combination * wanted).sum() for combination in null_rows]
     broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > OPEN * max(1.0, share)]
     return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
-
-
-def _singularity(numeric: NumericEquations, t: float, q: np.ndarray, singular: bool) -> tuple[str, tuple[str, ...]]:
-    if not singular:
-        return "", ()
-    pose = describe_singularity(numeric, t, q)
-    return pose.kind, pose.rows
 
 
 def _unused(mechanism: Mechanism) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+import warnings
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,14 @@ import numpy as np
 from ..arguments.values import parameter_vector, time_grid
 from ..assembly.pose import PoseProblem
 from ..equations import equations
+from ..equations.explicit_time import explicit_time, first_jump
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError
+from ..errors import MechanismError, MechanismWarning, ModelError
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import tell_monitors
-from .check import generic_rank
 from .driven_motion import DrivenMotion
+from .mobility import mobility
 from .path_following import Continuation
 from .velocity_level import VelocityLevelMotion
 
@@ -53,7 +55,13 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     SingularityError
         At a lock-up or a bifurcation: the rows that take part, ``.time`` and ``.partial``.
     MechanismError
-        Where degrees of freedom are left without a driver.
+        If degrees of freedom are left without a driver, or the position that one prescribes jumps in time
+        (its name, ``.time`` and ``.partial``).
+
+    Warns
+    -----
+    MechanismWarning
+        If a prescribed velocity jumps, at the corner of a curve: the accelerations there are infinite.
 
     References
     ----------
@@ -72,10 +80,21 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     """Positions, velocities and accelerations over a grid, or the error of a lock-up."""
     began = clock.perf_counter()
     eom = numeric.eom
+    jumps = explicit_time(eom).jumps(numeric.p, float(grid[0]), float(grid[-1]))
+    jump = first_jump(jumps, "position")
     q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
     _check_driven(numeric, float(grid[0]), q, what)
-    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).over(grid, q)
+    reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]
+    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).over(reached, q)
     motion.seconds = clock.perf_counter() - began
+    if jump is not None:
+        raise ModelError(
+            f"{what}: {jump}; {jump.remedy}; what was computed is in .partial",
+            time=jump.time,
+            partial=kinematic_trajectory(numeric, motion),
+        )
+    for corner in jumps:
+        warnings.warn(f"{what}: {corner}; {corner.remedy}", MechanismWarning, stacklevel=4)
     return motion
 
 
@@ -127,7 +146,7 @@ def _check_driven(numeric: NumericEquations, t: float, q: np.ndarray, what: str)
     n = numeric.eom.q.numel()
     if numeric.rank(t, q).rank == n:
         return
-    free = n - generic_rank(numeric, t, q)
+    free = n - mobility(numeric, t, q).rank
     if free > 0:
         raise MechanismError(
             f"{what} needs a mechanism that is driven in every degree of freedom, and this one has {free} "

@@ -12,7 +12,8 @@ from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, MechanismWarning
 from ..numerics.console import interruptible, quiet
-from ..numerics.least_squares import largest, solve
+from ..numerics.least_squares import largest, least_norm
+from ..numerics.newton import solve
 from ..numerics.progress import progress_bar
 from .driven_motion import DrivenMotion, MotionFollower
 
@@ -201,7 +202,7 @@ class Continuation(MotionFollower):
         eom = self.numeric.eom
         closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
         jacobian, nu = self.numeric.velocity(now, q)
-        v = np.linalg.lstsq(jacobian, nu, rcond=None)[0]
+        v = least_norm(jacobian, nu)
         at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
         residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
         rows = [eom.row_names[eom.position_rows[k]] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > APART]

@@ -20,8 +20,8 @@ class SingularPose:
 
     Attributes
     ----------
-    kind : {"lock-up", "bifurcation"}
-        No velocity meets the drivers; or several motions do.
+    kind : {"lock-up", "bifurcation", "shaky"}
+        No velocity meets the drivers; several motions do; or an infinitesimal motion does that goes nowhere.
     rows : tuple of str
         Rows that depend on each other there, the strongest first.
     text : str
@@ -33,29 +33,32 @@ class SingularPose:
     text: str
 
 
-def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray) -> SingularPose:
-    """Tell what is singular at (or very near to) a pose.
+#: The kinds in words.
+MEANING = {
+    "lock-up": "a lock-up: no velocity meets the drivers there",
+    "bifurcation": "a bifurcation: several motions are possible there",
+    "shaky": "a shaky pose: it cannot move, and yet no finite reactions hold loads along some infinitesimal motion",
+}
+
+
+def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray, *, shaky: bool = False) -> SingularPose:
+    """Return the kind of a singularity at (or very near to) a pose, and the rows that take part.
 
     The combination of rows with the smallest singular value names the rows.
-    It is a lock-up where the prescribed velocity ``nu`` has a part along it,
-    since no velocity then meets the drivers, and a bifurcation where it has none.
+    It is a lock-up if the prescribed velocity ``nu`` has a part along it, since
+    no velocity then meets the drivers. If it has none, it is a bifurcation, or
+    a shaky pose if the caller knows that nothing moves (see :func:`.mobility`).
     """
     eom = numeric.eom
     jacobian, nu = numeric.velocity(t, q)
-    scaled = jacobian * numeric.column_scale
-    size = np.linalg.norm(scaled, axis=1)
-    size = np.where(size > 1e-12, size, 1.0)
-    left, values, _ = np.linalg.svd(scaled / size[:, None])
+    size = numeric.scale.row_size(jacobian)
+    left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian))
     smallest = left[:, min(len(values), left.shape[1]) - 1]
     order = np.argsort(-np.abs(smallest))
     counts = np.where(np.abs(nu) > 1e-12, PRESCRIBES, TAKES_PART)
     rows = tuple(eom.row_names[k] for k in order if abs(smallest[k]) > counts[k])
     along = abs(float(smallest @ (nu / size)))
-    kind = "lock-up" if along > 1e-4 * max(float(np.linalg.norm(nu / size)), 1e-300) else "bifurcation"
-    meaning = (
-        "a lock-up: no velocity meets the drivers there"
-        if kind == "lock-up"
-        else "a bifurcation: several motions are possible there"
-    )
+    locks = along > 1e-4 * max(float(np.linalg.norm(nu / size)), 1e-300)
+    kind = "lock-up" if locks else "shaky" if shaky else "bifurcation"
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q))
-    return SingularPose(kind, rows, f"{meaning}; the rows that take part are {', '.join(rows)}{remarks}")
+    return SingularPose(kind, rows, f"{MEANING[kind]}; the rows that take part are {', '.join(rows)}{remarks}")

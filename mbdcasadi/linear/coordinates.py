@@ -13,7 +13,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, ModelError
 from ..model.lists import entries
 from ..model.symbols import as_expression, role_of, symbols_of
-from ..numerics.rank import analyse_rank, unit_rows
+from ..numerics.rank import analyse_rank
 from ..printing import to_text
 from ..results.state import State
 
@@ -51,7 +51,7 @@ def independent(numeric: NumericEquations, state: State, chosen: Any) -> Indepen
         expressions = [as_expression(c, "coordinates=") for c in entries(chosen, "coordinates=")]
         _check_chosen(expressions)
         w = ca.vertcat(ca.SX(0, 1), *expressions)
-        wanted = eom.q.numel() - analyse_rank(_scaled(jacobian, numeric)).rank
+        wanted = eom.q.numel() - analyse_rank(numeric.scale.scaled(jacobian)).rank
         if w.numel() != wanted:
             raise ModelError(
                 f"linearize: coordinates= holds {w.numel()} expressions, and the mechanism has {wanted} "
@@ -59,8 +59,9 @@ def independent(numeric: NumericEquations, state: State, chosen: Any) -> Indepen
             )
         names = [to_text(e) for e in expressions]
         return _complete(eom, w, _rate(eom, w), [*names, *(f"d/dt {name}" for name in names)])
-    at_position = _pivots(_scaled(jacobian[rows], numeric), numeric)
-    at_velocity = _pivots(_scaled(jacobian, numeric), numeric) if len(rows) < len(jacobian) else at_position
+    scaled = numeric.scale.scaled(jacobian)
+    at_position = _pivots(scaled[rows], numeric)
+    at_velocity = _pivots(scaled, numeric) if len(rows) < len(jacobian) else at_position
     names = [eom.coordinate_names[k] for k in at_position]
     names += [ca.vertsplit(eom.v)[k].name() for k in at_velocity]
     return _complete(eom, eom.q[at_position], eom.v[at_velocity], names)
@@ -73,10 +74,6 @@ def _rate(eom: Any, expression: ca.SX) -> ca.SX:
 def _complete(eom: Any, w: ca.SX, y: ca.SX, names: Sequence[str]) -> Independent:
     acceleration = _rate(eom, y) + ca.jtimes(y, eom.v, eom.a)
     return Independent(ca.densify(w), ca.densify(y), ca.densify(_rate(eom, w)), ca.densify(acceleration), tuple(names))
-
-
-def _scaled(jacobian: np.ndarray, numeric: NumericEquations) -> np.ndarray:
-    return unit_rows(jacobian * numeric.column_scale)
 
 
 def _pivots(jacobian: np.ndarray, numeric: NumericEquations) -> list[int]:

@@ -6,18 +6,26 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from .least_squares import EPSILON, Equations, largest, polish, solve
+from .least_squares import largest, least_norm, row_scale
+from .newton import Equations, backtrack, refine_root, solve
+from .tolerances import EPSILON
 
 #: Newton steps, and products with the Hessian in each.
 STEPS, PRODUCTS = 100, 50
 #: Change of the largest entry by which curvature is measured, and the step that counts as none (relative).
-PROBE, SETTLED = 3e-5, 1e-9
+PROBE, NO_STEP = 3e-5, 1e-9
 #: Eigenvalue of ``J J^T`` below which rows depend on each other (relative).
-DEPENDENT = 1e-12
+DEPENDENT_EIGENVALUE = 1e-12
 #: Square of the smallest relative residual that conjugate gradients are asked for; below is rounding.
-LEAST = 1e-14
-#: An inequality counts as met below this.
-MET = 1e-10
+SMALLEST_RESIDUAL = 1e-14
+#: Share of a step down to which one is looked for that leads nearer.
+SMALLEST_SHARE = 1e-3
+#: An inequality counts as met below this, in its own unit.
+INEQUALITY_TOLERANCE = 1e-10
+#: Singular values of ``W^-1/2 J^T`` below this share are left out when multipliers are found.
+MULTIPLIERS = 1e-10
+#: Multiplier, relative to the distance from the target, below which one that pulls is rounding.
+PULL_TOLERANCE = 1e-9
 
 
 class _Tangent:
@@ -31,7 +39,7 @@ class _Tangent:
     def __init__(self, jacobian: np.ndarray):
         self.jacobian = jacobian
         values, vectors = np.linalg.eigh(jacobian @ jacobian.T)
-        held = values > DEPENDENT * np.max(values, initial=np.finfo(float).tiny)
+        held = values > DEPENDENT_EIGENVALUE * np.max(values, initial=np.finfo(float).tiny)
         self._inverse = (vectors[:, held] / values[held]) @ vectors[:, held].T
 
     def split(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,7 +52,14 @@ class _Tangent:
         return rest, multipliers
 
 
-def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def nearest(
+    equations: Equations,
+    feasible: np.ndarray,
+    target: np.ndarray,
+    weights: np.ndarray,
+    *,
+    sizes: np.ndarray | None = None,
+) -> np.ndarray:
     """Slide along the solutions of ``r(x) = 0`` to the one nearest to a target.
 
     Minimises ``½ (x - target)^T W (x - target)`` by Newton steps in the tangent
@@ -63,13 +78,22 @@ def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weig
         Where x would be without equations.
     weights : numpy.ndarray
         Positive metric W (n,).
+    sizes : numpy.ndarray, optional
+        Sizes that the unknowns typically have (n,), if they are not one.
 
     References
     ----------
     Nocedal and Wright, *Numerical Optimization*, 2006, section 7.1 (Newton–CG) and 18.1 (reduced Newton steps).
     """
+    if sizes is not None:
+
+        def in_sizes(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            residual, jacobian = equations(sizes * x)
+            return residual, jacobian * sizes
+
+        return sizes * nearest(in_sizes, feasible / sizes, target / sizes, weights * sizes**2)
     root = np.sqrt(weights)
-    x = polish(equations, np.array(feasible, float), weights)
+    x = refine_root(equations, np.array(feasible, float), weights)
     if largest(x - target) <= EPSILON * (1 + largest(x)):
         return x
     for _ in range(STEPS):
@@ -87,7 +111,7 @@ def nearest(equations: Equations, feasible: np.ndarray, target: np.ndarray, weig
         if moved is None:
             return x
         x = moved
-        if largest(step) <= SETTLED * size:
+        if largest(step) <= NO_STEP * size:
             return x
     return x
 
@@ -125,7 +149,7 @@ def _newton_step(
         step = step + share * direction
         residual = tangent.split(residual - share * bent)[0]
         before, square = square, float(residual @ residual)
-        if square <= max(min(1e-4, start), LEAST) * start:
+        if square <= max(min(1e-4, start), SMALLEST_RESIDUAL) * start:
             break
         direction = residual + square / before * direction
     return step
@@ -134,27 +158,27 @@ def _newton_step(
 def _slide(
     equations: Equations, x: np.ndarray, step: np.ndarray, target: np.ndarray, weights: np.ndarray
 ) -> np.ndarray | None:
-    """Go as much of a step as brings the solution nearer to the target; None where nothing does."""
+    """Go as much of a step as brings the solution nearer to the target; None if nothing does."""
 
     def distance(point: np.ndarray) -> float:
         return float((point - target) @ (weights * (point - target)))
 
     # Near the minimum the distance is flat: there a step must not be refused for rounding. What is left of the
-    # residual changes the distance to first order, so that points are compared when they are polished.
+    # residual changes the distance to first order, so that points are compared when they are refined.
     bound = distance(x) * (1 + 10 * EPSILON)
     flat = largest(step) <= 1e-5 * (1 + largest(x))
-    share = 1.0
-    while share > 1e-3:
+
+    def nearer(share: float) -> np.ndarray | None:
         trial = solve(equations, x + share * step, weights, iterations=12)
-        if trial.converged:
-            point = polish(equations, trial.x, weights)
-            if distance(point) < distance(x) or (flat and distance(point) <= bound):
-                return point
-        share /= 2
-    return None
+        if not trial.converged:
+            return None
+        point = refine_root(equations, trial.x, weights)
+        return point if distance(point) < distance(x) or (flat and distance(point) <= bound) else None
+
+    return backtrack(nearer, SMALLEST_SHARE)
 
 
-def nearest_within(
+def project_with_inequalities(
     meet: Callable[[Sequence[int]], np.ndarray],
     values: Callable[[np.ndarray], np.ndarray],
     pushes: Callable[[np.ndarray, Sequence[int]], np.ndarray],
@@ -191,19 +215,26 @@ def nearest_within(
         seen.add(frozenset(held))
         x = meet(held)
         push = pushes(x, held)
-        if held and np.min(push) < -1e-9 * (1 + largest(push)):
+        if held and np.min(push) < -PULL_TOLERANCE * (1 + largest(push)):
             del held[int(np.argmin(push))]
             continue
         broken = values(x)
         broken[held] = 0.0
         worst = int(np.argmax(broken))
-        if broken[worst] <= MET:
+        if broken[worst] <= INEQUALITY_TOLERANCE:
             return x
         held.append(worst)
     return None
 
 
 def multipliers_at(jacobian: np.ndarray, away: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Multipliers of least norm with ``W away + J^T lam = 0``, as nearly as can be; `away` leads from the target."""
+    """Multipliers of least norm with ``W away + J^T lam = 0``, as nearly as can be, without a unit.
+
+    They are those of rows of unit length in the metric, by the distance from the target; `away` leads from it.
+    """
     root = np.sqrt(weights)
-    return np.linalg.lstsq((jacobian / root).T, -root * away, rcond=1e-10)[0]
+    distance = float(np.linalg.norm(root * away))
+    if distance == 0:
+        return np.zeros(len(jacobian))
+    rows = jacobian / root * row_scale(jacobian, weights)[:, None]
+    return least_norm(rows.T, -root * away / distance, threshold=MULTIPLIERS)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-#: Singular values below this share of the largest one count as zero.
-RANK_TOLERANCE = 1e-9
+from .tolerances import RANK
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,12 @@ class RankAnalysis:
     null_rows: np.ndarray
     null_columns: np.ndarray
 
+    def rank_at(self, tolerance: float) -> int:
+        """Number of singular values above a share of the largest one."""
+        return int(np.sum(self.singular_values > tolerance * np.max(self.singular_values, initial=0.0)))
 
-def analyse_rank(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> RankAnalysis:
+
+def analyse_rank(matrix: np.ndarray, tolerance: float = RANK) -> RankAnalysis:
     """Find the rank of a matrix and its left and right null spaces by singular values.
 
     Parameters
@@ -51,7 +54,7 @@ def analyse_rank(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> RankA
     return RankAnalysis(rank, values, left[:, rank:].T, right[rank:].T)
 
 
-def sparse_rank(matrix: ca.DM, tolerance: float = RANK_TOLERANCE) -> int:
+def sparse_rank(matrix: ca.DM, tolerance: float = RANK) -> int:
     """Rank of a large sparse matrix with scaled rows, by sparse QR of its transpose.
 
     A row that depends on others leaves a diagonal entry of R that vanishes; the
@@ -70,7 +73,7 @@ def unit_rows(matrix: np.ndarray) -> np.ndarray:
     return matrix / np.where(size > 1e-12, size, 1.0)
 
 
-def dependent_rows(matrix: np.ndarray, tolerance: float = RANK_TOLERANCE) -> list[int]:
+def dependent_rows(matrix: np.ndarray, tolerance: float = RANK) -> list[int]:
     """Rows that depend on rows before them, in order (Gram–Schmidt with re-orthogonalisation)."""
     basis = np.zeros((0, matrix.shape[1]))
     scale = max((np.linalg.norm(row) for row in matrix), default=0.0)

@@ -19,6 +19,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Input, Parameter, number
 from ..numerics.least_squares import largest
 from ..results.state import State
+from .amplification import amplification, warn_of
 from .search import newton, newton_nearby, to_stable
 from .statics import Statics, Stiffness
 
@@ -109,9 +110,15 @@ def equilibrium(
     Raises
     ------
     EquilibriumError
-        Where forces are left over: which, and in which coordinates.
+        If forces are left over: which, and in which coordinates; and if the pose is singular and no finite
+        reactions hold the load.
     ConditionError
         For conditions that no pose meets, or that do not match the unknowns.
+
+    Warns
+    -----
+    MechanismWarning
+        If the pose is singular, or so near to a singular one that the reactions are amplified a thousandfold.
 
     References
     ----------
@@ -160,6 +167,7 @@ def equilibrium(
         mechanism.check_values(statics.parameters(found))
     result = Equilibrium(statics, found)
     _check_inequalities(rows, result)
+    _check_reactions(statics, found)
     return result
 
 
@@ -200,6 +208,21 @@ def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
             )
 
 
+def _check_reactions(statics: Statics, x: np.ndarray) -> None:
+    """Refuse reactions without a significant digit, and warn of such as have few."""
+    found = amplification(statics, x)
+    if found is None:
+        return
+    if found.singular and found.factor:
+        raise EquilibriumError(
+            f"equilibrium: the pose is singular, and no finite reactions hold the load in it (those that balance it "
+            f"nearby, {found.reaction:.3g} N, are {found.factor:.2g} times the load, and depend on rounding): "
+            f"{found.text}; move the mechanism out of this pose, or take the load off",
+            time=statics.t,
+        )
+    warn_of(found)
+
+
 def _left_over(statics: Statics, x: np.ndarray) -> str:
     """What is not balanced where the search started, in words."""
     eom, here = statics.eom, statics.stiffness(x)
@@ -208,6 +231,8 @@ def _left_over(statics: Statics, x: np.ndarray) -> str:
     parts = [f"{eom.coordinate_names[k]} ({force[k]:.4g})" for k in order[:3] if abs(force[k]) > 1e-9 * largest(force)]
     rates = statics.rows(x)[0][statics.n + statics.constant_rows :][: statics.k]
     parts += [f"{z.label} (rate {r:.4g})" for z, r in zip(eom.mechanism.states, rates, strict=True) if abs(r) > 1e-9]
+    pose = amplification(statics, x)
+    singular = f"; the pose is singular, {pose.text}" if pose is not None and pose.singular else ""
     soft = here.values.size and here.least <= 1e-9 * here.scale
     remedy = (
         "no force holds it back in some direction (a body that falls?)"
@@ -216,6 +241,6 @@ def _left_over(statics: Statics, x: np.ndarray) -> str:
     )
     return (
         f"equilibrium: no state at rest was found; at the start the forces that are not balanced act on "
-        f"{', '.join(parts) or 'nothing'} (N or N m); {remedy}; "
+        f"{', '.join(parts) or 'nothing'} (N or N m){singular}; {remedy}; "
         "give conditions nearer to it, or check springs and loads"
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.symbols import as_expression
 from ..numerics.least_squares import largest
-from ..numerics.newton import settle
+from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
 from .equilibrium import Equilibrium, EquilibriumError
 from .statics import NEUTRAL, Statics
@@ -178,7 +178,7 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
 
-        x = settle(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
+        x = newton(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
         if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
             return None
         found = self._point(x, point.tangent)
@@ -196,7 +196,7 @@ class Follower:
             values, slope = equations(x)
             return np.append(values, x[-1] - value), np.vstack([slope, row])
 
-        x = settle(at_value, guess, weights, iterations=20, smallest=SINGULAR)
+        x = newton(at_value, guess, weights, iterations=20, smallest=SINGULAR)
         return None if x is None else self._point(x, point.tangent)
 
     # --- critical points -------------------------------------------------------------------

@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics.least_squares import largest
-from ..numerics.newton import settle
+from ..numerics.newton import backtrack
+from ..numerics.newton import newton as newtons_method
 from .statics import Statics, Stiffness
 
 #: How far a body may turn in a step (rad), and move (in levers of the mechanism).
 LARGEST_STEP = 0.2
 #: How far a body may turn in a step of Newton's method, rad: more leads to equilibria that are far away.
 LARGEST_TURN = 0.5
+#: Smallest share of a step downhill.
+SMALLEST_SHARE = 1e-6
 #: Steps downhill.
 STEPS = 400
 #: A step this small (in levers) ends the way downhill: Newton's method takes over.
@@ -36,18 +39,22 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
         if size <= SETTLED * statics.lever:
             return x
         step *= min(1.0, LARGEST_STEP * statics.lever / size)
-        share = 1.0
-        while share > 1e-6:
+
+        def with_work_done(
+            share: float, x: np.ndarray = x, here: Stiffness = here, step: np.ndarray = step
+        ) -> tuple[np.ndarray, Stiffness] | None:
             moved = statics.displaced(x, here.basis @ (share * step))
-            if moved is not None:
-                there = statics.stiffness(moved)
-                way = (moved - x)[: statics.n] / statics.numeric.column_scale**2
-                if here.force @ (here.basis.T @ way) + there.force @ (there.basis.T @ way) > 0:
-                    break
-            share /= 2
-        else:
+            if moved is None:
+                return None
+            there = statics.stiffness(moved)
+            path = (moved - x)[: statics.n] / statics.numeric.column_scale**2
+            work = here.force @ (here.basis.T @ path) + there.force @ (there.basis.T @ path)
+            return (moved, there) if work > 0 else None
+
+        found = backtrack(with_work_done, SMALLEST_SHARE)
+        if found is None:
             return x
-        x, here = moved, there
+        x, here = found
     return x
 
 
@@ -65,7 +72,7 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     equations, weights = statics.scaled(x)
     limit = np.full(x.size, np.inf)
     limit[np.flatnonzero(statics.eom.angles)] = LARGEST_TURN
-    return settle(equations, x, weights, step_limit=limit)
+    return newtons_method(equations, x, weights, step_limit=limit)
 
 
 def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:

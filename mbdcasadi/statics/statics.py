@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import casadi as ca
 import numpy as np
@@ -19,11 +20,14 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition
-from ..numerics.least_squares import largest, solve
-from ..numerics.rank import analyse_rank, unit_rows
+from ..numerics.least_squares import largest, least_norm
+from ..numerics.newton import solve
+from ..numerics.rank import analyse_rank
 
 #: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
 NEUTRAL = 1e-11
+#: Singular values below this share are left out of the balance of forces by multipliers and states.
+BALANCED = 1e-12
 #: A row of forces counts as no softer than this share of the stiffness that is typical of the mechanism.
 SOFTEST = 1e-3
 #: Imaginary parts above this share of the same belong to forces without potential, not to rounding.
@@ -210,7 +214,9 @@ class Statics:
     def displaced(self, x: np.ndarray, way: np.ndarray) -> np.ndarray | None:
         """Pose moved by `way` (n,) and brought back onto the constraints; None where the parts come apart."""
         numeric = self.numeric
-        outcome = solve(lambda q: numeric.position(self.t, q), x[: self.n] + way, numeric.weights, iterations=20)
+        rows = partial(numeric.position, self.t)
+        sizes = numeric.scale.coordinates
+        outcome = solve(rows, x[: self.n] + way, numeric.weights, sizes=sizes, iterations=20)
         if not outcome.converged:
             return None
         return self.follow(np.concatenate([outcome.x, x[self.n :]]))
@@ -224,7 +230,7 @@ class Statics:
             values, jacobian = self.rows(x)
             left = self._left(jacobian, basis, c)
             right = np.concatenate([values[: self.n] * c, values[self.n + self.constant_rows :][: self.k]])
-            step = -np.linalg.lstsq(left, right, rcond=1e-12)[0]
+            step = -least_norm(left, right, threshold=BALANCED)
             x[self.n : self.n + self.k] += step[: self.k]
             x[self.n + self.k : self.n + self.k + self.m] += step[self.k : self.k + self.m]
             if largest(step[: self.k]) <= 1e-12 and not self.eom.Q_depends_on_lam:
@@ -239,7 +245,7 @@ class Statics:
         rates = slice(self.n + self.constant_rows, self.n + self.constant_rows + self.k)
         moved = np.vstack([c[:, None] * jacobian[: self.n, : self.n], jacobian[rates, : self.n]]) @ basis
         held = np.concatenate([c * values[: self.n], np.zeros(self.k)])
-        answer = np.linalg.lstsq(left, np.column_stack([moved, held]), rcond=1e-12)[0][self.k + self.m :]
+        answer = least_norm(left, np.column_stack([moved, held]), threshold=BALANCED)[self.k + self.m :]
         matrix, force = -answer[:, :-1], answer[:, -1]
         scale = self._typical(x, values, jacobian)
         if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
@@ -271,8 +277,8 @@ class Statics:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
         c = self.numeric.column_scale
         p = self.parameters(x)
-        jacobian = self.numeric.velocity_function(self.t, x[: self.n], p)[0].full() * c
-        null = analyse_rank(unit_rows(jacobian)).null_columns
+        jacobian = self.numeric.velocity_function(self.t, x[: self.n], p)[0].full()
+        null = analyse_rank(self.numeric.scale.scaled(jacobian)).null_columns
         return c, c[:, None] * null
 
     def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ...equations.numeric import NumericEquations
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
-from ...numerics.least_squares import solve
+from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows
 
 if TYPE_CHECKING:

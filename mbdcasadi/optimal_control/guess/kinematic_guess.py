@@ -20,7 +20,8 @@ from ...equations.numeric import LARGE, NumericEquations
 from ...errors import AssemblyError, MechanismWarning, ModelError
 from ...model.conditions import Condition, stacked
 from ...model.symbols import symbols_of
-from ...numerics.least_squares import largest, solve
+from ...numerics.least_squares import largest
+from ...numerics.newton import solve
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 from ..constraints import held_conditions

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError
-from ...numerics.least_squares import solve
+from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
 from ..checks.failure import OptimizationError
 from ..nlp.solver import Solver

@@ -1,0 +1,219 @@
+"""What in the equations of a mechanism depends on time explicitly: where it switches, and which constraints jump."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from .derivation import Equations
+from .time_breaks import TimeBreaks, TimeFunctions, merge_breaks, resolution
+
+#: Highest derivative whose jump makes the accelerations jump, by what depends on time.
+_ACCELERATIONS_JUMP = {"position": 2, "velocity": 1, "force": 0}
+#: By how much the estimated pose is changed before rows are evaluated in it: in a special pose a jump may vanish.
+_GENERIC = 1e-3
+
+
+@dataclass(frozen=True)
+class ConstraintJump:
+    """A constraint row whose prescribed position or velocity jumps in time.
+
+    Attributes
+    ----------
+    element : str
+        The driver or joint, with its kind: ``driver 'hoist'``.
+    row : str
+        Name of the row.
+    time : float
+        s.
+    level : {"position", "velocity"}
+        A position that jumps is no motion; a velocity that jumps takes an impulse.
+    size : float
+        By how much, in `unit`.
+    unit : str
+        m, rad, m/s or rad/s.
+    """
+
+    element: str
+    row: str
+    time: float
+    level: str
+    size: float
+    unit: str
+
+    def __str__(self) -> str:
+        size = f"{abs(self.size):.6g} {self.unit}"
+        return f"the prescribed {self.level} of {self.element} jumps by {size} at t = {self.time:.12g} s"
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it, in words."""
+        if self.level == "position":
+            return "no motion follows a jump; prescribe the way between the two values over a time, as mbd.step does"
+        return "that takes an impulse; round the corner off, as mbd.step and cubic splines do"
+
+
+def explicit_time(eom: Equations, inputs: ca.SX | None = None) -> ExplicitTime:
+    """:class:`ExplicitTime` of the equations; kept for a mechanism if no input depends on time."""
+    if inputs is None or not inputs.numel() or not ca.depends_on(inputs, eom.t):
+        return eom.mechanism.cache.get_or_create("explicit time", lambda: ExplicitTime(eom))
+    return ExplicitTime(eom, inputs)
+
+
+class ExplicitTime:
+    """Dependence of the equations of motion on time itself.
+
+    Parameters
+    ----------
+    eom : Equations
+        The equations.
+    inputs : casadi.SX, optional
+        The inputs as expressions (n_u,), of which those in time are substituted.
+
+    Attributes
+    ----------
+    depends : bool
+        Whether a constraint, a force or the rate of a first-order state depends on time.
+    """
+
+    def __init__(self, eom: Equations, inputs: ca.SX | None = None):
+        self._eom = eom
+        self._inputs = eom.u if inputs is None else inputs
+        self._timed_inputs = [k for k in range(eom.u.numel()) if ca.depends_on(self._inputs[k], eom.t)]
+        self._groups: dict[str, TimeFunctions] = {}
+        everything = ca.vertcat(eom.Phi, eom.velocity_rows, eom.Q, eom.z_rate)
+        if self._timed_inputs or ca.depends_on(everything, eom.t):
+            self._collect()
+        self.depends = bool(self._groups)
+
+    def _collect(self) -> None:
+        """Group what depends on time by how it enters the accelerations."""
+        eom = self._eom
+        constraints = [e for e in eom.mechanism.constraints if self._is_timed(ca.vertcat(e.rows, e.velocity_rows))]
+        positions = [row for e in constraints for row in ca.vertsplit(e.rows)]
+        velocities = [row for e in constraints for row in ca.vertsplit(e.velocity_rows)]
+        forces = [ca.vec(ca.SX(x)) for e in eom.mechanism.elements for pair in e.virtual_work for x in pair]
+        forces += [ca.SX(rate) for rate in eom.mechanism.state_rates.values()]
+        forces = [self._substituted(force) for force in forces if self._is_timed(force)]
+        groups = {"position": positions, "velocity": velocities, "force": forces}
+        self._groups = {kind: self._functions(ca.vertcat(*rows)) for kind, rows in groups.items() if rows}
+
+    def _is_timed(self, expression: ca.SX) -> bool:
+        symbols = {symbol.element_hash() for symbol in ca.symvar(expression)}
+        timed = (self._eom.t, *(self._eom.u[k] for k in self._timed_inputs))
+        return any(symbol.element_hash() in symbols for symbol in timed)
+
+    def _substituted(self, expression: ca.SX) -> ca.SX:
+        if not self._timed_inputs:
+            return expression
+        return ca.substitute(expression, self._eom.u[self._timed_inputs], self._inputs[self._timed_inputs])
+
+    @cached_property
+    def _typical(self) -> tuple[ca.SX, np.ndarray]:
+        """All symbols but time and parameters, with values near to the estimates."""
+        eom = self._eom
+        symbols = eom.q, eom.v, eom.z, eom.a, eom.lam, eom.u
+        values = [*eom.estimate, np.ones(eom.a.numel()), np.ones(eom.lam.numel()), eom.input_values]
+        near = np.concatenate(values)
+        return ca.vertcat(*symbols), near + _GENERIC * np.random.default_rng(0).uniform(-1, 1, near.size)
+
+    def _functions(self, expression: ca.SX) -> TimeFunctions:
+        return TimeFunctions(expression, self._eom.t, self._eom.p, self._typical)
+
+    def breaks(self, p: np.ndarray, start: float, end: float) -> tuple[TimeBreaks, np.ndarray]:
+        """Return the instants at which anything switches in time, and at which accelerations jump.
+
+        Parameters
+        ----------
+        p : numpy.ndarray
+            Parameter values.
+        start, end : float
+            The interval, s; its ends do not count.
+
+        Returns
+        -------
+        TimeBreaks
+            All instants; ``.order`` counts derivatives of what switches itself.
+        numpy.ndarray of bool
+            At which of them accelerations jump, so that an integrator must begin anew (k,); it may go on
+            smoothly from the others, but must not step over them.
+        """
+        found = {kind: group.breaks(p, start, end) for kind, group in self._groups.items()}
+        whole = merge_breaks(list(found.values()))
+        restart = np.zeros(whole.times.size, bool)
+        for kind, part in found.items():
+            jumps = part.times[part.order <= _ACCELERATIONS_JUMP[kind]]
+            # the same instants: the merging took the first of those that are one
+            restart[np.searchsorted(whole.times, jumps + whole.width, side="right") - 1] = True
+        return whole, restart
+
+    # --- constraints that jump -----------------------------------------------------------------
+    @cached_property
+    def _rows(self) -> list[tuple[str, int, TimeFunctions]]:
+        """Constraint rows that switch in time, each with its level and place."""
+        eom = self._eom
+        places = {"position": eom.position_rows, "velocity": np.setdiff1d(range(eom.lam.numel()), eom.position_rows)}
+        found = []
+        for level, expression in (("position", eom.Phi), ("velocity", eom.velocity_rows)):
+            for place, row in zip(places[level], ca.vertsplit(expression), strict=True):
+                if level in self._groups and self._is_timed(row):
+                    found.append((level, int(place), self._functions(row)))
+        return [entry for entry in found if entry[2].switch]
+
+    def jumps(self, p: np.ndarray, start: float, end: float) -> list[ConstraintJump]:
+        """Return the constraint rows whose position or velocity jumps between two times, both included, in order.
+
+        At the ends of the interval the value there itself is one of the two sides.
+        """
+        found: list[ConstraintJump] = []
+        margin = 4 * resolution(start, end)
+        levels = ("position", "velocity")
+        groups = [
+            self._groups[level].breaks(p, start - margin, end + margin) for level in levels if level in self._groups
+        ]
+        if not any(np.any(group.order < 2) for group in groups) or not end > start:
+            return []
+        for level, place, functions in self._rows:
+            times = functions.breaks(p, start - margin, end + margin).times
+            if times.size:
+                found += self._row_jumps(level, place, functions, p, times, (start, end), margin)
+        return sorted(found, key=lambda jump: jump.time)
+
+    def _row_jumps(
+        self,
+        level: str,
+        place: int,
+        row: TimeFunctions,
+        p: np.ndarray,
+        times: np.ndarray,
+        interval: tuple[float, float],
+        margin: float,
+    ) -> list[ConstraintJump]:
+        eom = self._eom
+        start, end = interval
+        left, right, rounding = row.sides(p, start - margin, times, end + margin)
+        for side, edge, at in ((left, start, times <= start + margin), (right, end, times >= end - margin)):
+            if np.any(at):
+                side[:, :, at] = row.values(p, np.array([edge]))
+        element = eom.row_elements[place].description
+        unit = "rad" if eom.angular_rows[place] else "m"
+        found = []
+        for k, time in enumerate(times):
+            for order, rate in enumerate(("position", "velocity") if level == "position" else ("velocity",)):
+                before, after = float(left[order, 0, k]), float(right[order, 0, k])
+                # NaN beyond the data of a spline is reported as such, by the run that comes there
+                if np.isfinite(before) and np.isfinite(after) and abs(after - before) > rounding[order, 0, k]:
+                    units = unit if rate == "position" else f"{unit}/s"
+                    name = eom.row_names[place]
+                    found.append(ConstraintJump(element, name, float(time), rate, after - before, units))
+                    break
+        return found
+
+
+def first_jump(jumps: Sequence[ConstraintJump], level: str) -> ConstraintJump | None:
+    """Return the first jump of a level, or None."""
+    return next((jump for jump in jumps if jump.level == level), None)

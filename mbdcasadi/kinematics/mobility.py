@@ -1,0 +1,161 @@
+"""Mobility of a mechanism near a pose: which of the infinitesimal motions are motions.
+
+The rank of ``Phi_q`` counts the infinitesimal motions of one pose. Some of
+these may go nowhere (a plate on three bars that meet in a point is *shaky*),
+or only a part of them at a time (a flat parallelogram may turn into an
+antiparallelogram). Excursions along them tell: the pose is moved a little and
+brought back onto the constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+from ..numerics.least_squares import largest
+from ..numerics.newton import Equations, refine_root, solve
+from ..numerics.rank import RankAnalysis, analyse_rank
+from ..numerics.tolerances import NEARLY_SINGULAR
+
+#: How far a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths; one try each.
+EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
+#: How far it is moved to see whether a direction can be followed at all.
+PROBE = 1e-3
+#: Share of a displacement that must be left for the direction to count as a motion.
+FOLLOWED = 0.3
+#: A pose with a small singular value is singular if it is below this share of what it is in poses nearby.
+PARTICULAR = 1e-3
+#: Share of a random displacement that must be lost for single directions to be looked at.
+LOST = 0.02
+
+
+@dataclass(frozen=True)
+class Mobility:
+    """Rank of the constraints near a pose.
+
+    Attributes
+    ----------
+    rank : int
+        Number of constraints that count: coordinates less degrees of freedom.
+    pose : numpy.ndarray
+        Pose near the given one in which the rank is largest (n,).
+    analysis : RankAnalysis
+        Of the Jacobian there.
+    shaky : int
+        Number of infinitesimal motions there that cannot be followed.
+    singular : bool
+        Whether the given pose is singular: its own rank is lower, to the accuracy of a pose.
+    """
+
+    rank: int
+    pose: np.ndarray
+    analysis: RankAnalysis
+    shaky: int = 0
+    singular: bool = False
+
+
+def mobility(numeric: NumericEquations, t: float, q: np.ndarray) -> Mobility:
+    """Find the rank of the constraints in poses near a consistent one; drivers let go for the excursions.
+
+    References
+    ----------
+    Wohlhart, "Degrees of shakiness", Mechanism and Machine Theory 34, 1999; Müller, "Generic mobility of rigid body
+    mechanisms", Mechanism and Machine Theory 44, 2009.
+    """
+    m, n = numeric.eom.lam.numel(), q.size
+    here = numeric.rank(t, q)
+    certain = here.rank_at(NEARLY_SINGULAR)
+    if certain in (m, n):
+        return Mobility(here.rank, q, here)
+    joints = Joints(numeric, t)
+    rank, pose, analysis = certain, q, here
+    for distance in EXCURSIONS if joints.motions(q).size else ():
+        moved = joints.advanced(q, joints.random_motion(q), distance)
+        if moved is not None:
+            there = numeric.rank(t, moved)
+            if there.rank > rank:
+                rank, pose, analysis = there.rank, moved, there
+    blocked = joints.blocked(pose)
+    if len(blocked):
+        rank = analyse_rank(np.vstack([numeric.scaled_jacobian(t, pose), blocked])).rank
+        return Mobility(rank, pose, analysis, len(blocked), singular=rank > certain)
+    lost = rank > certain and here.singular_values[rank - 1] < PARTICULAR * analysis.singular_values[rank - 1]
+    return Mobility(rank, pose, analysis, singular=bool(lost))
+
+
+class Joints:
+    """Position constraints without drivers, and excursions on them, in coordinates scaled to metres."""
+
+    def __init__(self, numeric: NumericEquations, t: float):
+        self._numeric, self._t = numeric, t
+        eom = numeric.eom
+        drivers = {id(d) for d in eom.mechanism.drivers}
+        self._kept = [k for k, row in enumerate(eom.position_rows) if id(eom.row_elements[row]) not in drivers]
+        self._rows = eom.position_rows[self._kept]
+        self._random = np.random.default_rng(1)
+
+    def _equations(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi, jacobian = self._numeric.position(self._t, pose)
+        return phi[self._kept], jacobian[self._kept]
+
+    def motions(self, pose: np.ndarray) -> np.ndarray:
+        """Orthonormal basis of the infinitesimal motions (n, k)."""
+        scaled = self._numeric.scaled_jacobian(self._t, pose)[self._rows]
+        return analyse_rank(scaled, NEARLY_SINGULAR).null_columns if len(scaled) else np.eye(pose.size)
+
+    def random_motion(self, pose: np.ndarray) -> np.ndarray:
+        """A random infinitesimal motion, its largest entry 1 (n,)."""
+        motions = self.motions(pose)
+        motion = motions @ self._random.standard_normal(motions.shape[1])
+        return motion / largest(motion)
+
+    def moved(self, pose: np.ndarray, motion: np.ndarray, distance: float) -> np.ndarray | None:
+        """Pose displaced along a motion, its largest entry a distance, and brought back; None if it stays open."""
+        return self._solved(self._equations, pose + distance * self._numeric.scale.coordinates * motion)
+
+    def advanced(self, pose: np.ndarray, motion: np.ndarray, distance: float) -> np.ndarray | None:
+        """Pose at a distance, as measured along a motion; None if there is none.
+
+        Without the distance Newton's method is drawn back to a singular pose from anywhere near it.
+        """
+        size = self._numeric.scale.coordinates
+        row = motion / (motion @ motion) / size
+
+        def with_distance(moved: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            phi, jacobian = self._equations(moved)
+            return np.append(phi, row @ (moved - pose) - distance), np.vstack([jacobian, row])
+
+        return self._solved(with_distance, pose + distance * size * motion)
+
+    def _solved(self, equations: Equations, start: np.ndarray) -> np.ndarray | None:
+        # in lengths and angles alone: what moves and how far is no matter of masses
+        sizes = self._numeric.scale.coordinates
+        outcome = solve(equations, start, 1 / sizes**2, sizes=sizes, iterations=60)
+        return refine_root(equations, outcome.x, 1 / sizes**2, sizes=sizes) if outcome.converged else None
+
+    def blocked(self, pose: np.ndarray) -> np.ndarray:
+        """Infinitesimal motions that cannot be followed, orthonormal (k, n)."""
+        motions = self.motions(pose)
+        count = motions.shape[1]
+        if not count or self._followed(pose, motions, self._random.standard_normal((count,))):
+            return np.zeros((0, pose.size))
+        reached = np.zeros((count, count))
+        for k, direction in enumerate(np.linalg.qr(self._random.standard_normal((count, count)))[0].T):
+            reached[:, k] = self._reached(pose, motions, direction)
+        left, values, _ = np.linalg.svd(reached)
+        return (motions @ left[:, values < FOLLOWED]).T
+
+    def _followed(self, pose: np.ndarray, motions: np.ndarray, direction: np.ndarray) -> bool:
+        direction = np.asarray(direction / np.linalg.norm(direction))
+        return bool(np.linalg.norm(self._reached(pose, motions, direction) - direction) < LOST)
+
+    def _reached(self, pose: np.ndarray, motions: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """What is left of a unit displacement in a direction among the motions, after it was brought back (k,)."""
+        motion = motions @ direction
+        size = PROBE / largest(motion)
+        moved = self.moved(pose, motion, size)
+        if moved is None:
+            return np.zeros(direction.size)
+        return motions.T @ ((moved - pose) / self._numeric.scale.coordinates) / size

@@ -1,0 +1,24 @@
+"""Tolerances that more than one module means, each with a sentence; all are relative, without a unit.
+
+A module that measures something of its own keeps its constant beside its code.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+#: Rounding of one operation.
+EPSILON = float(np.finfo(float).eps)
+#: A residual counts as zero below this share of the terms of which it is a difference.
+ACCURACY = 1e-13
+#: A residual at which an iteration ends counts as zero below this share.
+CONVERGED = 1e3 * ACCURACY
+#: Singular values of scaled constraints below this share of the largest one are zero.
+RANK = 1e-9
+#: Singular value below which a pose may be a singular one. Beside such poses Newton's method, whose residual grows
+#: with the square of the distance, finds a pose to the root of its accuracy only.
+NEARLY_SINGULAR = 1e-6
+#: Singular values below this share are left out of a least-norm solution of rows that may depend on each other.
+DEPENDENT = 1e-11
+#: Smallest share of a step that a line search tries.
+SMALLEST_SHARE = 1e-4

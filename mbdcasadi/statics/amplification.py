@@ -1,0 +1,75 @@
+"""Reactions in singular poses and near to them, where small loads bring about large ones."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import MechanismWarning
+from ..kinematics.mobility import mobility
+from ..kinematics.singular import describe_singularity
+from ..numerics.tolerances import NEARLY_SINGULAR, RANK
+from .statics import Statics
+
+#: Relative singular value below which reactions may be amplified, and by how much before it is reported.
+NEAR, REPORTED = 1e-4, 1e3
+
+
+@dataclass(frozen=True)
+class Amplification:
+    """How a pose amplifies the loads.
+
+    Attributes
+    ----------
+    factor : float
+        Reactions by the load that they hold; 0 if they are not amplified.
+    reaction : float
+        The amplified reactions, N.
+    singular : bool
+        Whether the pose is singular, to the accuracy of a pose.
+    text : str
+        The pose and the rows that take part, in words.
+    """
+
+    factor: float
+    reaction: float
+    singular: bool
+    text: str
+
+
+def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
+    """Find out whether a pose is singular, or amplifies loads; None if it is neither."""
+    numeric = statics.numeric
+    q, _, lam, _ = statics.split(x)
+    if not lam.size:
+        return None
+    jacobian = numeric.velocity(statics.t, q)[0]
+    left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian), full_matrices=False)
+    relative = values / max(float(np.max(values)), np.finfo(float).tiny)
+    if np.min(relative) > NEAR:
+        return None
+    reactions = left.T @ (numeric.scale.row_size(jacobian) * lam)
+    load = float(np.linalg.norm(values * reactions))
+    near = (relative > RANK) & (relative < NEAR)
+    reaction = float(np.linalg.norm(reactions[near]))
+    factor = reaction / load if reaction > REPORTED * load > 0 else 0.0
+    around = mobility(numeric, statics.t, q) if np.min(relative) < NEARLY_SINGULAR else None
+    singular = around is not None and around.singular
+    if not factor and not singular:
+        return None
+    pose = describe_singularity(numeric, statics.t, q, shaky=around is not None and bool(around.shaky))
+    return Amplification(factor, reaction, singular, pose.text)
+
+
+def warn_of(found: Amplification) -> None:
+    """Warn of a pose in which reactions say little."""
+    if found.factor:
+        what = (
+            f"the pose is nearly singular: reactions of {found.reaction:.3g} N hold a load {found.factor:.2g} times "
+            f"smaller, and change as much with a small change of the pose; {found.text}"
+        )
+    else:
+        what = f"the pose is singular, and reactions to other loads than these may be without bound; {found.text}"
+    warnings.warn(f"equilibrium: {what}", MechanismWarning, stacklevel=4)
