@@ -17,6 +17,7 @@ from ..numerics.console import call
 from ..results.state import State
 from ..simulation.modes import SingleMode
 from ..simulation.simulate import chosen_integrator, suited_to_friction
+from ..simulation.time_dependence import time_dependence
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
@@ -71,7 +72,10 @@ class MotionSetup(Setup):
 
     def motion(self, integrands: ca.SX | None = None) -> DifferentiableMotion:
         """Return the motion over the grid, in as many pieces as it takes to stay on the constraints."""
-        start = self.start
+        start, timed = self.start, time_dependence(self)
+        obstacle = timed.obstacle()
+        if obstacle is not None:
+            raise obstacle
         motion = DifferentiableMotion(
             self.numeric,
             self.signals,
@@ -80,6 +84,9 @@ class MotionSetup(Setup):
             redundant=self.has_redundant_rows,
             integrands=integrands,
             unknowns=np.r_[start.a, start.lam],
+            stops=timed.stops,
+            jumps=timed.jumps,
+            max_step=timed.max_step,
         )
         motion.cut_where_it_drifts(np.r_[start.q, start.v, start.z])
         return motion

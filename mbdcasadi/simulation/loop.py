@@ -21,11 +21,12 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
-from .impacts import INSTANT, Impacts
+from .impacts import INSTANT, Impacts, velocity_after
 from .modes import Modes
 from .resolution import Path, Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .stepping import Stepper
+from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
 
@@ -83,10 +84,6 @@ class Run:
         Events of the user.
     integrator : Integrator
         Method and tolerances.
-    stops, jumps : numpy.ndarray, optional
-        Times over which no step may go, and at which the equations jump.
-    max_step : float, optional
-        Longest step, s.
     progress : bool
         Show a progress bar.
     """
@@ -98,21 +95,20 @@ class Run:
         events: Sequence[Event],
         integrator: Integrator,
         *,
-        stops: np.ndarray | None = None,
-        jumps: np.ndarray | None = None,
-        max_step: float | None = None,
         progress: bool = False,
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
-        self.max_step, self._progress = max_step, progress
+        self._progress = progress
+        timed = time_dependence(setup)
+        self.max_step, self._obstacle = timed.max_step, timed.obstacle()
         grid = setup.grid
         span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
         controller = setup.signals.controller
         self._schedule = Schedule(
             grid,
-            stops=np.r_[setup.signals.breaks, np.zeros(0) if stops is None else stops],
-            jumps=jumps,
+            stops=np.r_[setup.signals.breaks, timed.stops],
+            jumps=timed.jumps,
             period=None if controller is None else controller.period,
             watch_points=WATCH_POINTS,
         )
@@ -122,6 +118,7 @@ class Run:
         self._arcs: dict[Any, _Arc] = {}
         self._switches = 0
         self._builder = TrajectoryBuilder(modes, setup.p)
+        self._builder.statistics.notes += timed.notes
         self._x = np.zeros(0)
 
     # --- the loop ------------------------------------------------------------------------
@@ -175,6 +172,7 @@ class Run:
         size = -(-schedule.size // count)
         first = True
         while self._index < schedule.size:
+            self._refuse_to_pass_obstacle()
             last = min(self._index + size - 1, schedule.next_break(self._index), schedule.size - 1)
             before = self._time
             ended = self._advance(last)
@@ -185,6 +183,12 @@ class Run:
                 first, size = False, self._joined(size)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
                 self._sample()
+        self._refuse_to_pass_obstacle()
+
+    def _refuse_to_pass_obstacle(self) -> None:
+        """Raise at a time at which no motion goes on."""
+        if self._obstacle is not None and self._obstacle.time <= self._time + self._schedule.tolerance:
+            raise self._obstacle
 
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
@@ -249,6 +253,7 @@ class Run:
             # an output at the event itself comes before it
             instant = deciding[0].time + self.instant
             count = int(np.searchsorted(times, instant, side="right"))
+            x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None:
             arc.resolution.note(path.until(deciding[0].time if deciding else float(times[-1])))
         kept = np.flatnonzero(wanted[:count])
@@ -260,9 +265,15 @@ class Run:
             return self._at_events(deciding, count)
         if failure is not None:
             raise self._failed(piece, failure, times, x)
-        self._time, self._x = float(times[-1]), x[-1]
+        self._time, self._x = float(times[-1]), self._after_jump(x[-1], piece) if piece.ends_at_jump else x[-1]
         self._index = self._schedule.index_after(self._time)
         return False
+
+    def _after_jump(self, x: np.ndarray, piece: Piece) -> np.ndarray:
+        """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
+        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(x[None, :]))
+        jacobian, nu = self._arc.numeric.velocity(piece.after, q)
+        return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
 
     def _decides(self, event: Event) -> bool:
         return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)

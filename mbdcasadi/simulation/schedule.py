@@ -53,10 +53,18 @@ class Piece:
         return np.r_[self.start, self.times[:-1]]
 
     @property
+    def _margin(self) -> float:
+        return 8 * float(np.spacing(max(abs(self.start), abs(self.times[-1]))))
+
+    @property
+    def after(self) -> float:
+        """Time just after its end, by some roundings."""
+        return float(self.times[-1]) + self._margin
+
+    @property
     def inside(self) -> tuple[float, np.ndarray]:
         """Start and outputs for the integrator: by some roundings off the jumps at the ends."""
-        start, times = self.start, self.times
-        margin = 8 * np.spacing(max(abs(start), abs(times[-1])))
+        start, times, margin = self.start, self.times, self._margin
         if self.starts_at_jump and times[0] - start > 2 * margin:
             start += margin
         if self.ends_at_jump and times[-1] - np.r_[start, times][-2] > 2 * margin:
