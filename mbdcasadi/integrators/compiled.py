@@ -102,8 +102,8 @@ class CompiledIntegrator:
     ----------
     starts : int
         How often it was started.
-    steps : int
-        Steps of the last call, if the method counts them.
+    steps, all_steps : int
+        Steps of the last call and of all, if the method counts them.
     integrals : numpy.ndarray
         Integrals at the outputs of the last call (k, n), since its start.
 
@@ -134,7 +134,7 @@ class CompiledIntegrator:
             self._system["quad"] = self._quad_scale * length * dae.quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
-        self.starts = self.steps = 0
+        self.starts = self.steps = self.all_steps = 0
         self.integrals = np.zeros((0, 0))
 
     # --- compiled functions --------------------------------------------------------------
@@ -287,6 +287,7 @@ class CompiledIntegrator:
             return flag_of(error)
         stats = function.stats()
         self.steps = int(stats.get("nsteps", stats.get("n_steps", 0)))
+        self.all_steps += self.steps
         states = result["xf"].full().T
         on_time = np.abs(states[:, -1] - fractions) <= CLOCK_TOLERANCE
         if not np.all(on_time) or not np.all(np.isfinite(states)):

@@ -457,6 +457,11 @@ class Run:
             partial=self._builder.trajectory(),
         )
 
+    @property
+    def steps(self) -> int:
+        """Steps of the integrator."""
+        return sum(arc.stepper.all_steps for arc in self._arcs.values())
+
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
         reltol, abstol = self.integrator.reltol, self.integrator.abstol

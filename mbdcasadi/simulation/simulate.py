@@ -16,6 +16,7 @@ from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
 from ..results.validity import tell_monitors
+from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
 from .events import read_events
 from .loop import Run
 from .modes import Modes, SingleMode
@@ -69,7 +70,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator. Where friction has a velocity tolerance (or bristles), the
+        Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
+        resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
         absolute one is a thousandth of it (of their largest deflection) at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
@@ -119,12 +121,40 @@ def simulate(
     motion = run.run()
     if integrator.abstol < asked.abstol:
         motion.statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+    may_repeat = abstol is None and asked is not method and setup.signals.controller is None
+    run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
+    motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
     for sentence in run.unresolved():
         motion.statistics.notes.append(sentence)
         warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
     tell_monitors(motion)
     return motion
+
+
+def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory]:
+    """A run whose absolute tolerance resolves the range of its motion, or a note that this one does not."""
+    abstol = run.integrator.abstol
+    finer = tolerance_for(motion, abstol)
+    if finer is None:
+        return run, motion
+    if may_repeat:
+        again = Run(
+            run.setup,
+            _modes(run.setup, run.events),
+            run.events,
+            run.integrator.replace(abstol=finer),
+            progress=progress,
+        )
+        try:
+            repeated = again.run()
+        except SimulationError:  # the forces are too rough for it
+            pass
+        else:
+            repeated.statistics.notes.append(f"abstol = {finer:.1e}, as the motion stays within a small range")
+            return again, repeated
+    motion.statistics.notes.append(unresolved_range(motion, abstol))
+    return run, motion
 
 
 def _modes(setup: Setup, events: Sequence[Event]) -> Modes:

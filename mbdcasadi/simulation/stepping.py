@@ -95,6 +95,11 @@ class Stepper:
         """Steps of the last piece."""
         return self._of(self.formulation).steps
 
+    @property
+    def all_steps(self) -> int:
+        """Steps of all pieces."""
+        return sum(compiled.all_steps for compiled in self._compiled.values())
+
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
         if form not in self._compiled:
