@@ -14,6 +14,7 @@ from ..assembly.setup import Setup
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
+from ..kinematics.singular import describe_singularity
 from ..model.events import Event
 from ..numerics.console import interruptible
 from ..numerics.progress import simulated_time_bar
@@ -23,8 +24,10 @@ from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
 from .modes import Modes
+from .outputs import Outputs
 from .resolution import Path, Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
+from .singular_passage import Passage, Regularity, SingularPassage, Trail
 from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
@@ -35,24 +38,20 @@ APART = 1e-8
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
-#: Turn of a body in a piece of the regularised form, at most, rad.
-TURN_PER_PIECE = 3.0
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
 #: Switches between modes in one run, at most.
 SWITCHES = 20_000
 
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
-NEAR_SINGULAR = (
-    "the motion comes near a singular pose, where another branch begins: from there on the regularised form is "
-    "integrated; over many such poses compare the energy, or a run with method='erk'"
-)
+#: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
+REALLY_SINGULAR = 0.02
 
 
 class _Arc:
     """One mode of a run with all that advances and watches it."""
 
-    def __init__(self, run: Run, mode: Any):
+    def __init__(self, run: Run, mode: Any, state: State):
         modes, setup = run.modes, run.setup
         self.mode, self.numeric = mode, modes.numeric(mode)
         self.resolution = Resolution(self.numeric)
@@ -69,6 +68,7 @@ class _Arc:
             redundant=run.redundant,
             max_step=run.max_step,
         )
+        self.passage = SingularPassage(Regularity(self.numeric, state.t, state.q), self.stepper.outputs)
 
 
 class Run:
@@ -120,6 +120,8 @@ class Run:
         self._builder = TrajectoryBuilder(modes, setup.p)
         self._builder.statistics.notes += timed.notes
         self._x = np.zeros(0)
+        self._trail = Trail()
+        self._passed: list[float] = []
 
     # --- the loop ------------------------------------------------------------------------
     def run(self) -> Trajectory:
@@ -147,6 +149,7 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
+                builder.statistics.notes += self._passage_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
         return builder.trajectory()
 
@@ -174,8 +177,10 @@ class Run:
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
             last = min(self._index + size - 1, schedule.next_break(self._index), schedule.size - 1)
-            before = self._time
+            before, passed, index = self._time, len(self._passed), self._index
             ended = self._advance(last)
+            if len(self._passed) > passed:  # what was integrated beyond a passage was in vain
+                size = max(1, self._index - index)
             bar.update(self._time - before)
             if ended:
                 return
@@ -200,34 +205,17 @@ class Run:
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
-        schedule, arc = self._schedule, self._arc
-        piece = schedule.piece(self._time, self._index, last)
-        while True:
+        arc = self._arc
+        piece = self._schedule.piece(self._time, self._index, last)
+        path, failure = self._integrated(piece)
+        passage = self._passage(path)
+        if passage is not None:
+            return self._advance_across(piece, path, passage)
+        touch = arc.resolution.first_pass(path) if failure is None else None
+        if touch is not None and touch - piece.start >= NEW_START * piece.length:
+            piece = piece.until(touch)
             path, failure = self._integrated(piece)
-            times, x = path.times[1:], path.x[1:]
-            x = arc.stepper.outputs.projected(times, x) if times.size else x
-            if arc.stepper.outputs.recovery.left_over > APART:
-                x, failure = self._together(times, x)
-                times = times[: len(x)]
-            arc.stepper.note_turning(x)
-            if failure is not None:
-                break
-            touch = arc.resolution.first_pass(path)
-            if touch is not None and touch - piece.start >= NEW_START * piece.length:
-                piece = piece.until(touch)
-                continue
-            if arc.stepper.came_near_singular():
-                self._note_near_singular()
-                piece = self._shortened(piece)
-                continue
-            ends = piece.times[-1] == schedule.times[last] and last < schedule.size - 1
-            if ends and arc.stepper.ends_near_singular():
-                last = min(last + piece.times.size, schedule.next_break(last + 1), schedule.size - 1)
-                if not self.setup.signals.controller:
-                    piece = schedule.piece(self._time, self._index, last)
-                    continue
-            break
-        return self._finish(piece, path, times, x, failure)
+        return self._finish(piece, path, failure)
 
     def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
         """The path of the integrator over a piece, or up to where it fails."""
@@ -239,25 +227,38 @@ class Run:
             return Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
 
     def _finish(
-        self, piece: Piece, path: Path, times: np.ndarray, x: np.ndarray, failure: IntegrationFailure | None
+        self,
+        piece: Piece,
+        path: Path,
+        failure: IntegrationFailure | None = None,
+        *,
+        passage: Passage | None = None,
     ) -> bool:
-        """Keep the outputs of a piece up to the first event that decides how the run goes on."""
-        arc, wanted, begins = self._arc, piece.wanted[: times.size], piece.begins[: times.size]
-        crossings: list[Crossing] = []
-        if arc.watch.events and times.size:
-            knots, states = np.r_[piece.start, times], np.vstack([self._x, x])
-            crossings = arc.watch.crossings(arc.stepper.outputs, knots, states, arc.stepper.way_from, self._decides)
+        """Keep the outputs of a piece up to the first event that decides how the run goes on.
+
+        Parameters
+        ----------
+        passage : Passage, optional
+            Continues the motion across a singular pose, instead of the integrator.
+        """
+        arc, times = self._arc, path.times[1:]
+        outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
+        x = outputs.projected(times, path.x[1:]) if times.size else path.x[1:]
+        if outputs.recovery.left_over > APART:
+            x, failure = self._together(times, x)
+            times = times[: len(x)]
+        arc.stepper.note_turning(x)
+        crossings = self._crossings(piece.start, times, x, passage)
         deciding = [c for c in crossings if self._decides(c.event)]
         count = times.size
         if deciding:
             # an output at the event itself comes before it
-            instant = deciding[0].time + self.instant
-            count = int(np.searchsorted(times, instant, side="right"))
+            count = int(np.searchsorted(times, deciding[0].time + self.instant, side="right"))
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
-        if failure is None:
+        if failure is None and passage is None and times.size:
             arc.resolution.note(path.until(deciding[0].time if deciding else float(times[-1])))
-        kept = np.flatnonzero(wanted[:count])
-        self._keep(times[kept], x[kept], begins[kept])
+        kept = np.flatnonzero(piece.wanted[:count])
+        self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:
             if not self._decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
@@ -265,9 +266,72 @@ class Run:
             return self._at_events(deciding, count)
         if failure is not None:
             raise self._failed(piece, failure, times, x)
-        self._time, self._x = float(times[-1]), self._after_jump(x[-1], piece) if piece.ends_at_jump else x[-1]
+        self._time, self._x = float(times[-1]), x[-1]
         self._index = self._schedule.index_after(self._time)
+        if piece.ends_at_jump:
+            self._x = self._after_jump(x[-1], piece)
+            self._trail.begin(self._time, self._x)
+        else:
+            self._trail.add(times, x)
         return False
+
+    def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
+        """Events of a piece, up to the instant of the first that decides how the run goes on."""
+        arc = self._arc
+        if not arc.watch.events or not times.size:
+            return []
+        way_from = arc.stepper.way_from if passage is None else lambda _time, _x: passage.states
+        knots, states = np.r_[start, times], np.vstack([self._x, x])
+        return arc.watch.crossings(arc.stepper.outputs, knots, states, way_from, self._decides)
+
+    # --- singular poses -------------------------------------------------------------------------------
+    def _passage(self, path: Path) -> Passage | None:
+        """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
+        arc = self._arc
+        entry = arc.passage.entry(path)
+        if entry is None:
+            return None
+        trail = self._trail.with_path(path, entry)
+
+        def way(times: np.ndarray) -> np.ndarray:
+            time, x = trail.before(float(times[0]))
+            x = arc.stepper.outputs.projected(np.array([time]), x[None, :])[0]
+            return arc.stepper.precise_way_from(time, x)(times)
+
+        try:
+            passage = arc.passage.across(entry, trail.start, way, self._schedule.end)
+        except IntegrationFailure:
+            passage = None
+        if passage is None and arc.passage.smallest(path) < REALLY_SINGULAR:
+            raise self._stopped_before(entry, trail)
+        return passage
+
+    def _stopped_before(self, entry: float, trail: Trail) -> SimulationError:
+        """Error at a singular pose that the motion cannot be continued across."""
+        time, x = trail.before(entry)
+        q = x[: self._arc.numeric.eom.q.numel()]
+        pose = describe_singularity(self._arc.numeric, time, q)
+        return SimulationError(
+            f"the simulation stopped at t = {entry:.6g} s, before a singular pose, {pose.text}; the motion could not "
+            "be continued across it; what was computed is in .partial",
+            time=entry,
+        )
+
+    def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
+        """Advance to the far side of a singular pose; whether the run ended."""
+        before = path.times < passage.start
+        times = np.r_[path.times[before], passage.start]
+        states = np.vstack([path.x[before], passage.states(np.array([passage.start]))])
+        reached = Path(times, states, np.vstack([path.integrals[: len(times) - 2], path.integrals[:1] * 0]))
+        if self._finish(piece.until(passage.start), reached):
+            return True
+        if self._time < passage.start:  # an event came before
+            return False
+        across = self._schedule.stretch(self._time, self._index, passage.end)
+        states = np.vstack([self._x, passage.states(across.times[:-1]), passage.x])
+        self._passed.append((passage.start + passage.end) / 2)
+        nothing = np.zeros((across.times.size, path.integrals.shape[1]))
+        return self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
 
     def _after_jump(self, x: np.ndarray, piece: Piece) -> np.ndarray:
         """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
@@ -277,13 +341,6 @@ class Run:
 
     def _decides(self, event: Event) -> bool:
         return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
-
-    def _shortened(self, piece: Piece) -> Piece:
-        """The beginning of a piece in which no body turns far, so that little drift meets a singular pose."""
-        count = int(np.ceil(piece.length * self._arc.stepper.fastest / TURN_PER_PIECE))
-        if count <= 1 or piece.times.size <= 1:
-            return piece
-        return piece.until(float(piece.times[max(piece.times.size // count, 1) - 1]))
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -298,12 +355,12 @@ class Run:
                 return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
         return x, None
 
-    def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray) -> None:
+    def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
         if not times.size:
             return
         arc = self._arc
-        block = arc.stepper.outputs.block(times, x, since)
+        block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
         self._builder.add(arc.mode, *(part[:lost] for part in block))
@@ -313,20 +370,15 @@ class Run:
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
             )
 
-    def _note_near_singular(self) -> None:
-        statistics = self._builder.statistics
-        statistics.formulation += ", then regularised"
-        if NEAR_SINGULAR not in statistics.notes:
-            statistics.notes.append(NEAR_SINGULAR)
-
     # --- events and modes ---------------------------------------------------------------------------
     def _enter(self, state: State, *, first: bool = False) -> None:
         """Go on from a state in the present mode."""
         mode = self._mode
         if mode not in self._arcs:
-            self._arcs[mode] = _Arc(self, mode)
+            self._arcs[mode] = _Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
         self._x, self._time = np.r_[state.q, state.v, state.z], state.t
+        self._trail.begin(self._time, self._x)
         arc.watch.start_at(state)
         self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
         if first:
@@ -456,6 +508,15 @@ class Run:
             time=reached,
             partial=self._builder.trajectory(),
         )
+
+    def _passage_notes(self) -> list[str]:
+        if not self._passed:
+            return []
+        count = len(self._passed)
+        return [
+            f"passes {count} singular pose{'s' if count > 1 else ''}, the first at t = {self._passed[0]:.6g} s, in "
+            "which the mechanism could fold; the motion is continued smoothly"
+        ]
 
     @property
     def steps(self) -> int:

@@ -232,6 +232,22 @@ def _has_gap(element: Any) -> bool:
     return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
 
 
+def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
+    """States of a path at other times (k, n_x): coordinates by cubic Hermite polynomials, the rest linearly.
+
+    Parameters
+    ----------
+    n : int
+        Number of coordinates.
+    """
+    k = np.clip(np.searchsorted(path.times, times, side="right") - 1, 0, path.times.size - 2)
+    h = (path.times[k + 1] - path.times[k])[:, None]
+    s, begin, end = (times - path.times[k])[:, None] / h, path.x[k], path.x[k + 1]
+    q0, q1, v0, v1 = begin[:, :n], end[:, :n], h * begin[:, n : 2 * n], h * end[:, n : 2 * n]
+    q = q0 + s * (v0 + s * (3 * (q1 - q0) - 2 * v0 - v1 + s * (v0 + v1 - 2 * (q1 - q0))))
+    return np.hstack([q, begin[:, n:] + s * (end - begin)[:, n:]])
+
+
 def _interpolated(lengths: np.ndarray, begin: np.ndarray, end: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:
     """States on the cubic Hermite path from one output to the next, at shares of each interval, by row."""
     h, s = lengths[:, None, None], share[None, :, None]

@@ -186,6 +186,16 @@ class Schedule:
             starts_at_jump=from_jump,
         )
 
+    def stretch(self, start: float, first: int, end: float) -> Piece:
+        """Return the piece from a time to another one that need not be among the times of the run."""
+        last = self.index_after(end)
+        times = self.times[first:last]
+        if times.size and times[-1] == end:
+            return self.piece(start, first, last - 1)
+        count = times.size
+        wanted, stops = np.r_[self.wanted[first:last], False], np.zeros(count + 1, bool)
+        return Piece(start, np.r_[times, end], wanted, stops)
+
 
 def samples_of(grid: np.ndarray, period: float) -> np.ndarray:
     """Ends of the sampling periods of a controller within an output grid, the last one its end."""

@@ -8,21 +8,17 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
-from ..integrators import Integrator
+from ..integrators import IDAS, Integrator, RungeKutta
 from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, IntegrationFailure
 from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
-from .formulations import EXPLICIT_BODIES, Formulation, Regularised, choose_formulation
+from .formulations import Formulation, Regularised, choose_formulation
 from .outputs import Outputs
 from .resolution import Path, Resolution
 from .schedule import Piece
 
-#: Fall of the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to the largest one seen, at which the regularised
-#: form takes over for the rest of a run: the mechanism passes near a singular pose. For many bodies, where the
-#: change costs more, the pose must be nearer to it.
-NEARLY_SINGULAR, NEARLY_SINGULAR_MANY = 0.02, 1e-4
-#: The same, below which no piece is to end: the projection there is uncertain, and a start from it is off.
-NO_START = 0.02
+#: Tolerances of what is integrated to rounding.
+PRECISE = (1e-12, 1e-13)
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
@@ -78,12 +74,18 @@ class Stepper:
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._outputs = {flag: Outputs(numeric, signals, levels, redundant=flag) for flag in (False, True)}
         self.formulation = choose_formulation(numeric, integrator, redundant=redundant)
-        self.fastest = self._regular = 0.0
+        self.fastest = 0.0
+        self._precise: tuple[Formulation, CompiledIntegrator] | None = None
 
     @property
     def outputs(self) -> Outputs:
         """Outputs in the form of the equations that is used now."""
         return self._outputs[self.formulation.tolerates_redundancy]
+
+    @property
+    def tolerant_outputs(self) -> Outputs:
+        """Outputs also in singular poses: multipliers are those of least norm."""
+        return self._outputs[True]
 
     @property
     def starts(self) -> int:
@@ -174,8 +176,13 @@ class Stepper:
 
     def way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function from later times (k,) to projected states (k, n_x), by one short integration each."""
-        form, z = self.formulation, self._unknowns(self.formulation, start, x)
-        u, p, compiled = self.signals.channel_from(np.array([start])), self._parameters(None), self._of(form)
+        return self._way(self.formulation, self._of(self.formulation), start, x)
+
+    def _way(
+        self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        z, p = self._unknowns(form, start, x), self._parameters(None)
+        u = self.signals.channel_from(np.array([start]))
 
         def states_at(times: np.ndarray) -> np.ndarray:
             later = times > start
@@ -183,12 +190,14 @@ class Stepper:
             if not np.any(later):
                 return found
             columns = None if u is None else np.tile(u, (1, int(np.sum(later))))
+            # dense output is less exact than steps: those end at each of the times
+            stops = np.ones(int(np.sum(later)), bool)
             try:
-                reached = compiled.advance(x, z, start, times[later], p, columns)[0]
+                reached = compiled.advance(x, z, start, times[later], p, columns, stops=stops)[0]
             except IntegrationFailure as failure:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
-                reached = compiled.advance(x, perturbed(z), start, times[later], p, columns)[0]
+                reached = compiled.advance(x, perturbed(z), start, times[later], p, columns, stops=stops)[0]
             found[later] = self.outputs.projected(times[later], reached)
             return found
 
@@ -201,21 +210,14 @@ class Stepper:
         turning = x[:, n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
         self.fastest = max(self.fastest, largest(turning))
 
-    def came_near_singular(self) -> bool:
-        """Change to the regularised form if the poses of a piece come near to a singular one."""
-        regularity = self.outputs.recovery.regularity
-        self._regular = max(self._regular, float(np.max(regularity, initial=0.0)))
-        many = len(self.numeric.eom.mechanism.bodies) > EXPLICIT_BODIES
-        limit = (NEARLY_SINGULAR_MANY if many else NEARLY_SINGULAR) * self._regular
-        near = float(np.min(regularity, initial=np.inf)) < limit
-        if not near or isinstance(self.formulation, Regularised) or self.numeric.eom.Q_depends_on_lam:
-            return False
-        self.formulation = Regularised()
-        return True
-
-    def ends_near_singular(self) -> bool:
-        """Whether a piece ends so near to a singular pose that no integrator should be started there."""
-        return float(self.outputs.recovery.regularity[-1]) < NO_START * self._regular
+    def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the function from later times to projected states, integrated to rounding."""
+        if self._precise is None:
+            explicit = not (self.numeric.massless or self.numeric.eom.Q_depends_on_lam)
+            method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
+            form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
+            self._precise = form, CompiledIntegrator(form.dae(self.numeric, self.signals), method)
+        return self._way(*self._precise, start, x)
 
 
 def perturbed(z: np.ndarray) -> np.ndarray:

@@ -490,17 +490,12 @@ def test_flat_parallelogram_keeps_its_branch():
     assert motion[f.first.phi][-1] < -10
 
 
-LOSES_BRANCH = pytest.mark.xfail(
-    reason="IDAS at default tolerances leaves the branch after some forty flat poses; a note tells of them"
-)
-
-
 @pytest.mark.parametrize(
     ("end", "count"),
     [
         (10, 101),
-        pytest.param(40, 401, marks=[pytest.mark.slow, LOSES_BRANCH]),
-        pytest.param(40, 41, marks=LOSES_BRANCH),
+        pytest.param(40, 401, marks=pytest.mark.slow),
+        (40, 41),
     ],
 )
 def test_flat_chain_on_coarse_outputs(end, count):

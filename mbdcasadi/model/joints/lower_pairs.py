@@ -28,6 +28,8 @@ class Revolute(Joint):
     Haug 1989, section 3.3, eq. (3.3.10).
     """
 
+    is_lower_pair = True
+
     def __init__(self, name: str, a: Any, b: Any):
         a, b = pair(name, a, b)
         super().__init__(name, a, b, a.position - b.position, ("x", "y"))
@@ -65,6 +67,8 @@ class Translational(AlongLine, Joint):
     Haug 1989, section 3.3, eq. (3.3.13).
     """
 
+    is_lower_pair = True
+
     def __init__(self, name: str, a: Any, b: Any):
         a, b = pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
@@ -81,6 +85,8 @@ class Weld(Joint):
     a, b : Marker
         Points with axes on two bodies.
     """
+
+    is_lower_pair = True
 
     def __init__(self, name: str, a: Any, b: Any):
         a, b = pair(name, a, b)

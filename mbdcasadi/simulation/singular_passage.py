@@ -1,0 +1,310 @@
+"""Passing a pose in which a linkage could fold: a bifurcation, where constraint rows become dependent for an instant.
+
+In such a pose the accelerations follow from the equations of motion only as a
+limit, and near it whatever constraint error there is, is divided by a singular
+value that passes through zero: an integrator that goes on may leave on another
+branch. The motion itself is smooth. So it is integrated up to a distance from the
+pose, continued across by a polynomial through what came before, and brought onto
+the constraints on the far side, where they are regular again. There the
+accelerations of the polynomial must be those of the equations of motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..equations.derivation import Equations
+from ..equations.numeric import NumericEquations
+from ..numerics.least_squares import largest
+from ..numerics.rank import dependent_rows
+from .events import Way
+from .outputs import Outputs
+from .resolution import Path, hermite_states
+
+#: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
+#: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
+ENTRY = 0.01
+#: Turn of a body between two poses at which the pivot is looked at, rad.
+TURN = 0.05
+#: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
+#: its length, near by what the singular value divides. Measured on parallelograms in rows of one to five, the energy
+#: was off by 1e-6, 1e-8, 1e-8, 1e-7 J of 2 J at distances of 1, 0.5, 0.25, 0.12.
+DISTANCES = (0.25, 0.5, 0.125, 1.0)
+#: Error of the velocities, relative to them, that is good enough.
+GOOD = 1e-9
+#: Length of the motion through which the polynomial is laid, in lengths of the passage, and points on it. Each point
+#: gives coordinates and velocities.
+HISTORY, POINTS = 4.0, 6
+#: Pieces of a motion that are remembered for it.
+PARTS = 40
+#: Longest passage, in times that the motion takes from where the pivot is four times as large to the entry.
+LONGEST = 12.0
+#: Difference of the polynomial's accelerations from those of the equations of motion on the far side, relative to
+#: their size, and change of its coordinates there by the projection, up to which the passage is accepted.
+ACCELERATION_TOLERANCE, POSITION_TOLERANCE = 1e-3, 1e-6
+
+
+def has_loops(eom: Equations) -> bool:
+    """Whether constraints close loops: only then they can become dependent in particular poses.
+
+    A tree of pins, slides and welds is regular in every pose.
+    """
+    parent: dict[int, int] = {}
+
+    def root(key: int) -> int:
+        while parent.setdefault(key, key) != key:
+            key = parent[key]
+        return key
+
+    for element in eom.mechanism.constraints:
+        if getattr(element, "is_lower_pair", False) and len(element.bodies) == 2:
+            a, b = (root(id(body)) for body in element.bodies)
+            if a == b:
+                return True
+            parent[a] = b
+        else:
+            return True
+    return False
+
+
+class Regularity:
+    """The smallest pivot of the constraint rows, relative to their mean: it falls towards zero near a singular pose.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+    q : numpy.ndarray
+        A pose that is not singular; rows that depend on others there are left out.
+    t : float
+        Its time, s.
+    """
+
+    def __init__(self, numeric: NumericEquations, t: float, q: np.ndarray):
+        self.numeric = numeric
+        self.is_needed = bool(numeric.eom.lam.numel()) and has_loops(numeric.eom)
+        if not self.is_needed:
+            return
+        scaled = numeric.scale.scaled(numeric.velocity(t, q)[0])
+        left_out = set(dependent_rows(scaled))
+        rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
+        eom = numeric.eom
+        self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))
+
+    def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Smallest relative pivot at poses (k, n)."""
+        found = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        return np.where(np.isfinite(found), found, 0.0)
+
+
+def _regularity(eom: Equations, rows: list[int]) -> ca.Function:
+    columns = ca.SX.sym("scale", eom.q.numel())
+    jacobian = eom.Phi_q[rows, :] @ ca.diag(columns)
+    size = ca.sum2(jacobian**2)
+    normal = ca.diag(1 / ca.sqrt(size + (size == 0))) @ jacobian
+    pivots = ca.ldl(normal @ normal.T + 1e-14 * ca.SX.eye(len(rows)))[0]
+    return ca.Function("regularity", [eom.t, eom.q, eom.p, columns], [ca.mmin(ca.densify(pivots))])
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A motion continued across a singular pose.
+
+    Attributes
+    ----------
+    start, end : float
+        Times before and after it, s.
+    x : numpy.ndarray
+        State at the end, on the constraints.
+    states : callable
+        ``times -> (k, n_x)``: states in between, as the polynomial has them.
+    error : float
+        Estimated error of the velocities at the end, relative to them.
+    """
+
+    start: float
+    end: float
+    x: np.ndarray
+    states: Callable[[np.ndarray], np.ndarray]
+    error: float
+
+
+class SingularPassage:
+    """Watches the poses of a run, and continues it across singular ones.
+
+    Parameters
+    ----------
+    regularity : Regularity
+        Of the rows.
+    outputs : Outputs
+        Makes outputs of states.
+    """
+
+    def __init__(self, regularity: Regularity, outputs: Outputs):
+        self._regularity, self._outputs = regularity, outputs
+        self._numeric = regularity.numeric
+        self._largest = 0.0
+
+    # --- noticing ------------------------------------------------------------------------------
+    def entry(self, path: Path) -> float | None:
+        """Time at which a path comes near to a singular pose; None if it does not, or begins there."""
+        if not self._regularity.is_needed or path.times.size < 2:
+            return None
+        times = self._finer(path)
+        poses = hermite_states(path, times, self._numeric.eom.q.numel())[:, : self._numeric.eom.q.numel()]
+        values = self._regularity.at(times, poses)
+        running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
+        self._largest = float(running[-1])
+        near = values < ENTRY * running
+        entries = np.flatnonzero(near[1:] & ~near[:-1])  # a path that begins near to a pose has passed it
+        return float(times[entries[0]]) if entries.size else None
+
+    def _finer(self, path: Path) -> np.ndarray:
+        """Times of a path between which no body turns far."""
+        turned = np.abs(np.diff(path.x[:, np.flatnonzero(self._numeric.eom.angles)], axis=0)).max(axis=1, initial=0.0)
+        parts = np.clip(np.ceil(turned / TURN), 1, 400).astype(int)
+        ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
+        return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
+
+    def smallest(self, path: Path) -> float:
+        """Smallest pivot along a path, relative to the one of the entry."""
+        times = self._finer(path)
+        n = self._numeric.eom.q.numel()
+        return float(np.min(self._regularity.at(times, hermite_states(path, times, n)[:, :n]))) / (
+            ENTRY * self._largest
+        )
+
+    # --- passing ----------------------------------------------------------------------------------
+    def across(self, time: float, begin: float, way: Way, limit: float) -> Passage | None:
+        """Continue a motion from near a singular pose to the far side; None if no polynomial meets the equations.
+
+        Parameters
+        ----------
+        time : float
+            Entry, s.
+        begin : float
+            Time since which the motion is smooth, s.
+        way : callable
+            ``times -> states`` of the motion, from some time before the entry to shortly after it.
+        limit : float
+            End of the run, s.
+        """
+        half = self._distance(time, begin, way)
+        best: Passage | None = None
+        if half is None:
+            return None
+        for distance in DISTANCES:
+            passage = self._from(time, half, distance, begin, way, limit)
+            if passage is not None and (best is None or passage.error < best.error):
+                best = passage
+            if best is not None and best.error <= GOOD:
+                break
+        return best
+
+    def _distance(self, time: float, begin: float, way: Way) -> float | None:
+        """Time from an entry to the singular pose, by the fall of the root of the pivot."""
+        earlier = max(begin, time - 1e-3 * (time - begin))
+        times = np.array([earlier, time])
+        n = self._numeric.eom.q.numel()
+        before, now = np.sqrt(np.maximum(self._regularity.at(times, way(times)[:, :n]), 0.0))
+        rate = (before - now) / (time - earlier)
+        return float(now / rate) if rate > 0 and now / rate < time - begin else None
+
+    def _from(self, time: float, half: float, distance: float, begin: float, way: Way, limit: float) -> Passage | None:
+        """The passage by a polynomial between two distances from the pose; None if it does not arrive there."""
+        start, reach = time + (1 - distance) * half, distance * half
+        course = _Course(self._outputs, start, min(HISTORY * 2 * reach, start - begin), way)
+        n = self._numeric.eom.q.numel()
+        times = start + reach * np.arange(1.0, LONGEST, 0.125)
+        times = times[times <= limit]
+        if not times.size:
+            return None
+        ahead = course.states(times)
+        pivots = self._regularity.at(times, self._outputs.recovery.positions(times, ahead[:, :n]))
+        lowest = int(np.argmin(pivots[:16]))
+        behind = np.flatnonzero(pivots[lowest:] >= distance**2 * ENTRY * self._largest)
+        if not behind.size:
+            return None
+        k = lowest + int(behind[0])
+        x = self._outputs.projected(times[k : k + 1], ahead[k : k + 1])[0]
+        error = self._error(float(times[k]), float(times[k]) - start, x, ahead[k], course)
+        return None if error is None else Passage(start, float(times[k]), x, course.states, error)
+
+    def _error(self, time: float, length: float, x: np.ndarray, ahead: np.ndarray, course: _Course) -> float | None:
+        """Error of the velocities at the end, relative to them; None if the equations are not met there.
+
+        The accelerations of the polynomial are compared with those of the equations of motion.
+        """
+        n, size = self._numeric.eom.q.numel(), self._numeric.scale.coordinates
+        if largest((x[:n] - ahead[:n]) / size) > POSITION_TOLERANCE:
+            return None
+        a = self._outputs.block(np.array([time]), x[None, :])[3][0]
+        speed = largest(x[n : 2 * n] / size)
+        missed = largest((a - course.accelerations(time)) / size)
+        if not np.isfinite(missed) or missed > ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
+            return None
+        return missed * length / speed if speed else None
+
+
+class _Course:
+    """Polynomial through coordinates and velocities of a motion at some times before another."""
+
+    def __init__(self, outputs: Outputs, start: float, span: float, way: Way):
+        from scipy.interpolate import KroghInterpolator
+
+        nodes = -(1 + np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
+        q, v, z = outputs.split(way(start + span * nodes))
+        values = np.empty((2 * POINTS, q.shape[1]))
+        values[0::2], values[1::2] = q, span * v
+        self._start, self._span = start, span
+        self._positions = KroghInterpolator(np.repeat(nodes, 2), values)
+        self._slow = KroghInterpolator(nodes, z) if z.shape[1] else None
+
+    def states(self, times: np.ndarray) -> np.ndarray:
+        """Coordinates, velocities and first-order states by row."""
+        tau = (times - self._start) / self._span
+        z = np.zeros((times.size, 0)) if self._slow is None else self._slow(tau)
+        return np.hstack([self._positions(tau), self._positions.derivative(tau, 1) / self._span, z])
+
+    def accelerations(self, time: float) -> np.ndarray:
+        """Accelerations at a time (n,)."""
+        return self._positions.derivative((time - self._start) / self._span, 2) / self._span**2
+
+
+class Trail:
+    """States of a motion since it last began smoothly."""
+
+    def __init__(self) -> None:
+        self._parts: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def begin(self, time: float, x: np.ndarray) -> None:
+        """Forget what was before: the motion begins anew."""
+        self._parts = [(np.array([time]), x[None, :])]
+
+    def add(self, times: np.ndarray, x: np.ndarray) -> None:
+        """Append states by row."""
+        self._parts = [*self._parts[-PARTS:], (times, x)]
+
+    def with_path(self, path: Path, time: float) -> Trail:
+        """Return the trail with a path up to a time appended."""
+        found, before = Trail(), path.times <= time
+        found._parts = [*self._parts, (path.times[before], path.x[before])]
+        return found
+
+    @property
+    def start(self) -> float:
+        """Its first time, s."""
+        return float(self._parts[0][0][0])
+
+    def before(self, time: float) -> tuple[float, np.ndarray]:
+        """Return the last time and state that are not after another time."""
+        for times, x in reversed(self._parts):
+            k = int(np.searchsorted(times, time, side="right")) - 1
+            if k >= 0:
+                return float(times[k]), x[k]
+        times, x = self._parts[0]
+        return float(times[0]), x[0]
