@@ -55,6 +55,8 @@ class Body(Immutable):
     Haug, *Computer Aided Kinematics and Dynamics of Mechanical Systems*, 1989, sections 2.4 and 6.1.
     """
 
+    _symbolic = True
+
     x: ca.SX
     y: ca.SX
     phi: ca.SX

@@ -56,6 +56,7 @@ class Element(Immutable):
     """
 
     kind: ClassVar[str] = "element"
+    _symbolic = True
 
     markers: tuple[Marker, ...] = ()
     rows: ca.SX = ca.SX(0, 1)

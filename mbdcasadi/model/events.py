@@ -52,6 +52,8 @@ class Event(Immutable):
     Contacts*, 1996, chapter 6 (impacts with constraints).
     """
 
+    _symbolic = True
+
     def __init__(self, name: str, expression: Any, direction: int = 0, terminal: bool = False, reset: Any = None):
         self.name = check_name(name, "Event")
         what = f"event '{name}'"

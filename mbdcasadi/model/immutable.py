@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from typing import Any, ClassVar, NoReturn
+
+from ..errors import ModelError
 
 
 class Sealed(type):
@@ -21,12 +23,23 @@ class Sealed(type):
         return instance
 
 
+def refuse_pickle(thing: Any) -> NoReturn:
+    """Raise for what holds symbols: a process of its own has none of them."""
+    raise ModelError(
+        f"{thing!r} cannot be pickled: its symbols belong to this process; build the model in each process by "
+        "calling the same function there, and hand results over by files: motion.save(path)"
+    )
+
+
 class Immutable(metaclass=Sealed):
     """Base class of model elements: identity equality, no assignment after construction.
 
     Values that are derived on demand use ``functools.cached_property``, which
     stores beside ``__setattr__`` and so stays possible.
     """
+
+    #: Whether it holds symbols, which cannot be pickled.
+    _symbolic: ClassVar[bool] = False
 
     def __setattr__(self, name: str, value: Any) -> None:
         if self.__dict__.get("_sealed", False):
@@ -38,3 +51,8 @@ class Immutable(metaclass=Sealed):
 
     def __deepcopy__(self, memo: dict) -> Immutable:
         return self
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        if self._symbolic:
+            refuse_pickle(self)
+        return super().__reduce_ex__(protocol)

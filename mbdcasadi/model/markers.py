@@ -35,6 +35,8 @@ class Marker(Immutable):
         Angle of its x axis in the body frame, rad.
     """
 
+    _symbolic = True
+
     def __init__(self, body: Body, local: ca.SX, local_angle: ca.SX):
         self.body = body
         self.local = local

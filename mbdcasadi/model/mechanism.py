@@ -53,6 +53,8 @@ class Mechanism(Immutable):
         For names that occur twice, parts of another mechanism, and symbols that are not listed.
     """
 
+    _symbolic = True
+
     def __init__(
         self,
         bodies: Sequence[Body],

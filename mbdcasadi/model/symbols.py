@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from .immutable import refuse_pickle
 
 #: What a symbol can stand for.
 KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
@@ -97,6 +98,9 @@ class Symbol(ca.SX):
 
     def __deepcopy__(self, memo: dict) -> Symbol:
         return self
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        refuse_pickle(self)
 
     def __hash__(self) -> int:
         return self.element_hash()

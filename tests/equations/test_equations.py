@@ -355,7 +355,7 @@ def test_a_plain_class_may_be_a_force():
     np.testing.assert_allclose(state[ball.acceleration], [-3.75, -5.0], rtol=1e-12)
 
 
-class Skate(mbd.model.elements.ConstraintElement):
+class Skate(mbd.model.element.ConstraintElement):
     """A knife edge: no velocity across the blade (a velocity-level row, from outside the package)."""
 
     def __init__(self, name, marker):
@@ -404,7 +404,7 @@ def test_rows_of_both_levels_stand_in_the_order_of_the_elements():
     np.testing.assert_allclose(Phi_q @ a - gamma.ravel(), rate, atol=1e-8)
 
 
-class CamPin(mbd.model.elements.ConstraintElement):
+class CamPin(mbd.model.element.ConstraintElement):
     """A pin on a curve of another body with the curve's parameter as a coordinate of its own."""
 
     def __init__(self, name, cam, pin, value):

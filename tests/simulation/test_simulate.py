@@ -531,7 +531,7 @@ def test_massless_body_that_moves_freely_is_refused():
 
 
 # --- forces of the user's own -------------------------------------------------------------------------------
-class Drag(mbd.model.elements.Element):
+class Drag(mbd.model.element.Element):
     """Quadratic drag on a body: an element from outside the package."""
 
     kind = "force"
@@ -546,7 +546,7 @@ class Drag(mbd.model.elements.Element):
 class PlainDrag:
     """The same without any base class: the attributes of the interface alone."""
 
-    name, what = "drag", "force 'drag'"
+    name, description = "drag", "force 'drag'"
     markers = coordinates = limits = row_labels = row_names = ()
     rows = velocity_rows = multipliers = ca.SX(0, 1)
     potential = ca.SX(0)

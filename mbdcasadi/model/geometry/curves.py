@@ -48,6 +48,7 @@ class Curve(Immutable):
     """
 
     _called = "Curve"
+    _symbolic = True
 
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
         what = self._called

@@ -72,12 +72,12 @@ class ModesOfFriction:
     # --- mechanisms in one mode ------------------------------------------------------------------
     def variant(self, modes: Modes) -> Mechanism:
         """The mechanism with every friction in a mode; made once."""
-        key = ("stick and slip", modes)
-        memory = self.mechanism.cache
-        if key not in memory:
-            place = {id(f): f.in_mode(mode) for f, mode in zip(self.frictions, modes, strict=True)}
-            memory[key] = self.mechanism.replace(forces=[place.get(id(f), f) for f in self.mechanism.forces])
-        return memory[key]
+
+        def make() -> Mechanism:
+            place = {f: f.in_mode(mode) for f, mode in zip(self.frictions, modes, strict=True)}
+            return self.mechanism.replace(forces=[place.get(f, f) for f in self.mechanism.forces])
+
+        return self.mechanism.cache.get_or_create(("stick and slip", modes), make)
 
     def numeric(self, modes: Modes) -> NumericEquations:
         """Equations in a mode, at the parameters of the run."""
