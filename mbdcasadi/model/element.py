@@ -46,6 +46,9 @@ class Element(Immutable):
         Rates of first-order states that the element owns.
     potential : casadi.SX
         Potential energy, J, of forces that have one.
+    external : bool
+        Whether what it exerts comes from outside (weight, a field), so that nothing in the model takes the
+        reaction; of any other element the ground takes what its forces on the bodies do not balance.
     limits : tuple of Limit
         What its quantities must keep to at any value of the parameters.
     monitors : tuple of Monitor
@@ -67,6 +70,7 @@ class Element(Immutable):
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
+    external: bool = False
     limits: tuple[Limit, ...] = ()
     monitors: tuple[Monitor, ...] = ()
 

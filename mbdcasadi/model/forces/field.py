@@ -62,6 +62,7 @@ class FieldForce(Element):
     """
 
     kind = "force"
+    external = True
 
     def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
         super().__init__(name)

@@ -28,6 +28,7 @@ class Gravity(Element):
     """
 
     kind = "force"
+    external = True
 
     def __init__(self, acceleration: Any = (0.0, -9.81), name: str = "gravity"):
         super().__init__(name)
@@ -41,6 +42,7 @@ class _Weight(Element):
     """Gravity with the bodies of a mechanism known."""
 
     kind = "force"
+    external = True
 
     def __init__(self, gravity: Gravity, bodies: tuple[Body, ...]):
         super().__init__(gravity.name)
