@@ -58,7 +58,7 @@ from .model.forces.friction.viscous import Viscous
 from .model.forces.gravity import Gravity
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA
-from .model.forces.stops import EndStop
+from .model.forces.stops import EndStop, Rope
 from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise

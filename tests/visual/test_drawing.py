@@ -361,6 +361,7 @@ def simple_elements():
         mbd.TSDA("x", a, b, actuator=3),
         mbd.TSDA("x", a, fixed, stiffness=3, damping=1),
         mbd.TSDA("x", a, fixed, damping=1),
+        mbd.Rope("x", a, fixed, length=0.3, stiffness=100),
         mbd.HydraulicCylinder("x", a, b, 0.05, 0.02, 0.8, 1e-3, 0.0),
         mbd.Contact("x", mbd.Segment(a, 0.3, 0.05), mbd.Point(b), law),
         mbd.Contact("x", mbd.PolygonEdges(b, [(0, 0), (0.2, 0), (0, 0.2)]), mbd.HalfPlane(p.at(0, 0)), law),

@@ -1,4 +1,4 @@
-"""Stops: one-sided forces on any coordinate."""
+"""One-sided forces: stops on any coordinate, and ropes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,47 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import ground
+from ..bodies import ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
-from ..quantities import function_of, quantity
+from ..expressions import distance, fmax
+from ..quantities import Limit, function_of, quantity
 from ..rates import time_derivative
 from ..smoothing import Smoothing
-from .laws import pushing_force, stored_energy
+from .laws import continuous_force, pushing_force, stored_energy
 
 
-class EndStop(Element):
-    """Stop that acts where a gap is closed: ``F = law(-gap, -gap rate)``, ``δW = F δgap``.
+class _OneSided(Element):
+    """A force that acts if a gap is closed, and then opens it; a subclass says by what law."""
+
+    #: the force in words
+    _effort = "force"
+    gap: ca.SX
+    law: Any
+
+    @cached_property
+    def rate(self) -> ca.SX:
+        """Rate of the gap, m/s or rad/s."""
+        return time_derivative(self.gap)
+
+    @cached_property
+    def force(self) -> ca.SX:
+        """Force that opens the gap, N or N m."""
+        return pushing_force(self.law, self.gap, self.rate, self.description)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """Quantities whose course a run must follow in several steps."""
+        course = continuous_force(self.law, self.gap, self.force, self.description)
+        return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Elastic energy, J; zero for a law that has no ``potential(penetration)``."""
+        return stored_energy(self.law, -self.gap)
+
+
+class EndStop(_OneSided):
+    """Stop that acts if a gap is closed: ``F = law(-gap, -gap rate)``, ``δW = F δgap``.
 
     Parameters
     ----------
@@ -29,7 +60,7 @@ class EndStop(Element):
         stop on an angle; ``guide.displacement - 0.1``, ``1.2 - hinge.angle``.
     law : callable
         ``law(penetration, rate)`` returns the force (N, or N m on an angle), as
-        :class:`HuntCrossley` does. Where the gap is open the force is zero in any case.
+        :class:`HuntCrossley` does. While the gap is open the force is zero in any case.
 
     Attributes
     ----------
@@ -53,27 +84,98 @@ class EndStop(Element):
             raise ModelError(f"{self.description}: the gap {gap} depends on no coordinate of a body")
         self.law = function_of(law, self.description, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
-        # what a stop leans on is the ground, where its gap does not say otherwise
+        # a gap of one body is one to the ground
         found = owners(self.gap)
         self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
         self.virtual_work = ((self.gap, self.force),)
 
-    @cached_property
-    def rate(self) -> ca.SX:
-        """Rate of the gap, m/s or rad/s."""
-        return time_derivative(self.gap)
 
-    @cached_property
-    def force(self) -> ca.SX:
-        """Force that opens the gap, N or N m."""
-        return pushing_force(self.law, self.gap, self.rate, self.description)
+class _Elongation:
+    """Law of a rope: elastic and damped while it is stretched, never pushing."""
 
-    @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps."""
-        return (Smoothing(self.force, 1.0, f"{self.description}: its force", "or soften the law", self.force),)
+    def __init__(self, stiffness: Any, damping: Any):
+        self.stiffness, self.damping = stiffness, damping
 
-    @cached_property
-    def potential(self) -> ca.SX:
-        """Elastic energy, J, where the law knows it."""
-        return stored_energy(self.law, -self.gap)
+    def __call__(self, elongation: ca.SX, rate: ca.SX) -> ca.SX:
+        return fmax(self.stiffness * elongation + self.damping * rate, 0)
+
+    def potential(self, elongation: ca.SX) -> ca.SX:
+        """Energy of the stretched rope, J."""
+        return 0.5 * self.stiffness * fmax(elongation, 0) ** 2
+
+
+class Rope(_OneSided):
+    """Elastic rope, cable or chain between two points: it pulls while it is stretched, and never pushes.
+
+    With the elongation ``e = d - L``, d the distance of the points:
+    ``T = max(k e + c ė, 0)`` if ``e > 0``, else 0; ``δW = -T δe``. The rope has no mass and no shape of its own:
+    when slack, it is not there.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Points on two bodies.
+    length : float or expression in coordinates, time and parameters
+        Length L without force, m. With ``length=5 - drum.radius * drum_joint.angle`` the rope is wound up, and its
+        tension acts on the drum too.
+    stiffness : float or expression
+        k, N/m; of a wire of modulus E and cross-section A, ``E A / L``.
+    damping : float or expression, default 0
+        c, N s/m.
+
+    Attributes
+    ----------
+    distance, elongation, rate : casadi.SX
+        Distance d of the points and elongation e, m; the rate of :attr:`gap`, m/s.
+    gap : casadi.SX
+        Slack ``-e``, m; negative while the rope is stretched.
+    tension : casadi.SX
+        T, N.
+
+    Raises
+    ------
+    ModelError
+        For a length or stiffness that is not positive, or a negative damping.
+
+    See Also
+    --------
+    Distance : a massless rod of constant length, which pushes as well as pulls.
+
+    Notes
+    -----
+    ``simulate`` does not pass over a rope that is taut for a short time, and warns if its steps did not resolve the
+    tension. With damping the tension jumps to ``c ė`` when the rope gets taut.
+
+    Examples
+    --------
+    A bungee jump::
+
+        cord = mbd.Rope("cord", bridge.at(0, 0), jumper.at(0, 1), length=20, stiffness=120, damping=15)
+        motion[cord.tension].max()
+    """
+
+    kind = "rope"
+    _effort = "tension"
+
+    def __init__(self, name: str, a: Any, b: Any, length: Any, stiffness: Any, damping: Any = 0.0):
+        super().__init__(name)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.description)
+        limits: list[Limit] = []
+        self.length = quantity(length, self.description, "length", above=0.0, limits=limits)
+        refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length is one of coordinates and time")
+        self.stiffness = quantity(stiffness, self.description, "stiffness", above=0.0, limits=limits)
+        self.damping = quantity(damping, self.description, "damping", at_least=0.0, limits=limits)
+        self.limits = tuple(limits)
+        self.law = _Elongation(self.stiffness, self.damping)
+        self.distance = distance(self.a, self.b)
+        self.elongation = self.distance - self.length
+        self.gap = -self.elongation
+        self.virtual_work = ((self.gap, self.tension),)
+        self.__dict__["bodies"] = tuple(dict.fromkeys((self.a.body, self.b.body, *owners(self.length))))
+
+    @property
+    def tension(self) -> ca.SX:
+        """Force with which the rope pulls its ends together, N; never negative."""
+        return self.force

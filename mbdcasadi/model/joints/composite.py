@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -22,9 +23,9 @@ def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit
 
 
 class Distance(Joint):
-    """Revolute–revolute composite: a massless link of a given length between two points.
+    """Revolute–revolute composite: a massless rod of a given length between two points.
 
-    ``Phi = (d·d - C²) / (2 C)`` with ``d = r^b - r^a`` (1 row, m).
+    ``Phi = (d·d - C²) / (2 C)`` with ``d = r^b - r^a`` (1 row, m). The rod pushes as well as it pulls.
 
     Parameters
     ----------
@@ -33,12 +34,21 @@ class Distance(Joint):
     a, b : Marker
         Points on two bodies.
     distance : float or expression in time and parameters
-        Length C of the link, m; not zero.
+        Length C of the rod, m; not zero.
+
+    Attributes
+    ----------
+    tension : casadi.SX
+        Force of the rod, N: positive if it pulls its ends together, negative if it pushes them apart.
 
     Raises
     ------
     ModelError
         For a zero or negative distance.
+
+    See Also
+    --------
+    Rope : elastic, and slack instead of pushing.
 
     References
     ----------
@@ -50,6 +60,11 @@ class Distance(Joint):
         self.distance = distance
         row, self.limits = distance_row(f"joint '{name}'", b.position - a.position, distance)
         super().__init__(name, a, b, row)
+
+    @cached_property
+    def tension(self) -> ca.SX:
+        """Force with which the rod pulls its ends together, N; negative if it pushes."""
+        return self.multipliers
 
 
 class PointOnLine(AlongLine, Joint):

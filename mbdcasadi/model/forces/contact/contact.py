@@ -15,7 +15,7 @@ from ...markers import Marker
 from ...quantities import function_of
 from ...smoothing import Smoothing
 from ..friction.base import FrictionLaw, as_law
-from ..laws import pushing_force, stored_energy
+from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import Outline
 from .places import Touch
 from .touching import touches
@@ -140,15 +140,19 @@ class Contact(Element):
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps: the normal force, and what smooths the friction, times that.
+        """Quantities whose course a run must follow: the normal force, and what smooths the friction, times that.
 
         Sums over the places, since places hand over to each other.
         """
-        load = self.normal_force
+        loads = [
+            continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self._places
+        ]
+        load = sum(loads, ca.SX(0))
         found = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
         if self.friction is not None:
             turn = f"{self.description}: its friction's change of direction"
-            for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
+            each = zip(loads, self._places, strict=True)
+            for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
                 found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
         return tuple(found)
 
