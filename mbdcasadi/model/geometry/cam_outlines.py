@@ -10,9 +10,9 @@ import numpy as np
 from ...errors import ModelError
 from ..quantities import quantity, yes_or_no
 from ..symbols import number
-from .closed_splines import closed_spline
 from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
 from .periodic_functions import TURN, lift_law, polar_law
+from .splines import closed_spline
 
 
 class CamOutline(Curve):

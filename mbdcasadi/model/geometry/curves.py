@@ -12,8 +12,7 @@ from ...errors import ExpressionError, ModelError
 from ..immutable import Immutable
 from ..quantities import column, function_of, yes_or_no
 from ..symbols import describe, number, symbols_of, values_of, varying_in
-from .closed_splines import closed_spline
-from .splines import spline
+from .splines import closed_spline, spline
 
 #: Places at which a curve is looked at when it is made.
 SAMPLES = 1440
@@ -229,7 +228,10 @@ def crossing(points: np.ndarray) -> np.ndarray | None:
 
 
 def least(function: Callable[[np.ndarray], np.ndarray], curve: Curve) -> float:
-    """Parameter of a curve at which a function of parameters is least, by grids that close in on it."""
+    """Parameter of a curve at which a function of parameters is least, by grids that close in on it.
+
+    A curve has many places that are nearest among their neighbours, where SciPy's minimisers would stop.
+    """
     grid = curve.samples
     step = grid[1] - grid[0]
     best = float(grid[np.argmin(function(grid))])

@@ -1,4 +1,8 @@
-"""Follower motions: rises, dwells and returns one after the other, for cams and drivers."""
+"""Follower motions: rises, dwells and returns one after the other, for cams and drivers.
+
+The laws are sines and polynomials of the share of a segment, written out here: SciPy's piecewise
+polynomials hold no sines.
+"""
 
 from __future__ import annotations
 
@@ -41,6 +45,8 @@ def modified_trapezoidal(s: ca.SX) -> ca.SX:
     peak, w = TRAPEZOIDAL_PEAK, 4 * np.pi
     late = s > 0.5
     x = ca.if_else(late, 1 - s, s)  # the second half mirrors the first
+    # comparisons with s itself, so that an integrator finds the joints in the expression
+    at_ends, outer = ca.logic_or(s < 1 / 8, s > 7 / 8), ca.logic_or(s < 3 / 8, s > 5 / 8)
 
     begin = peak * (x / w - ca.sin(w * x) / w**2)
     s1, v1 = peak * (1 / (8 * w) - 1 / w**2), peak / w
@@ -49,7 +55,7 @@ def modified_trapezoidal(s: ca.SX) -> ca.SX:
     s2, v2 = s1 + v1 / 4 + peak / 32, v1 + peak / 4
     y = x - 3 / 8
     end = s2 + v2 * y + peak * (1 - ca.cos(w * y)) / w**2
-    half = ca.if_else(x < 1 / 8, begin, ca.if_else(x < 3 / 8, constant, end))
+    half = ca.if_else(at_ends, begin, ca.if_else(outer, constant, end))
     return ca.if_else(late, 1 - half, half)
 
 

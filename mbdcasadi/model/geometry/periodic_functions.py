@@ -11,9 +11,9 @@ import numpy as np
 from ...errors import ExpressionError, ModelError
 from ..quantities import function_of, quantity
 from ..symbols import describe, varying_in
-from .closed_splines import closed_spline
 from .curves import values_over
 from .motion_programs import MotionProgram
+from .splines import closed_spline
 
 TURN = 2 * np.pi
 

@@ -93,7 +93,10 @@ def _triangle(corners: np.ndarray, order: int) -> Rule:
 
 
 def triangles(corners: np.ndarray) -> list[np.ndarray]:
-    """Triangles (3, 2) that make up a polygon with corners (k, 2) in counter-clockwise order, by cutting off ears."""
+    """Triangles (3, 2) that make up a polygon with corners (k, 2) in counter-clockwise order, by cutting off ears.
+
+    (SciPy's triangulation is that of the convex hull.)
+    """
     left, found = list(range(len(corners))), []
     while len(left) > 3:
         for k in range(len(left)):
