@@ -16,7 +16,7 @@ from ..model.mechanism import Mechanism
 from ..numerics.least_squares import largest, solve
 from ..numerics.rank import analyse_rank, dependent_rows, rows_taking_part, unit_rows
 from ..results.state import State
-from ..results.validity import broken_at_pose, not_still
+from ..results.validity import broken_at_pose, turning_angles
 from ..simulation.stick_slip.friction_modes import without_exact_friction
 from .singular import describe_singularity
 
@@ -201,7 +201,7 @@ def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
     """What monitors tell of a pose, and of the motions that the joints allow in it."""
     free = analyse_rank(numeric.position(t, q)[1][_without_drivers(numeric)] * numeric.column_scale).null_columns
-    turning = not_still(numeric, t, q, free * numeric.column_scale[:, None])
+    turning = turning_angles(numeric, t, q, free * numeric.column_scale[:, None])
     return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
 
 

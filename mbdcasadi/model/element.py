@@ -18,7 +18,7 @@ from .immutable import Immutable
 from .quantities import Limit
 from .smoothing import Smoothing
 from .symbols import check_name, register, role_of, symbols_of
-from .validity import Monitor
+from .validity import ValidityCondition
 
 
 class Element(Immutable):
@@ -51,7 +51,7 @@ class Element(Immutable):
         reaction; of any other element the ground takes what its forces on the bodies do not balance.
     limits : tuple of Limit
         What its quantities must keep to at any value of the parameters.
-    monitors : tuple of Monitor
+    validity_conditions : tuple of ValidityCondition
         What must hold along a motion for the element to mean what it says (a cam that only presses).
     smoothings : tuple of Smoothing
         What changes within a short time, so that a simulation tells where its steps jump over it; with a scalar
@@ -72,7 +72,7 @@ class Element(Immutable):
     potential: ca.SX = ca.SX(0)
     external: bool = False
     limits: tuple[Limit, ...] = ()
-    monitors: tuple[Monitor, ...] = ()
+    validity_conditions: tuple[ValidityCondition, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)

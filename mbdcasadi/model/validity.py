@@ -1,4 +1,4 @@
-"""What an element asks to be watched along a motion."""
+"""Conditions under which an element means what it says."""
 
 from __future__ import annotations
 
@@ -8,27 +8,36 @@ import casadi as ca
 
 
 @dataclass(frozen=True, eq=False)
-class Monitor:
-    """A quantity that must not become negative along a motion, and what it means where it does.
+class ValidityCondition:
+    """A quantity that must not become negative along a motion, and the message if it does.
 
-    Analyses look at it at their outputs and warn: nothing is changed.
+    Analyses evaluate it at their outputs and warn; nothing is changed.
 
     Attributes
     ----------
     expression : casadi.SX
-        Scalar.
-    sentence : str
-        What is wrong where it is negative, with the element and the remedy.
-    still : casadi.SX or None
-        An angle that the joints of the mechanism should hold still; ``check`` tells where they let it turn.
+        Scalar; negative where the element is not valid.
+    message : str
+        What is wrong then, with the element and the remedy.
+    fixed_angle : casadi.SX or None
+        An angle that the joints of the mechanism should hold; ``check`` reports it if they let it turn.
     shown : casadi.SX or None
-        What is told of its size in place of the expression, in the unit that follows.
+        Reported in place of the expression, in the unit that follows.
     unit : str
         Its unit.
+    between_outputs : bool
+        Whether ``simulate`` watches it between the outputs too: for what passes quickly. It then depends on time,
+        positions, velocities, states and parameters alone.
     """
 
     expression: ca.SX
-    sentence: str
-    still: ca.SX | None = None
+    message: str
+    fixed_angle: ca.SX | None = None
     shown: ca.SX | None = None
     unit: str = ""
+    between_outputs: bool = False
+
+    @property
+    def reported(self) -> ca.SX:
+        """Quantity whose size is reported."""
+        return self.expression if self.shown is None else self.shown

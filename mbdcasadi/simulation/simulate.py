@@ -18,7 +18,7 @@ from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
-from ..results.validity import tell_monitors
+from ..results.validity import report_validity
 from .events import EventWatch
 from .formulations import METHODS
 from .input_sampling import InputFeed
@@ -128,7 +128,7 @@ def simulate(
         motion.statistics.notes.append(sentence)
         warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
-    tell_monitors(motion)
+    report_validity(motion)
     return motion
 
 

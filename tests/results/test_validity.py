@@ -9,7 +9,7 @@ import pytest
 import mbdcasadi as mbd
 from mbdcasadi.model.element import Element
 from mbdcasadi.model.symbols import values_of
-from mbdcasadi.model.validity import Monitor
+from mbdcasadi.model.validity import ValidityCondition
 
 
 class Fence(Element):
@@ -19,7 +19,7 @@ class Fence(Element):
 
     def __init__(self, name, body):
         super().__init__(name)
-        self.monitors = (Monitor(1.0 - body.x, f"{self.description}: the body has passed it"),)
+        self.validity_conditions = (ValidityCondition(1.0 - body.x, f"{self.description}: the body has passed it"),)
 
 
 def runner(speed=1.0):

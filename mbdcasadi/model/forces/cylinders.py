@@ -10,7 +10,7 @@ import casadi as ca
 
 from ..quantities import Limit, quantity
 from ..symbols import StateVariable, state_of
-from ..validity import Monitor
+from ..validity import ValidityCondition
 from .springs import TSDA
 
 #: Standard atmosphere, Pa.
@@ -138,9 +138,13 @@ class HydraulicCylinder(Cylinder):
         chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
         rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
         rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
-        self.monitors = (
-            Monitor(chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"),
-            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"),
+        self.validity_conditions = (
+            ValidityCondition(
+                chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"
+            ),
+            ValidityCondition(
+                rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"
+            ),
         )
         self.rates = {p: rise, p_rod: rod_rise}
 
@@ -201,7 +205,9 @@ class GasSpring(TSDA):
         super().__init__(name, a, b, law=self._tension)
         self.limits = tuple(limits)
         within = "the length is below dead_length, where the gas has no volume"
-        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),)
+        self.validity_conditions = (
+            ValidityCondition((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),
+        )
 
     @cached_property
     def pressure(self) -> ca.SX:

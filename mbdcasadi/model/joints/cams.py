@@ -18,7 +18,7 @@ from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
 from ..quantities import Limit, quantity
 from ..symbols import Coordinate, values_of
-from ..validity import Monitor
+from ..validity import ValidityCondition
 from .base import Joint, pair
 from .contact_places import nearest_place, touching_place, touching_places
 from .outline_checks import as_outline, convex, fitting, positive_radius, wide_enough
@@ -35,7 +35,7 @@ class _Contact(Joint):
             "the contact force is negative: the follower would lift off, and the joint pulled it; "
             "press it on by a spring, or stop at the event that lift_off() makes"
         )
-        self.monitors = (Monitor(self.normal_force, f"{self.description}: {lifted}"),)
+        self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {lifted}"),)
 
     @property
     def normal_force(self) -> ca.SX:
@@ -211,7 +211,10 @@ class CamCam(_Contact):
         super().__init__(name, a, b, rows, ("x", "y", "tangent"))
         gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
         crossing = "the outlines cross at the contact, a hollow of one being narrower than the other"
-        self.monitors = (*self.monitors, Monitor(gap, f"{self.description}: {crossing}"))
+        self.validity_conditions = (
+            *self.validity_conditions,
+            ValidityCondition(gap, f"{self.description}: {crossing}"),
+        )
 
     @cached_property
     def normal_force(self) -> ca.SX:
@@ -253,7 +256,9 @@ class PointOnCurve(Joint):
         super().__init__(name, a, b, rows, ("x", "y"))
         if not curve.closed:
             left = ca.fmin(self.parameter - curve.lower, curve.upper - self.parameter)
-            self.monitors = (Monitor(left, f"{self.description}: the point has left the curve at one of its ends"),)
+            self.validity_conditions = (
+                ValidityCondition(left, f"{self.description}: the point has left the curve at one of its ends"),
+            )
 
     @cached_property
     def normal_force(self) -> ca.SX:

@@ -13,7 +13,7 @@ from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
 from ..quantities import Limit, known_value, quantity, yes_or_no
 from ..symbols import values_of
-from ..validity import Monitor
+from ..validity import ValidityCondition
 from .base import Joint, as_carrier, pair
 
 #: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.
@@ -96,19 +96,19 @@ class Gear(Joint):
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
         super().__init__(name, a, b, rolled - at_poses(rolled, bodies))
         off = ca.norm_2(along) / distance - 1
-        self.monitors = (
-            Monitor(
+        self.validity_conditions = (
+            ValidityCondition(
                 _CENTRES - ca.fabs(off),
                 f"{self.description}: the centres are not at the distance that the pitch radii make "
                 "(the sum of both, for an internal pair the difference)",
                 shown=ca.norm_2(along) - distance,
                 unit="m",
             ),
-            Monitor(
+            ValidityCondition(
                 along[0] / distance,
                 f"{self.description}: the line of centres turns against carrier '{carrier.name}'; "
                 "name the body that carries both centres as carrier=",
-                still=beyond,
+                fixed_angle=beyond,
             ),
         )
 

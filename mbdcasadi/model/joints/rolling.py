@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..element import at_poses
 from ..quantities import Limit, quantity
-from ..validity import Monitor
+from ..validity import ValidityCondition
 from .base import AlongLine, Joint, pair
 
 
@@ -52,7 +52,7 @@ class Rolling(AlongLine, Joint):
         rows = ca.vertcat(above, rolled - at_poses(rolled, [a.body, b.body]))
         super().__init__(name, a, b, rows, ("contact", "rolling"))
         leaving = "the normal force is negative: the wheel would leave the track, and the joint pulled it"
-        self.monitors = (Monitor(self.normal_force, f"{self.description}: {leaving}"),)
+        self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {leaving}"),)
 
     @property
     def normal_force(self) -> ca.SX:

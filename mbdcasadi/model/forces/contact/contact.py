@@ -14,6 +14,7 @@ from ...expressions import if_else
 from ...markers import Marker
 from ...quantities import function_of
 from ...smoothing import Smoothing
+from ...validity import ValidityCondition
 from ..friction.base import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import Outline
@@ -64,6 +65,10 @@ class Contact(Element):
     Two polygons touch by the edges that face each other, with a place at each of their four
     ends: a block on an equal one stands on two corners. Where the edges change, as when a
     corner slips off, the forces jump; so they do where the centre of a circle is deep inside.
+
+    A law that is too soft for an impact lets the outlines pass through each other: analyses warn if they penetrate
+    by more than half the depth at which their middles meet, or more than a radius (half a polygon's width) into a
+    half-plane or a hole.
 
     The stiffer the contact, the smaller the steps. ``simulate`` does not pass over a contact that is
     closed for a short time, and warns where its steps did not resolve the forces. Where exact stick or impact without
@@ -155,6 +160,21 @@ class Contact(Element):
             for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
                 found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
         return tuple(found)
+
+    @cached_property
+    def validity_conditions(self) -> tuple[ValidityCondition, ...]:  # type: ignore[override]
+        """The outlines do not penetrate so deep that they could come out on the other side."""
+        within = [touch.gap + touch.reach for touch in (p.touch for p in self._places) if touch.reach is not None]
+        if not within:
+            return ()
+        message = (
+            f"{self.description}: its law is too soft: the surfaces penetrate so deep that the outlines may pass "
+            "through each other; take a stiffer law, or thicker outlines"
+        )
+        condition = ValidityCondition(
+            ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True
+        )
+        return (condition,)
 
     @property
     def gap(self) -> ca.SX:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 
@@ -33,7 +35,7 @@ def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
     share = share_along(centre, first, second - first)
     touch = between_discs(centre, radius, nearest_point(centre, first, second), bar.radius)
     straight = ca.logic_and(share > 0, share < 1)
-    return Touch(if_else(straight, touch.gap, ca.fabs(touch.gap)), touch.normal, touch.point)
+    return replace(touch, gap=if_else(straight, touch.gap, ca.fabs(touch.gap)))
 
 
 def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
@@ -56,7 +58,7 @@ def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -
     gap = if_else(inside, height - radius, outside.gap)
     normal = if_else(inside, edge_normal, outside.normal)
     point = if_else(inside, centre - height * edge_normal, nearest)
-    return Touch(gap, normal, point)
+    return Touch(gap, normal, point, (ca.SX(radius) + b.half_width) / 2)
 
 
 def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
@@ -75,7 +77,8 @@ def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
     on_a = if_else(by_a, first[1], _facing(faces_a, second[1][:2]))
     on_b = if_else(by_a, _facing(faces_b, first[1][:2]), second[1])
     found = [_corner_on_edge(corner, on_b, closed=True) for corner in (on_a[2:4], on_a[4:6])]
-    return found + [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
+    found += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
+    return [replace(touch, reach=ca.SX((a.half_width + b.half_width) / 2)) for touch in found]
 
 
 def _faces(polygon: PolygonEdges) -> list[ca.SX]:

@@ -145,6 +145,14 @@ class PolygonEdges(Outline):
         self.points.setflags(write=False)
 
     @property
+    def half_width(self) -> float:
+        """Half of the least distance of two parallel lines that hold the polygon between them, m."""
+        sides = np.roll(self.points, -1, axis=0) - self.points
+        outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
+        heights = outward @ self.points.T
+        return float(np.min(np.ptp(heights, axis=1))) / 2
+
+    @property
     def corners(self) -> list[ca.SX]:
         """Positions of the corners, each (2,), m."""
         return [self.marker.position + self.marker.axes @ ca.DM(point) for point in self.points]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
@@ -22,15 +22,19 @@ class Touch:
         Unit vector (2,) from the second to the first outline.
     point : casadi.SX
         Where the force acts (2,), m.
+    reach : casadi.SX, optional
+        Depth beyond which the outlines have no meaning, m: half of that at which their middles meet; None if they
+        may penetrate by any depth.
     """
 
     gap: ca.SX
     normal: ca.SX
     point: ca.SX
+    reach: ca.SX | None = None
 
     def reversed(self) -> Touch:
         """The same with the outlines exchanged."""
-        return Touch(self.gap, -self.normal, self.point)
+        return replace(self, normal=-self.normal)
 
 
 def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -> Touch:
@@ -40,7 +44,8 @@ def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -
     # concentric discs have no normal: any will do, and no division by zero
     together = distance == 0
     normal = if_else(together, ca.DM([0, 1]), apart / if_else(together, 1, distance))
-    return Touch(distance - radius - other_radius, normal, other + normal * other_radius)
+    reach = (ca.SX(radius) + other_radius) / 2
+    return Touch(distance - radius - other_radius, normal, other + normal * other_radius, reach)
 
 
 def share_along(point: ca.SX, first: ca.SX, along: ca.SX) -> ca.SX:

@@ -14,15 +14,21 @@ from .outlines import Circle, HalfPlane, HollowCircle, Outline, Point, PolygonEd
 from .places import Touch, between_discs, nearest_point
 
 
-def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane) -> Touch:
+def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane, reach: Any) -> Touch:
     normal = plane.marker.y_axis
     height = ca.dot(normal, centre - plane.marker.position)
-    return Touch(height - radius, normal, centre - radius * normal)
+    return Touch(height - radius, normal, centre - radius * normal, _reach(reach))
+
+
+def _reach(size: Any) -> ca.SX | None:
+    """Depth to which an outline of a size may go into a solid without a middle; any, if it has none either."""
+    size = ca.SX(size)
+    return None if size.is_zero() else size
 
 
 def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
     """A circle or a point above a half-plane."""
-    return [_disc_on_plane(a.marker.position, a.radius, b)]
+    return [_disc_on_plane(a.marker.position, a.radius, b, a.radius)]
 
 
 def disc_disc(a: Any, b: Any) -> list[Touch]:
@@ -42,12 +48,12 @@ def disc_segment(a: Any, b: Segment) -> list[Touch]:
 
 def segment_plane(a: Segment, b: HalfPlane) -> list[Touch]:
     """Both ends of a bar above a half-plane."""
-    return [_disc_on_plane(end, a.radius, b) for end in a.ends]
+    return [_disc_on_plane(end, a.radius, b, a.radius) for end in a.ends]
 
 
 def polygon_plane(a: PolygonEdges, b: HalfPlane) -> list[Touch]:
     """Each corner of a polygon above a half-plane."""
-    return [_disc_on_plane(corner, 0.0, b) for corner in a.corners]
+    return [_disc_on_plane(corner, 0.0, b, a.half_width) for corner in a.corners]
 
 
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
@@ -57,26 +63,26 @@ def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
 
 def disc_hollow(a: Any, b: HollowCircle) -> list[Touch]:
     """A circle or a point in a hole."""
-    return [_disc_in_hole(a.marker.position, a.radius, b)]
+    return [_disc_in_hole(a.marker.position, a.radius, b, a.radius)]
 
 
 def segment_hollow(a: Segment, b: HollowCircle) -> list[Touch]:
     """Both ends of a bar in a hole."""
-    return [_disc_in_hole(end, a.radius, b) for end in a.ends]
+    return [_disc_in_hole(end, a.radius, b, a.radius) for end in a.ends]
 
 
 def polygon_hollow(a: PolygonEdges, b: HollowCircle) -> list[Touch]:
     """Each corner of a polygon in a hole."""
-    return [_disc_in_hole(corner, 0.0, b) for corner in a.corners]
+    return [_disc_in_hole(corner, 0.0, b, a.half_width) for corner in a.corners]
 
 
-def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle) -> Touch:
+def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle, reach: Any) -> Touch:
     middle = hole.marker.position
     known, disc = known_value(hole.radius), known_value(radius)
     if known is not None and disc is not None and disc >= known:
         raise ModelError(f"a circle of radius {disc:g} m does not go into a hole of radius {known:g} m")
     inward = between_discs(middle, 0.0, centre, 0.0)
-    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal)
+    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal, _reach(reach))
 
 
 _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], list[Touch]]]] = (
