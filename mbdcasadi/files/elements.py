@@ -15,10 +15,9 @@ from ..model.element import Element, at_poses
 from ..model.forces.applied import Force, Torque
 from ..model.forces.springs import RSDA, TSDA
 from ..model.joints.base import Joint, pair
-from ..model.joints.composite import Distance, PointOnLine
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
-from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational
 from ..model.symbols import symbols_of, t
 from .fields import Fields
 

@@ -16,9 +16,8 @@ from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import Immutable
 from .quantities import Limit
-from .smoothing import Smoothing
 from .symbols import check_name, register, role_of, symbols_of
-from .validity import ValidityCondition
+from .validity import Smoothing, ValidityCondition
 
 
 class Element(Immutable):

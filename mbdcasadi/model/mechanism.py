@@ -13,8 +13,7 @@ from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import Immutable
-from .lists import entries, listed
-from .quantities import Limit, quantity
+from .quantities import Limit, entries, listed, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 

@@ -1,4 +1,4 @@
-"""Conditions under which an element means what it says."""
+"""Quantities of an element that analyses watch along a motion: its validity, and what the steps must resolve."""
 
 from __future__ import annotations
 
@@ -41,3 +41,28 @@ class ValidityCondition:
     def reported(self) -> ca.SX:
         """Quantity whose size is reported."""
         return self.expression if self.shown is None else self.shown
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothing:
+    """A quantity whose course an integrator must follow in several steps.
+
+    Attributes
+    ----------
+    expression : casadi.SX
+        Scalar in coordinates, velocities, first-order states, parameters and time.
+    span : float
+        From its least to its largest value.
+    subject : str
+        What it is, with the element, in words.
+    remedy : str
+        What to do besides tightening the tolerances.
+    scale : casadi.SX or None
+        A load at the time, of which the span is a multiple; None where the span is all.
+    """
+
+    expression: ca.SX
+    span: float
+    subject: str
+    remedy: str
+    scale: ca.SX | None = None

@@ -9,8 +9,8 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
-from ..model.lists import entries
 from ..model.mechanism import Mechanism
+from ..model.quantities import entries
 from ..model.symbols import as_expression
 from .compiled_run import CompiledRun, Problem
 from .design_variables import Design, same

@@ -21,7 +21,7 @@ from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
-from ..model.smoothing import Smoothing
+from ..model.validity import Smoothing
 from ..results.validity import validity_conditions
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07

@@ -14,7 +14,7 @@ from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
 from ..expressions import distance, fmax
 from ..quantities import Limit, function_of, quantity
 from ..rates import time_derivative
-from ..smoothing import Smoothing
+from ..validity import Smoothing
 from .laws import continuous_force, pushing_force, stored_energy
 
 

@@ -20,8 +20,16 @@ from ..quantities import Limit, quantity
 from ..symbols import Coordinate, values_of
 from ..validity import ValidityCondition
 from .base import Joint, pair
-from .contact_places import nearest_place, touching_place, touching_places
-from .outline_checks import as_outline, convex, fitting, positive_radius, wide_enough
+from .outline_contact import (
+    as_outline,
+    convex,
+    fitting,
+    nearest_place,
+    positive_radius,
+    touching_place,
+    touching_places,
+    wide_enough,
+)
 
 
 class _Contact(Joint):

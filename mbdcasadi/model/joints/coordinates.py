@@ -10,7 +10,7 @@ from ..bodies import as_marker
 from ..element import ConstraintElement
 from ..quantities import quantity, vector2
 from .base import Joint, pair
-from .composite import distance_row
+from .lower_pairs import distance_row
 
 
 class _Absolute(ConstraintElement):

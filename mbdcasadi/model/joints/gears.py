@@ -1,4 +1,4 @@
-"""Toothed elements: gears on any carrier, rack and pinion."""
+"""Transmissions: gears on any carrier, rack and pinion, rolling wheels, belts and couplers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..element import at_poses
 from ..quantities import Limit, known_value, quantity, yes_or_no
 from ..symbols import values_of
 from ..validity import ValidityCondition
-from .base import Joint, as_carrier, pair
+from .base import AlongLine, Joint, as_carrier, pair
 
 #: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.
 _CENTRES = 1e-3
@@ -173,3 +173,146 @@ class RackAndPinion(Joint):
     def tooth_force(self) -> ca.SX:
         """Force of the pinion on the rack along the rack's x axis, N."""
         return ca.dot(self.reaction_on(self.a.body).force, self.a.x_axis)
+
+
+class Rolling(AlongLine, Joint):
+    """Wheel that rolls on a straight track without slip and without leaving it.
+
+    ``Phi = [y_a · d - R, x_a · d + R (phi_b - phi_a) - C0]`` (2 rows, m) with
+    ``d = r^b - r^a``, a on the surface and b the wheel: the wheel stays above the track's x axis at the distance
+    of its radius, and what it advances is what it unrolls. C0 is what the
+    expression has at the estimated poses.
+
+    The contact holds the wheel in both directions; where it would have to pull,
+    or rub more than it can, analyses warn or ``friction_force`` tells. On a
+    circular track a wheel is a :class:`Gear` whose carrier is an arm between
+    the centres; the arm needs no mass.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    wheel : Marker
+        Centre of the wheel.
+    surface : Marker
+        Point and x axis of the track.
+    radius : float or expression in parameters
+        Radius R, m.
+
+    References
+    ----------
+    Haug 1989, section 3.4 (rack and pinion, with the distance held).
+    """
+
+    def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
+        a, b = pair(name, surface, wheel)
+        limits: list[Limit] = []
+        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
+        self.limits = tuple(limits)
+        d = b.position - a.position
+        rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)
+        above = ca.dot(a.y_axis, d) - self.radius
+        rows = ca.vertcat(above, rolled - at_poses(rolled, [a.body, b.body]))
+        super().__init__(name, a, b, rows, ("contact", "rolling"))
+        leaving = "the normal force is negative: the wheel would leave the track, and the joint pulled it"
+        self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {leaving}"),)
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force of the track on the wheel along the track's y axis, N; negative where the track would have to pull."""
+        return -self.multipliers[0]
+
+    @property
+    def friction_force(self) -> ca.SX:
+        """Force of the track on the wheel along the track's x axis, N; it rolls as long as the friction can hold it."""
+        return -self.multipliers[1]
+
+
+class Coupler(Joint):
+    """Angle of b in a fixed ratio to the angle of a, both measured against a carrier.
+
+    ``Phi = (phi_b - phi_c) - n (phi_a - phi_c) - C0`` (1 row, rad); C0 is what
+    the expression has at the estimated poses. It transmits couples alone: what
+    is between the shafts (a gearbox, a synchronous drive) leans on the carrier.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        On the two bodies that turn.
+    ratio : float or expression in parameters
+        n, speed of b to speed of a; negative where the sense is reversed, not zero.
+    carrier : Body, default ground
+        Body on which both shafts sit, and which takes the rest of the couples.
+
+    Attributes
+    ----------
+    torque : casadi.SX
+        Couple on b, N m; on a it is ``-n`` times that.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
+        a, b = pair(name, a, b)
+        what = f"joint '{name}'"
+        self.ratio = quantity(ratio, what, "ratio", fixed=True)
+        if known_value(self.ratio) == 0:
+            raise ModelError(f"{what}: the ratio is zero, and b would not turn; hold it with a RelativeAngle")
+        self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
+        turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
+        super().__init__(name, a, b, turned - at_poses(turned, [a.body, b.body, carrier]))
+
+    @cached_property
+    def torque(self) -> ca.SX:
+        """Couple on b, N m."""
+        return -self.multipliers
+
+
+class Belt(Joint):
+    """Belt or chain over two pulleys, without slip.
+
+    ``Phi = R_a (phi_a - phi_c) - R_b (phi_b - phi_c) - C0`` (1 row, m); + for a
+    crossed belt. C0 is what the expression has at the estimated poses. The belt
+    transmits couples; what its tension loads the bearings with depends on the
+    preload, which is no part of the model: add it as a force where it matters.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Centres of the pulleys on their bodies.
+    radius_a, radius_b : float or expression in parameters
+        Radii, m.
+    crossed : bool, default False
+        Whether the belt crosses, so that the pulleys turn against each other.
+    carrier : Body, default ground
+        Body on which both pulleys are mounted, and which takes the rest of the couples.
+
+    Attributes
+    ----------
+    tension_difference : casadi.SX
+        Difference of the tensions of the two strands, N; positive turns a counter-clockwise.
+    """
+
+    def __init__(
+        self, name: str, a: Any, b: Any, radius_a: Any, radius_b: Any, crossed: bool = False, carrier: Body = ground
+    ):
+        a, b = pair(name, a, b)
+        what = f"joint '{name}'"
+        limits: list[Limit] = []
+        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
+        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
+        self.limits = tuple(limits)
+        self.crossed = yes_or_no(crossed, what, "crossed")
+        self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
+        sign = 1 if self.crossed else -1
+        wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
+        super().__init__(name, a, b, wound - at_poses(wound, [a.body, b.body, carrier]))
+
+    @cached_property
+    def tension_difference(self) -> ca.SX:
+        """Difference of the tensions of the strands, N."""
+        return -self.multipliers

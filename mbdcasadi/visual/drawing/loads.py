@@ -12,12 +12,10 @@ import numpy as np
 from ...model.drivers import Driver
 from ...model.expressions import norm
 from ...model.forces.applied import Force, Torque
-from ...model.forces.bushing import Bushing
 from ...model.forces.contact.contact import Contact
-from ...model.forces.field import FieldForce
-from ...model.forces.gravity import Gravity
+from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.motors import DCMotor
-from ...model.forces.springs import RSDA, TSDA
+from ...model.forces.springs import RSDA, TSDA, Bushing
 from ...model.forces.stops import Rope
 from ...results.columns import effort_unit, reaction_body
 from ..symbols.constraints import pivot_of

@@ -9,12 +9,10 @@ import numpy as np
 
 from ...model.bodies import Marker
 from ...model.forces.applied import Force, Torque
-from ...model.forces.bushing import Bushing
 from ...model.forces.cylinders import Cylinder, GasSpring
-from ...model.forces.field import FieldForce
-from ...model.forces.gravity import Gravity
+from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.motors import DCMotor
-from ...model.forces.springs import RSDA, TSDA
+from ...model.forces.springs import RSDA, TSDA, Bushing
 from ...model.forces.stops import Rope
 from ..drawing import lines, scene
 from ..drawing.pen import Frame, Pen

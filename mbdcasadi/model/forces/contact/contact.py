@@ -9,17 +9,15 @@ from typing import Any
 import casadi as ca
 
 from ....errors import ModelError
+from ...bodies import Marker
 from ...element import Element, cross
 from ...expressions import if_else
-from ...markers import Marker
 from ...quantities import function_of
-from ...smoothing import Smoothing
-from ...validity import ValidityCondition
-from ..friction.base import FrictionLaw, as_law
+from ...validity import Smoothing, ValidityCondition
+from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import Outline
-from .places import Touch
-from .touching import touches
+from .touching import Touch, touches
 
 
 class Contact(Element):

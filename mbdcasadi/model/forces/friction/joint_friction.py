@@ -13,9 +13,9 @@ from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
 from ...quantities import Limit, quantity
-from ...smoothing import Smoothing
 from ...symbols import register
-from .base import FrictionLaw, Resistance, as_law
+from ...validity import Smoothing
+from .laws import FrictionLaw, Resistance, as_law
 
 #: Modes of exact friction: at rest, sliding along the speed's positive and negative sense, and none.
 MODES = ("sticks", "forth", "back", "free")
