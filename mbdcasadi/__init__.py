@@ -37,6 +37,7 @@ from .linear.model import LinearModel
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
 from .model.drivers import Driver
+from .model.element import ConstraintElement, Element, Reaction
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
@@ -46,7 +47,7 @@ from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
 from .model.forces.field import FieldForce, Gravity
 from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
-from .model.forces.friction.laws import Coulomb, DryFriction, LuGre, Stribeck, Viscous
+from .model.forces.friction.laws import Coulomb, DryFriction, FrictionLaw, LuGre, Resistance, Stribeck, Viscous
 from .model.forces.laws import HuntCrossley, hertz_stiffness
 from .model.forces.motors import DCMotor
 from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
@@ -55,6 +56,7 @@ from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
 from .model.geometry.shapes import Disc, Polygon, Rectangle, Rod, Shape
+from .model.joints.base import Joint
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from .model.joints.constraints import Constraint, KnifeEdge, NonholonomicConstraint
 from .model.joints.coordinates import (
@@ -72,6 +74,7 @@ from .model.mechanism import Mechanism
 from .model.rates import time_derivative
 from .model.shaking import ShakingForce, shaking_force
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
+from .model.validity import Smoothing, ValidityCondition
 from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
 from .optimal_control.placeholders import at_end, at_start, integral

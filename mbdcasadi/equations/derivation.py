@@ -155,7 +155,7 @@ class Equations:
         m = self.mechanism
         q = np.concatenate([*[b.pose_estimate for b in m.bodies], [c.value for c in m.coordinates]])
         v = np.concatenate([*[b.velocity_estimate for b in m.bodies], np.zeros(len(m.coordinates))])
-        return q, v, np.array([z.initial for z in m.states])
+        return q, v, np.array([z.value for z in m.states])
 
     @cached_property
     def parameter_values(self) -> np.ndarray:

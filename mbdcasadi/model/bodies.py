@@ -19,7 +19,7 @@ __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "marker
 
 
 def rotation(angle: Any) -> ca.SX:
-    """Rotation matrix ``A(angle)`` (2, 2) from a rotated frame to the frame it is measured in."""
+    """Return the rotation matrix ``A(angle)`` (2, 2), which takes vectors from the rotated frame to the fixed one."""
     c, s = ca.cos(ca.SX(angle)), ca.sin(ca.SX(angle))
     return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
 
@@ -30,11 +30,11 @@ class Body(Immutable):
     Parameters
     ----------
     name : str
-        Its name, one of a kind in a mechanism.
+        Its name, unique in the mechanism.
     mass : float or expression in parameters
-        Mass, kg; zero where the joints hold the translation.
+        Mass, kg; may be zero if the joints determine the translation.
     inertia : float or expression in parameters
-        Moment of inertia ``J'`` about the centre of mass, kg m²; zero where the joints hold the rotation.
+        Moment of inertia ``J'`` about the centre of mass, kg m²; may be zero if the joints determine the rotation.
     pose : (float, float, float), default (0, 0, 0)
         Estimate of ``x, y`` (m) and ``phi`` (rad).
     velocity : (float, float, float), default (0, 0, 0)
@@ -54,7 +54,7 @@ class Body(Immutable):
     Raises
     ------
     ModelError
-        For a negative or non-finite mass or inertia, a pose that is no three finite numbers, or the name "ground".
+        For a negative or non-finite mass or inertia, a pose that is not three finite numbers, or the name "ground".
 
     References
     ----------
@@ -118,7 +118,7 @@ class Body(Immutable):
         pose: Any = (0.0, 0.0, 0.0),
         velocity: Any = (0.0, 0.0, 0.0),
     ) -> Body:
-        """Make a homogeneous body from its shape.
+        """Return a homogeneous body of a given shape.
 
         Mass, centre of mass and ``J'`` follow from the shape. The points given
         to :meth:`at`, the pose and the velocity are those of the *shape's own
@@ -185,7 +185,7 @@ class Body(Immutable):
 
     @property
     def is_ground(self) -> bool:
-        """Whether this is the global frame."""
+        """True for the global frame."""
         return False
 
     @property
@@ -332,14 +332,14 @@ ground = Ground()
 
 
 def as_body(value: Any, what: str, argument: str) -> Body:
-    """Return the body, or raise with the name of the element that was given something else."""
+    """Return the body; raise an error that names the element if it is something else."""
     if not isinstance(value, Body):
         raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
     return value
 
 
 def as_marker(value: Any, what: str, argument: str) -> Marker:
-    """Return the marker, or raise with the name of the element that was given something else."""
+    """Return the marker; raise an error that names the element if it is something else."""
     if isinstance(value, Marker):
         return value
     hint = f"; write {value.name}.at(x, y)" if isinstance(value, Body) else ""
@@ -347,7 +347,7 @@ def as_marker(value: Any, what: str, argument: str) -> Marker:
 
 
 def markers_on_two(a: Any, b: Any, what: str) -> tuple[Marker, Marker]:
-    """Return the two markers of an element that connects bodies: they must sit on two of them."""
+    """Return the two markers of an element that connects bodies; raise an error if both are on one body."""
     a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
     if a.body is b.body:
         raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")

@@ -1,4 +1,4 @@
-"""Values that are derived from an object and compiled for it: made when first asked for, kept with the object."""
+"""Caches of what is derived from an object and compiled for it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import casadi as ca
 
 T = TypeVar("T")
 
-#: Number of values of a user's choice that are kept, the most recent ones.
+#: Number of bounded values that are kept, the most recent ones.
 RECENT = 256
 
 
 class Cache(Mapping[Hashable, Any]):
-    """Values by key, each made once, whatever the number of threads that ask for it.
+    """Values by key, each made once, whatever the number of threads that request it.
 
-    A key is kept beside its value, so that an object in it lives as long as the value does:
-    use the objects themselves (or an :class:`ExpressionKey`) as keys, never their ``id()``.
+    A key lives as long as its value, and so do the objects in it: use the objects themselves
+    (or an :class:`ExpressionKey`) as keys, never their ``id()``.
 
-    A copy and an unpickled cache are empty: what a cache holds can be made again.
+    A copy and an unpickled cache are empty, since the values can be made again.
 
     Parameters
     ----------
     recent : int, default 256
-        Number of values that are kept of those asked for with ``bounded=True``.
+        Number of values requested with ``bounded=True`` that are kept.
     """
 
     def __init__(self, recent: int = RECENT):
@@ -44,12 +44,12 @@ class Cache(Mapping[Hashable, Any]):
         key : hashable
             Its key.
         make : callable
-            Returns the value. A second thread that asks meanwhile waits for it.
+            Returns the value. Another thread that requests it meanwhile waits for it.
         bounded : bool, default False
-            Whether only the most recent values are kept, not all: for keys that follow from what the
-            user asks for (expressions, meshes, numbers), of which there may be any number.
+            If True, only the most recent values are kept: for keys that depend on the user's requests
+            (expressions, meshes, numbers), of which there may be any number.
         """
-        # without the lock: what is kept for good is asked for often and never goes
+        # without the lock, since what is kept for good is requested often and never removed
         if key in self._kept:
             return self._kept[key]
         with self._lock:

@@ -1,4 +1,4 @@
-"""Objects that do not change after they are made."""
+"""Objects that do not change after construction."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Sealed(type):
 
 
 def refuse_pickle(thing: Any) -> NoReturn:
-    """Raise for what holds symbols: a process of its own has none of them."""
+    """Raise the error of an object that contains symbols, which exist in one process only."""
     raise ModelError(
         f"{thing!r} cannot be pickled: its symbols belong to this process; build the model in each process by "
         "calling the same function there, and hand results over by files: motion.save(path)"
@@ -35,15 +35,17 @@ class Immutable(metaclass=Sealed):
     """Base class of model elements: identity equality, no assignment after construction.
 
     Values that are derived on demand use ``functools.cached_property``, which
-    stores beside ``__setattr__`` and so stays possible.
+    does not store through ``__setattr__``.
     """
 
-    #: Whether it holds symbols, which cannot be pickled.
+    #: True if it contains symbols, which cannot be pickled.
     _symbolic: ClassVar[bool] = False
 
     def __setattr__(self, name: str, value: Any) -> None:
         if self.__dict__.get("_sealed", False):
-            raise AttributeError(f"{self!r} does not change after it is made; make a new one instead of setting {name}")
+            raise AttributeError(
+                f"{self!r} does not change after construction; make a new one instead of setting {name}"
+            )
         object.__setattr__(self, name, value)
 
     def __copy__(self) -> Immutable:

@@ -1,4 +1,4 @@
-"""Quantities of an element that analyses watch along a motion: its validity, and what the steps must resolve."""
+"""Quantities of an element that analyses watch along a motion: its validity, and its fast changes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class ValidityCondition:
     Attributes
     ----------
     expression : casadi.SX
-        Scalar; negative where the element is not valid.
+        Scalar; negative if the element is not valid.
     message : str
-        What is wrong then, with the element and the remedy.
+        Message if it is negative, with the element and the remedy.
     fixed_angle : casadi.SX or None
         An angle that the joints of the mechanism should hold; ``check`` reports it if they let it turn.
     shown : casadi.SX or None
@@ -26,8 +26,8 @@ class ValidityCondition:
     unit : str
         Its unit.
     between_outputs : bool
-        Whether ``simulate`` watches it between the outputs too: for what passes quickly. It then depends on time,
-        positions, velocities, states and parameters alone.
+        If True, ``simulate`` watches it between the outputs too, so that nothing short is missed. It must then depend
+        on time, positions, velocities, states and parameters only.
     """
 
     expression: ca.SX
@@ -52,13 +52,13 @@ class Smoothing:
     expression : casadi.SX
         Scalar in coordinates, velocities, first-order states, parameters and time.
     span : float
-        From its least to its largest value.
+        Difference between its largest and its least value.
     subject : str
-        What it is, with the element, in words.
+        Description of the quantity, with the element.
     remedy : str
-        What to do besides tightening the tolerances.
+        Remedy other than tighter tolerances.
     scale : casadi.SX or None
-        A load at the time, of which the span is a multiple; None where the span is all.
+        A load of which the span is a multiple; None if the span is absolute.
     """
 
     expression: ca.SX

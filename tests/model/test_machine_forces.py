@@ -127,7 +127,7 @@ def test_bushings_that_make_no_sense():
     body = mbd.Body("b", 1, 1)
     with pytest.raises(mbd.ModelError, match="bushing 'r': stiffness y must be at least 0, got -1"):
         mbd.Bushing("r", mbd.ground.at(0, 0), body.at(0, 0), (1, -1))
-    with pytest.raises(mbd.ModelError, match="one value or one by axis"):
+    with pytest.raises(mbd.ModelError, match="one value, or one for each axis"):
         mbd.Bushing("r", mbd.ground.at(0, 0), body.at(0, 0), (1, 1, 1))
     with pytest.raises(mbd.ModelError, match="connects body 'b' with itself"):
         mbd.Bushing("r", body.at(0, 0), body.at(1, 0), 1)
@@ -351,7 +351,7 @@ def test_states_of_these_elements_in_inverse_dynamics():
         (lambda w: mbd.DCMotor("m", w, 1, 1, -1), "motor 'm': resistance must be above 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, inductance=-1), "motor 'm': inductance must be at least 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, ratio=0), "motor 'm': the ratio is zero"),
-        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' turns 'wheel' and leans on it too"),
+        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' turns 'wheel', which carries the housing too"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, current=2.0), "without inductance the current has no start"),
         (lambda w: mbd.DCMotor.from_line("m", w, 0, 1), "motor 'm': stall_torque must be above 0"),
         (lambda w: mbd.FirstOrderLag("l", 1.0, 0), "lag 'l': time_constant must be above 0"),

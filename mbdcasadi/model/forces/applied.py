@@ -26,9 +26,9 @@ class Force(Element):
     frame : {"global", "body"}, default "global"
         Axes of the components: global, or the marker's own, which turn with the body.
     opposite : Body, default ground
-        Body that takes the reaction, ``-F`` at the same point: of a gas force the ground, in which the cylinder
-        is cast. It counts in ``shaking_force``; a force that comes from outside, as that of the wind, is
-        subtracted there: ``shaking.force - wind.force``.
+        Body that takes the reaction, ``-F`` at the same point. The ground takes that of a gas force, through the
+        cylinder head; ``shaking_force`` includes it. For a force from outside, such as wind, subtract it there:
+        ``shaking.force - wind.force``.
 
     Attributes
     ----------
@@ -107,15 +107,15 @@ class Torque(Element):
 
 
 class GeneralizedForce(Element):
-    """Any force by its virtual work: ``δW = Σ force · δexpression``.
+    """Any force, given by its virtual work: ``δW = Σ force · δexpression``.
 
     Parameters
     ----------
     name : str
         Its name.
     pairs : sequence of (expression, force)
-        Expressions in coordinates, and the force or couple that works along each. The ground takes whatever
-        the forces on the bodies do not balance among themselves.
+        Expressions in coordinates, and the force (N) or couple (N m) along each. The ground takes the part of the
+        forces on the bodies that does not balance.
 
     Examples
     --------
@@ -140,12 +140,12 @@ class GeneralizedForce(Element):
                     f"with a force of {force.numel()}"
                 )
             refuse_kinds(
-                expression, BEYOND_COORDINATES, self.description, "a virtual displacement is one of coordinates"
+                expression, BEYOND_COORDINATES, self.description, "a virtual displacement depends on coordinates only"
             )
             quantities = [quantity(part, self.description, "force") for part in ca.vertsplit(force)]
             checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
         if not checked:
             raise ModelError(f"{self.description}: takes at least one pair (expression, force)")
         self.virtual_work = tuple(checked)
-        # the ground takes the rest: a motor's housing, a belt's bearings
+        # the ground takes the rest: the housing of a motor, the bearings of a belt
         self.__dict__["bodies"] = (*dict.fromkeys(b for e, _ in checked for b in owners(e)), ground)

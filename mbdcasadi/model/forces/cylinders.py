@@ -1,4 +1,4 @@
-"""Hydraulic and pneumatic cylinders: translational elements with laws of their own."""
+"""Hydraulic and pneumatic cylinders."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .springs import TSDA
 
 #: Standard atmosphere, Pa.
 ATMOSPHERE = 101_325.0
-#: Share of the volume in the middle position below which a chamber counts as empty.
+#: Fraction of the volume in the middle position below which a chamber is considered empty.
 _EMPTY = 1e-2
 
 
@@ -24,7 +24,7 @@ class Cylinder(TSDA):
 
     ``f = -(p A - p_r (A - A_r)) + c l̇``, tension positive: the pressure p on the
     full piston pushes the points apart, that on the rod's side pulls them
-    together. Pressures count from the ambient one.
+    together. Pressures are relative to the ambient pressure.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ class Cylinder(TSDA):
     rod : float or expression in parameters, default 0
         Diameter of the rod, m.
     pressure, rod_pressure : float or expression, default 0
-        On the piston and on the rod's side, Pa: numbers, inputs, states.
+        Pressure on the piston and on the rod side, Pa: numbers, inputs, states.
     damping : float or expression, default 0
         c, N s/m.
 
     Attributes
     ----------
     thrust : casadi.SX
-        Force that the pressures push with, N.
+        Force of the pressures, N; positive if it pushes the points apart.
     """
 
     kind = "cylinder"
@@ -75,11 +75,11 @@ class Cylinder(TSDA):
 
 
 class HydraulicCylinder(Cylinder):
-    """Double-acting cylinder whose pressures follow from the oil that flows in.
+    """Double-acting cylinder whose pressures follow from the flow of oil.
 
-    ``ṗ = β (q_p - A l̇) / (V0 + A (l - l0))`` on the piston's side, and
-    ``ṗ_r = β (q_r + A_r l̇) / (V0 - A_r (l - l0))`` on the rod's side: two first-order
-    states. The oil's stiffness, some MN/m, sets the frequency to be resolved.
+    ``ṗ = β (q_p - A l̇) / (V0 + A (l - l0))`` on the piston side, and
+    ``ṗ_r = β (q_r + A_r l̇) / (V0 - A_r (l - l0))`` on the rod side: two first-order
+    states. The stiffness of the oil, some MN/m, gives the highest frequency.
 
     Parameters
     ----------
@@ -90,18 +90,18 @@ class HydraulicCylinder(Cylinder):
     bore, rod : float or expression in parameters
         Diameters of piston and rod, m.
     middle_length : float or expression in parameters
-        Length l0 at which both chambers hold V0, m.
+        Length l0 at which the volume of both chambers is V0, m.
     volume : float or expression in parameters
-        V0, hoses included, m³.
+        V0, including hoses, m³.
     flow, rod_flow : float or expression
-        Oil into the chambers, m³/s: inputs, or a valve law in the pressures
-        (give `pressures` then, so that the law can use them).
+        Flow into the chambers, m³/s: inputs, or a valve law in the pressures
+        (which are then given as `pressures`).
     bulk_modulus : float or expression, default 1.4e9
         β, Pa.
     damping : float or expression, default 0
         c, N s/m.
     pressures : (StateVariable, StateVariable), optional
-        The states for the pressures on both sides, Pa; made here where none are given.
+        States for the pressures on both sides, Pa; new ones by default.
 
     References
     ----------
@@ -150,7 +150,7 @@ class HydraulicCylinder(Cylinder):
 
 
 class GasSpring(TSDA):
-    """Gas column that is shut in, between two points: a pneumatic spring.
+    """Enclosed gas column between two points: a pneumatic spring.
 
     ``p = p0 (V0 / V)^n`` with the volume ``V = A (l - l_d)``;
     ``f = -A (p - p_ambient) + c l̇``, tension positive.
@@ -168,11 +168,11 @@ class GasSpring(TSDA):
     pressure : float or expression in parameters
         p0, absolute, Pa.
     dead_length : float or expression in parameters, default 0
-        Length l_d at which the volume would vanish, m.
+        Length l_d at which the volume is zero, m.
     exponent : float or expression, default 1.4
-        n: 1 for slow (isothermal), 1.4 for fast (adiabatic) motion of air.
+        Polytropic exponent n: 1 for slow (isothermal), 1.4 for fast (adiabatic) motion of air.
     ambient : float, default 101325
-        Pressure outside, Pa.
+        Ambient pressure, Pa.
     damping : float or expression, default 0
         c, N s/m.
     """
@@ -204,7 +204,7 @@ class GasSpring(TSDA):
         self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
         super().__init__(name, a, b, law=self._tension)
         self.limits = tuple(limits)
-        within = "the length is below dead_length, where the gas has no volume"
+        within = "the length is below dead_length, at which the gas has no volume"
         self.validity_conditions = (
             ValidityCondition((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),
         )
@@ -219,7 +219,7 @@ class GasSpring(TSDA):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Energy of the gas against the ambient pressure, zero at the charged length, J."""
+        """Energy of the gas relative to the ambient pressure, zero at the charged length, J."""
         now, full = self.length - self.dead_length, self.column
         n, work = self.exponent, self.charge * self.area * full
         stored = -work * ca.log(now / full) if n == 1 else work / (n - 1) * ((full / now) ** (n - 1) - 1)

@@ -21,7 +21,7 @@ class Gravity(Element):
     Parameters
     ----------
     acceleration : (float, float), default (0, -9.81)
-        Free-fall acceleration g, global axes, m/s²; may hold parameters.
+        Free-fall acceleration g, global axes, m/s²; may contain parameters.
     name : str, default "gravity"
         Its name.
 
@@ -42,7 +42,7 @@ class Gravity(Element):
 
 
 class _Weight(Element):
-    """Gravity with the bodies of a mechanism known."""
+    """Weight of the bodies of a mechanism."""
 
     kind = "force"
     external = True
@@ -55,7 +55,7 @@ class _Weight(Element):
         self.__dict__["bodies"] = bodies
 
 
-#: By how much mass properties may differ from those of the shape (relative).
+#: Relative tolerance of mass properties against those of the shape.
 _SPREAD = 1e-6
 
 
@@ -71,7 +71,7 @@ class FieldForce(Element):
     name : str
         Its name.
     body : Body
-        With a shape over which its mass is spread evenly (``Body.from_shape``).
+        Body with a shape over which its mass is spread evenly (``Body.from_shape``).
     field : callable
         ``field(point)`` returns the force per mass (2,), N/kg, global axes; `point` is a
         :class:`Marker` on the body, with ``.position``, ``.velocity``, ``.x``, ….
@@ -88,7 +88,7 @@ class FieldForce(Element):
     Raises
     ------
     ModelError
-        For a body without shape, or one whose centre of mass or inertia is not the shape's.
+        For a body without a shape, or with another centre of mass or inertia than the shape's.
 
     References
     ----------

@@ -14,7 +14,7 @@ from ..immutable import Immutable
 from ..quantities import Limit, quantity
 from ..symbols import number
 
-#: ``χ v`` over the restitution.
+#: ``χ v`` as a function of the restitution.
 DAMPING: dict[str, Callable[[Any], Any]] = {
     "flores": lambda e: 8 / 5 * (1 - e) / e,
     "hunt-crossley": lambda e: 3 / 2 * (1 - e),
@@ -23,7 +23,7 @@ DAMPING: dict[str, Callable[[Any], Any]] = {
 
 
 class HuntCrossley(Immutable):
-    """``F = k δ^n (1 + χ δ̇)``, never negative: an elastic contact that loses energy with the speed.
+    """``F = k δ^n (1 + χ δ̇)``, never negative: an elastic contact whose energy loss grows with the speed.
 
     Parameters
     ----------
@@ -52,11 +52,11 @@ class HuntCrossley(Immutable):
     def from_restitution(
         cls, stiffness: Any, restitution: Any, impact_speed: Any, exponent: Any = 1.5, model: str = "flores"
     ) -> HuntCrossley:
-        """The law whose damping gives a restitution at a speed of impact.
+        """Return the law that has a given restitution at a given speed of impact.
 
         With ``χ = c(e)/v``: Hunt and Crossley ``c = 3/2 (1 - e)`` and Lankarani and
         Nikravesh ``c = 3/4 (1 - e²)``, both for e near one; Flores et al.
-        ``c = 8/5 (1 - e)/e``, near to the restitution asked for at all e.
+        ``c = 8/5 (1 - e)/e``, close to the requested restitution for all e.
 
         Parameters
         ----------
@@ -65,11 +65,11 @@ class HuntCrossley(Immutable):
         restitution : float or expression
             e, from 0 to 1; above 0 for "flores".
         impact_speed : float or expression
-            v, m/s: the speed at which the surfaces meet. At other speeds the restitution is another.
+            v, m/s: the speed at which the surfaces meet. The restitution is different at other speeds.
         exponent : float, default 1.5
             n.
         model : {"flores", "hunt-crossley", "lankarani-nikravesh"}
-            Which relation.
+            The relation.
 
         References
         ----------
@@ -103,7 +103,7 @@ class HuntCrossley(Immutable):
 def hertz_stiffness(
     radius_a: Any, radius_b: Any, modulus_a: Any, modulus_b: Any, poisson_a: Any = 0.3, poisson_b: Any = 0.3
 ) -> float:
-    """Stiffness k of ``F = k δ^1.5`` between two spheres: ``k = 4/3 E* √R*``.
+    """Return the stiffness k of ``F = k δ^1.5`` between two spheres: ``k = 4/3 E* √R*``.
 
     ``1/E* = (1 - ν_a²)/E_a + (1 - ν_b²)/E_b``, ``1/R* = 1/R_a + 1/R_b``.
 
@@ -160,23 +160,24 @@ def hertz_stiffness(
 
 
 def pushing_force(law: Callable[[Any, Any], Any], gap: ca.SX, rate: ca.SX, what: str) -> ca.SX:
-    """Force ``law(-gap, -rate)`` where a gap is closed, and zero where it is open."""
+    """Return the force ``law(-gap, -rate)`` if a gap is closed, and zero if it is open."""
     closed = gap < 0
-    # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
+    # the law gets a harmless penetration if the gap is open, so that its derivatives stay finite
     depth, speed = if_else(closed, -gap, 0), if_else(closed, -rate, 0)
     return if_else(closed, ca.SX(quantity(law(depth, speed), what, "law")), 0)
 
 
 def continuous_force(law: Callable[[Any, Any], Any], gap: ca.SX, force: ca.SX, what: str) -> ca.SX:
-    """Part of a pushing force without its jumps: no larger than the force of the law at the same depth at rest.
+    """Return the part of a pushing force that does not jump: at most the force at the same depth and zero rate.
 
-    A law with damping jumps when the gap closes or opens; the steps of a run need not follow that, but what is left.
+    The force of a law with damping jumps when the gap closes or opens; the steps of a run need to follow the
+    continuous part only.
     """
     most = fabs(pushing_force(law, gap, ca.SX(0), what))
     return fmax(fmin(force, most), -most)
 
 
 def stored_energy(law: Callable[..., Any], deflection: ca.SX) -> ca.SX:
-    """Energy that a law has stored, J, by its ``potential(deflection)``; zero for one that has none."""
+    """Return the energy stored by a law, J, from its ``potential(deflection)``; zero if it has none."""
     energy = getattr(law, "potential", None)
     return ca.SX(0) if energy is None else ca.SX(energy(deflection))

@@ -20,7 +20,7 @@ from .laws import stored_energy
 
 
 class _SpringDamper(Element):
-    """What the translational and the rotational element share: the law of the force in one coordinate."""
+    """Base class of the translational and the rotational element: the law of the force in one coordinate."""
 
     kind = "spring"
 
@@ -35,7 +35,7 @@ class _SpringDamper(Element):
         self.free = quantity(free, self.description, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
             raise ModelError(
-                f"{self.description}: stiffness and damping belong to the linear law; with law= give neither"
+                f"{self.description}: stiffness and damping belong to the linear law; give neither of them with law="
             )
         self.law = None if law is None else function_of(law, self.description, "law", *self._law_arguments)
         self.virtual_work = ((self._coordinate, -self._effort),)
@@ -61,7 +61,7 @@ class _SpringDamper(Element):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Energy stored in the spring, J; zero for a law of its own that has no ``potential(length)``."""
+        """Energy stored in the spring, J; zero for a law without ``potential(length)``."""
         if self.law is not None:
             return stored_energy(self.law, self._coordinate)
         return ca.SX(0.5 * self.stiffness * (self._coordinate - self.free) ** 2)
@@ -194,17 +194,17 @@ class Bushing(Element):
 
     With ``delta`` the position of b in the axes of a, and ``theta`` its angle
     against a: ``F = -(k delta + c deltȧ)`` on b in the axes of a, and the couple
-    ``T = -(k_t theta + c_t thetȧ)``. ``δW = F · δdelta + T δtheta``, so that a gets
-    what balances it, the moment of the force included.
+    ``T = -(k_t theta + c_t thetȧ)``. ``δW = F · δdelta + T δtheta``, so that the force and
+    couple on a balance those on b, the moment of the force included.
 
     Parameters
     ----------
     name : str
         Its name.
     a, b : Marker
-        On two bodies; the stiffness goes along the axes of a.
+        Markers on two bodies; the stiffness acts along the axes of a.
     stiffness, damping : float, expression or pair of them, default 0
-        By axis of a, or the same for both, N/m and N s/m.
+        One value for each axis of a, or one for both, N/m and N s/m.
     angular_stiffness, angular_damping : float or expression, default 0
         N m/rad and N m s/rad.
 
@@ -237,7 +237,9 @@ class Bushing(Element):
         def by_axis(value: Any, quantity_name: str) -> ca.SX:
             parts = list(value) if isinstance(value, list | tuple) else [value, value]
             if len(parts) != 2:
-                raise ModelError(f"{self.description}: {quantity_name} takes one value or one by axis, got {value!r}")
+                raise ModelError(
+                    f"{self.description}: {quantity_name} takes one value, or one for each axis, got {value!r}"
+                )
             return ca.vertcat(
                 *[
                     ca.SX(quantity(part, self.description, f"{quantity_name} {axis}", at_least=0.0, limits=limits))
@@ -285,13 +287,13 @@ class DataLaw(Immutable):
     rates, damping_forces : sequence of float, optional
         Points of the damper: rate (m/s, rad/s) and force.
     damping : float or expression, default 0
-        Linear damping besides, N s/m.
+        Additional linear damping, N s/m.
     free : float or expression, default 0
-        x_0, the length (or angle) from which the displacements count.
+        x_0, the length (or angle) of zero displacement.
     kind : {"monotone", "cubic", "linear"}, default "monotone"
-        Of the curves; see :func:`spline`. Monotone ones do not overshoot the data.
+        Kind of the curves; see :func:`spline`. Monotone curves do not overshoot the data.
     outside : {"linear", "error", "constant"}, default "linear"
-        What holds beyond the data.
+        Continuation of the curves beyond the data.
 
     Examples
     --------
@@ -316,7 +318,7 @@ class DataLaw(Immutable):
         self._damper = None if rates is None else (rates, damping_forces, kind, outside)
         self.damping = quantity(damping, what, "damping")
         self.free = quantity(free, what, "free")
-        self(ca.SX.sym("x"), ca.SX.sym("rate"))  # raises for data that make no curve
+        self(ca.SX.sym("x"), ca.SX.sym("rate"))  # raises an error for bad data
 
     def __call__(self, length: ca.SX, rate: ca.SX) -> ca.SX:
         """Tension (N) or couple (N m)."""

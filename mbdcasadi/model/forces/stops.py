@@ -19,9 +19,9 @@ from .laws import continuous_force, pushing_force, stored_energy
 
 
 class _OneSided(Element):
-    """A force that acts if a gap is closed, and then opens it; a subclass says by what law."""
+    """Base class of forces that act if a gap is closed, and open it."""
 
-    #: the force in words
+    #: name of the force, for messages
     _effort = "force"
     gap: ca.SX
     law: Any
@@ -38,7 +38,7 @@ class _OneSided(Element):
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """Quantities whose course a run must follow in several steps."""
+        """Quantities that change within a short time: the force."""
         course = continuous_force(self.law, self.gap, self.force, self.description)
         return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)
 
@@ -56,7 +56,7 @@ class EndStop(_OneSided):
     name : str
         Its name.
     gap : casadi.SX
-        What is left until the stop, in coordinates, parameters and time: m, or rad for a
+        Distance from the stop, in coordinates, parameters and time: m, or rad for a
         stop on an angle; ``guide.displacement - 0.1``, ``1.2 - hinge.angle``.
     law : callable
         ``law(penetration, rate)`` returns the force (N, or N m on an angle), as
@@ -79,12 +79,12 @@ class EndStop(_OneSided):
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
         self.gap = ca.SX(quantity(gap, self.description, "gap"))
-        refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap is one of coordinates")
+        refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap depends on coordinates only")
         if not owners(self.gap):
             raise ModelError(f"{self.description}: the gap {gap} depends on no coordinate of a body")
         self.law = function_of(law, self.description, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
-        # a gap of one body is one to the ground
+        # the gap of one body is a distance to the ground
         found = owners(self.gap)
         self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
         self.virtual_work = ((self.gap, self.force),)
@@ -108,8 +108,7 @@ class Rope(_OneSided):
     """Elastic rope, cable or chain between two points: it pulls while it is stretched, and never pushes.
 
     With the elongation ``e = d - L``, d the distance of the points:
-    ``T = max(k e + c ė, 0)`` if ``e > 0``, else 0; ``δW = -T δe``. The rope has no mass and no shape of its own:
-    when slack, it is not there.
+    ``T = max(k e + c ė, 0)`` if ``e > 0``, else 0; ``δW = -T δe``. The rope has no mass.
 
     Parameters
     ----------
@@ -145,8 +144,8 @@ class Rope(_OneSided):
 
     Notes
     -----
-    ``simulate`` does not pass over a rope that is taut for a short time, and warns if its steps did not resolve the
-    tension. With damping the tension jumps to ``c ė`` when the rope gets taut.
+    ``simulate`` does not step over a rope that is taut for a short time, and warns if its steps did not resolve the
+    tension. With damping, the tension jumps to ``c ė`` when the rope becomes taut.
 
     Examples
     --------
@@ -164,7 +163,7 @@ class Rope(_OneSided):
         self.markers = self.a, self.b = markers_on_two(a, b, self.description)
         limits: list[Limit] = []
         self.length = quantity(length, self.description, "length", above=0.0, limits=limits)
-        refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length is one of coordinates and time")
+        refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length depends on coordinates and time only")
         self.stiffness = quantity(stiffness, self.description, "stiffness", above=0.0, limits=limits)
         self.damping = quantity(damping, self.description, "damping", at_least=0.0, limits=limits)
         self.limits = tuple(limits)

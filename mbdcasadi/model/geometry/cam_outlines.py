@@ -26,9 +26,9 @@ class CamOutline(Curve):
     radius : float, callable or sequence of float
         Polar radius, m, above 0: a number (a disc about the marker), ``radius(angle)``
         of an angle from 0 to 2π, or values that a periodic spline of degree five joins (C4). Numbers and
-        functions may hold parameters.
+        functions may contain parameters.
     angles : sequence of float, optional
-        Angles (rad) of the values, increasing, within one turn; evenly spread from 0 where none are given.
+        Angles (rad) of the values, increasing, within one turn; evenly spread from 0 by default.
 
     Raises
     ------
@@ -68,7 +68,7 @@ class CamOutline(Curve):
             raise ModelError(f"CamOutline: radius must be above 0, got {smallest:.6g} at {place:.4g} rad")
 
     def radius(self, parameter: Any) -> ca.SX:
-        """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
+        """Return the distance of the outline from the marker, m; if the radius was given, that radius with its sign."""
         return ca.norm_2(self.point(parameter)) if self._radius is None else self._at(self._radius, parameter)
 
     @classmethod
@@ -81,7 +81,7 @@ class CamOutline(Curve):
             (k, 2), m, at least five in order, in either sense; the first one is not repeated. The
             parameter runs from 0 to 2π in proportion to the length of the chords.
         closed : bool, default True
-            An outline closes; False is refused.
+            Must be True: an outline is closed.
         """
         if not yes_or_no(closed, "CamOutline.through", "closed"):
             raise ModelError("CamOutline.through: an outline closes; an open curve is Curve.through(points)")
@@ -106,7 +106,7 @@ class CamOutline(Curve):
         Raises
         ------
         ModelError
-            Where the profile would be undercut: the base radius that is needed at least.
+            If the profile would be undercut; the message gives the least base radius.
         """
         return _FlatProfile(program, base_radius, direction)
 
@@ -126,7 +126,7 @@ class CamOutline(Curve):
         program : MotionProgram or callable
             Lift (m) over the angle by which the cam has turned counter-clockwise, from 0 to 2π.
         base_radius : float or expression in parameters
-            Smallest radius of the cam, m (of an offset follower: where the roller sits at no lift).
+            Smallest radius of the cam, m (with an offset: distance of the roller surface from the marker at no lift).
         roller_radius : float, default 0
             m; zero for a knife edge.
         offset : float, default 0
@@ -137,7 +137,7 @@ class CamOutline(Curve):
         Raises
         ------
         ModelError
-            Where the profile would be undercut, with the angle of the cam.
+            If the profile would be undercut; the message gives the angle of the cam.
         """
         return _RollerProfile(program, base_radius, roller_radius, offset, direction)
 
@@ -164,7 +164,7 @@ class _Splined(CamOutline):
 
 
 class _FlatProfile(CamOutline):
-    """Profile for a flat face: the lift gives the support function of the outline, the parameter is its normal."""
+    """Profile for a flat face: the lift gives the support function, and the parameter is the angle of the normal."""
 
     def __init__(self, program: Any, base_radius: Any, direction: float):
         lift, alpha = lift_law(program), ca.SX.sym("alpha")
@@ -185,7 +185,7 @@ class _FlatProfile(CamOutline):
         self._define(alpha, point, self._bend * self._along, 0.0, TURN, True)
 
     def _direction_at_symbol(self) -> ca.SX:
-        # of unit length: the second derivative of the lift, which may have kinks, is left out
+        # a unit vector, without the second derivative of the lift, which may have kinks
         return self._along
 
     def _normal_at_symbol(self) -> ca.SX:
@@ -196,7 +196,7 @@ class _FlatProfile(CamOutline):
 
 
 class _RollerProfile(CamOutline):
-    """Profile for a roller: a curve at the roller's radius inside the path of its centre."""
+    """Profile for a roller: the curve parallel to the path of its centre, inside it at the roller radius."""
 
     def __init__(self, program: Any, base_radius: Any, roller_radius: float, offset: float, direction: float):
         what = "CamOutline"
@@ -238,7 +238,7 @@ class _RollerProfile(CamOutline):
         return of_path / (1 - self.roller_radius * of_path)
 
     def beside(self, parameter: Any, distance: Any) -> ca.SX:
-        """Point at a distance: on the path of the roller's centre where that is the roller's radius."""
+        """Return the point at a distance from the outline: on the path of the centre for the roller radius."""
         if not isinstance(distance, ca.SX):
             return self._path.beside(parameter, distance - self.roller_radius)
         return super().beside(parameter, distance)
@@ -267,7 +267,7 @@ def polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
 
 
 def _check_data(xs: np.ndarray, ys: np.ndarray) -> None:
-    """Raise where values over angles make no closed curve."""
+    """Raise an error if values over angles do not give a closed curve."""
     if len(xs) < 6:
         raise ModelError(f"CamOutline: takes at least 5 values of the radius, got {len(xs) - 1}")
     if not np.all(np.isfinite(np.r_[xs, ys])):
@@ -278,7 +278,7 @@ def _check_data(xs: np.ndarray, ys: np.ndarray) -> None:
 
 
 def lift_law(program: Any) -> Callable[[ca.SX], ca.SX]:
-    """Lift over the cam's angle, repeated every turn."""
+    """Return the lift as a function of the angle of the cam, repeated every turn."""
     if isinstance(program, MotionProgram):
         if abs(program.duration - TURN) > 1e-9:
             raise ModelError(
@@ -292,11 +292,11 @@ def lift_law(program: Any) -> Callable[[ca.SX], ca.SX]:
 
 
 def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
-    """A function of an angle from 0 to 2π, repeated every turn; as it is, where it repeats itself."""
+    """Return a function of an angle from 0 to 2π, repeated every turn; unchanged if it is periodic itself."""
     symbol = ca.SX.sym("angle")
     value = ca.SX(quantity(function_of(law, "CamOutline", name, "the angle")(symbol), "CamOutline", name))
     if varying := varying_in(value, besides=symbol):
-        raise ExpressionError(f"CamOutline: {name} may hold parameters only, not {describe(varying[0])}")
+        raise ExpressionError(f"CamOutline: {name} may contain parameters only, not {describe(varying[0])}")
     places = np.linspace(0, TURN, 37)
     here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * TURN))
     if np.allclose(here, later, rtol=1e-11, atol=0):
@@ -311,7 +311,7 @@ def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.S
 
 
 def _least(expression: ca.SX, symbol: ca.SX) -> tuple[float, float]:
-    """Least value of an expression over one turn, and the angle at which it is found."""
+    """Return the least value of an expression over one turn, and the angle of it."""
     places = np.linspace(0, TURN, SAMPLES, endpoint=False)
     values = values_over(expression, symbol, places).ravel()
     k = int(np.argmin(values))

@@ -1,7 +1,6 @@
 """Follower motions: rises, dwells and returns one after the other, for cams and drivers.
 
-The laws are sines and polynomials of the share of a segment, written out here: SciPy's piecewise
-polynomials hold no sines.
+The laws are sines and polynomials, which SciPy's piecewise polynomials cannot represent.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ def cycloidal(s: ca.SX) -> ca.SX:
 
 
 def harmonic(s: ca.SX) -> ca.SX:
-    """``(1 - cos π s) / 2``: the acceleration jumps where a dwell follows."""
+    """``(1 - cos π s) / 2``: the acceleration jumps at a dwell."""
     return (1 - ca.cos(np.pi * s)) / 2
 
 
@@ -45,7 +44,7 @@ def modified_trapezoidal(s: ca.SX) -> ca.SX:
     peak, w = TRAPEZOIDAL_PEAK, 4 * np.pi
     late = s > 0.5
     x = ca.if_else(late, 1 - s, s)  # the second half mirrors the first
-    # comparisons with s itself, so that an integrator finds the joints in the expression
+    # comparisons with s itself, so that an integrator can find the breakpoints in the expression
     at_ends, outer = ca.logic_or(s < 1 / 8, s > 7 / 8), ca.logic_or(s < 3 / 8, s > 5 / 8)
 
     begin = peak * (x / w - ca.sin(w * x) / w**2)
@@ -70,14 +69,14 @@ LAWS: dict[str, Callable[[ca.SX], ca.SX]] = {
 
 @dataclass(frozen=True)
 class Segment:
-    """A piece of a motion program.
+    """A segment of a motion program.
 
     Attributes
     ----------
     duration : float
-        Its length in the program's argument: an angle of the cam (rad) or a time (s).
+        Its length in the argument of the program: an angle of the cam (rad) or a time (s).
     level : float or None
-        Where it ends, m or rad; None for a dwell.
+        Position at its end, m or rad; None for a dwell.
     law : str
         One of ``"cycloidal"``, ``"modified trapezoidal"``, ``"3-4-5"``, ``"harmonic"``.
     """
@@ -98,17 +97,17 @@ class Segment:
 
 
 def rise(duration: float, level: float, law: str = "cycloidal") -> Segment:
-    """Move to a level (m or rad) by a law; also downwards."""
+    """Return a segment that moves to a level (m or rad), up or down, by a law."""
     return Segment(duration, level, law)
 
 
 def fall(duration: float, law: str = "cycloidal", level: float = 0.0) -> Segment:
-    """Return to a level, zero where none is given, by a law."""
+    """Return a segment that moves back to a level (m or rad), zero by default, by a law."""
     return Segment(duration, level, law)
 
 
 def dwell(duration: float) -> Segment:
-    """Rest where the segment before it has ended."""
+    """Return a segment at rest, at the end position of the segment before."""
     return Segment(duration)
 
 
@@ -133,7 +132,7 @@ class MotionProgram(Immutable):
     Raises
     ------
     ModelError
-        For no segments, and a program that does not end where it began.
+        For no segments, and a program that does not end at its start position.
 
     References
     ----------
@@ -155,8 +154,8 @@ class MotionProgram(Immutable):
         end = self._levels()[-1]
         if abs(end - self.start) > 1e-12 * max(1.0, abs(end)):
             raise ModelError(
-                f"MotionProgram: it begins at {self.start:g} and ends at {end:g}; it is repeated and must end where "
-                "it began"
+                f"MotionProgram: it begins at {self.start:g} and ends at {end:g}; it is repeated and must end at its "
+                "start position"
             )
 
     def _levels(self) -> list[float]:

@@ -2,8 +2,8 @@
 
 SciPy finds the coefficients; the expression picks those of the piece in which
 its argument lies. (CasADi's own B-spline is 0 outside its data when it is
-expanded to ``SX``, and has no monotone kind.) Every point is a comparison with
-the argument in the expression, so that an integrator can find it there.
+expanded to ``SX``, and has no monotone kind.) Each point is a comparison with
+the argument in the expression, from which an integrator can find it.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ _ROUNDING = 1e-9
 
 
 def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> Any:
-    """Curve through data points, as an expression in `x`.
+    """Return a curve through data points, as an expression in `x`.
 
-    The curve meets the points exactly. Where its first, second or third
-    derivative jumps, at a point, the one to the right is taken (to the left at
-    the last point). The cost of an evaluation grows with the number of
-    points: some hundreds are fine, several thousands are slow.
+    The curve meets the points exactly. At a point at which its first, second or third
+    derivative jumps, the right-hand one is taken (at the last point the left-hand one).
+    The cost of an evaluation is proportional to the number of points, about 0.1 µs each:
+    hundreds are cheap, thousands are slow.
 
     Parameters
     ----------
     x : casadi.SX, float or array
-        Argument, mostly time, an angle or a displacement; any shape.
+        Argument of any shape, such as time, an angle or a displacement.
     xs, ys : sequence of float, (n,)
         The points; `xs` increases strictly.
     kind : {"cubic", "monotone", "linear"}, default "cubic"
         - ``"cubic"``: C2, not-a-knot ends; for motions (at least 4 points).
-        - ``"monotone"``: C1, rises and falls only where the data do; for forces and
+        - ``"monotone"``: C1, monotone between the points; for forces and
           characteristic curves, which a cubic would overshoot (at least 2 points).
         - ``"linear"``: straight lines (at least 2 points).
     outside : {"error", "constant", "linear", "periodic"}, default "error"
         - ``"error"``: the value and its derivatives are NaN outside the data; results
-          report it. Numbers for `x` raise at once. The curve goes on for 1e-9 of the
-          data's width, for the rounding of an argument that ends where the data end.
+          report it. Numbers for `x` raise an error at once. The curve extends by 1e-9 of the
+          width of the data, to allow for rounding of the argument.
         - ``"constant"``: the value of the nearest end.
         - ``"linear"``: the tangent at the nearest end.
         - ``"periodic"``: the data repeat with period ``xs[-1] - xs[0]``; the first and last of
@@ -62,7 +62,7 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
     ------
     ModelError
         For points that are not finite, not increasing, too few or not periodic, for
-        an unknown choice, and for a number outside the data where that is an error.
+        an unknown choice, and for a number outside the data if ``outside="error"``.
 
     References
     ----------
@@ -89,7 +89,7 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
 
 
 def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> ca.SX:
-    """Integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
+    """Return the integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
     xs, ys = _points(xs, ys, kind, outside)
     if outside == "periodic":
         raise ModelError("spline_integral: the integral of periodic data is not periodic")
@@ -98,7 +98,7 @@ def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: st
 
 
 def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
-    """Curve of degree five through points that closes, as an expression; four continuous derivatives, at the seam too.
+    """Return a closed curve of degree five through points, as an expression with four continuous derivatives.
 
     For outlines of cams: the rows of a follower hold the tangent or the normal of the outline, and
     ``gamma`` their second derivatives, which with cubic splines would jump at every point.
@@ -156,13 +156,13 @@ def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.n
 
 
 def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> Any:
-    """Value at numbers: a float or an array like `x`."""
+    """Return the values at numbers: a float or an array like `x`."""
     numbers = np.asarray(x.full() if isinstance(x, ca.DM) else x, dtype=float)
     slack = _ROUNDING * (xs[-1] - xs[0])
     if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
         raise ModelError(
             f"spline: x = {numbers[bad].flat[0]} is outside the data, {xs[0]} … {xs[-1]}; "
-            "say outside='constant', 'linear' or 'periodic' if they are to go on"
+            "say outside='constant', 'linear' or 'periodic' to extend them"
         )
     symbol = ca.SX.sym("x")
     curve = ca.Function("spline", [symbol], [_curve(symbol, xs, ys, kind, outside)])
@@ -181,7 +181,7 @@ def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) ->
 
 
 def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.ndarray, outside: str) -> ca.SX:
-    """Polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
+    """Return the polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
 
     Parameters
     ----------
@@ -191,14 +191,14 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
         The points (n,) between which the pieces lie.
     anchors, coefficients : numpy.ndarray
         Of the pieces, (p,) and (k, p): one from each point on, and first and last
-        those outside, where `outside` is "constant" or "linear".
+        those outside, if `outside` is "constant" or "linear".
     outside : str
         As for :func:`spline`.
     """
     if outside == "periodic":
         period = xs[-1] - xs[0]
         x = x - period * ca.floor((x - xs[0]) / period)
-    # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
+    # passed[k] is 1 if x has reached piece k; the piece is the last one that is reached. Multiplying
     # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
     # derivatives are those of the polynomial that is picked.
     passed = [x >= start for start in xs[1:]]
@@ -220,7 +220,7 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
 
 
 def _polynomials(xs: np.ndarray, ys: np.ndarray, kind: str, periodic: bool) -> PPoly:
-    """The curve as SciPy's piecewise polynomial, one piece from each point but the last."""
+    """Return the curve as SciPy's piecewise polynomial, one piece from each point but the last."""
     from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
     if kind == "linear":
@@ -236,10 +236,10 @@ def _polynomials(xs: np.ndarray, ys: np.ndarray, kind: str, periodic: bool) -> P
 
 
 def _with_ends(curve: PPoly, outside: str, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Anchors (p,) and coefficients (k, p) of the pieces ``c0 + c1 d + c2 d² + …``, d from the anchor.
+    """Return anchors (p,) and coefficients (k, p) of the pieces ``c0 + c1 d + c2 d² + …``, d from the anchor.
 
-    There is one for each interval and one that begins at the last point; then those outside, where they differ:
-    of a curve that was integrated `order` times, so many terms more.
+    There is one for each interval, one that begins at the last point, and one on either side if these differ; for
+    a curve that was integrated `order` times the latter have as many terms more.
     """
     anchors = curve.x
     coefficients = np.column_stack([curve.c[::-1], _taylor(curve, anchors[-1:], len(curve.c))])
@@ -252,6 +252,6 @@ def _with_ends(curve: PPoly, outside: str, order: int = 0) -> tuple[np.ndarray, 
 
 
 def _taylor(curve: Any, places: np.ndarray, count: int) -> np.ndarray:
-    """Coefficients (count, n) of a SciPy curve in powers of the distance from places (n,)."""
+    """Return the coefficients (count, n) of a SciPy curve in powers of the distance from places (n,)."""
     factorials = np.cumprod(np.r_[1.0, np.arange(1, count)])
     return np.array([curve(places, nu) for nu in range(count)]) / factorials[:, None]

@@ -9,12 +9,12 @@ import casadi as ca
 from ..bodies import as_marker
 from ..element import ConstraintElement
 from ..quantities import quantity, vector2
-from .base import Joint, pair
+from .base import Joint
 from .lower_pairs import distance_row
 
 
 class _Absolute(ConstraintElement):
-    """One coordinate of a marker has a given value."""
+    """Base class: one coordinate of a marker has a given value."""
 
     kind = "constraint"
 
@@ -94,10 +94,10 @@ class AbsoluteDistance(ConstraintElement):
 
 
 class _Relative(Joint):
-    """One coordinate of b less that of a has a given value."""
+    """Base class: one coordinate of b less that of a has a given value."""
 
     def __init__(self, name: str, a: Any, b: Any, value: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         self.value = quantity(value, f"constraint '{name}'", "value")
         super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
 
@@ -109,9 +109,8 @@ class _Relative(Joint):
 class RelativeX(_Relative):
     """``Phi = x^b - x^a - C``, global axes (1 row, m).
 
-    The forces on the points are opposite and along the global x axis, whatever
-    line joins the points: the couple that is left over is taken by the ground,
-    from whose axis the distance is measured.
+    The forces on the points are opposite and along the global x axis, not along the line
+    that joins the points. The ground, whose axis defines the direction, takes the remaining couple.
 
     Parameters
     ----------
@@ -135,7 +134,7 @@ class RelativeX(_Relative):
 
 
 class RelativeY(_Relative):
-    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and the ground's part as for :class:`RelativeX`."""
+    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and couple as for :class:`RelativeX`."""
 
     leans_on_ground = True
 

@@ -1,4 +1,4 @@
-"""Revolute, translational and rigid joints, and the composites that stand for a massless link."""
+"""Revolute, translational and rigid joints, and composite joints in place of a massless link."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..quantities import Limit, known_value, quantity
 from ..rates import time_derivative
-from .base import AlongLine, Joint, pair, relative_angle
+from .base import AlongLine, Joint, relative_angle
 
 
 class Revolute(Joint):
@@ -31,7 +31,7 @@ class Revolute(Joint):
     """
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         super().__init__(name, a, b, a.position - b.position, ("x", "y"))
 
     @cached_property
@@ -50,7 +50,7 @@ class Translational(AlongLine, Joint):
 
     ``Phi = [y_a · d, phi_b - phi_a - 2πk]`` with ``d = r^b - r^a`` (2 rows, m
     and rad). The second row is linear, so the block cannot flip over as it can
-    with the textbook's ``y_a · x_b``; the whole number k is the one at the
+    with the textbook's ``y_a · x_b``; the integer k is that of the
     estimated poses.
 
     Parameters
@@ -68,7 +68,7 @@ class Translational(AlongLine, Joint):
     """
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
 
@@ -85,17 +85,17 @@ class Weld(Joint):
     """
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         rows = ca.vertcat(a.position - b.position, relative_angle(a, b))
         super().__init__(name, a, b, rows, ("x", "y", "angle"))
 
 
 def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit, ...]]:
-    """Row ``(d·d - C²) / (2 C)``: smooth at any pose, in metres, with a multiplier in newtons; and the limits of C."""
+    """Return the row ``(d·d - C²) / (2 C)``, m with a multiplier in N, smooth at any pose, and the limits of C."""
     limits: list[Limit] = []
     length = quantity(distance, what, "distance")
     if known_value(length) == 0:
-        raise ModelError(f"{what}: the distance is zero, where the constraint is singular; use a Revolute")
+        raise ModelError(f"{what}: the distance is zero, at which the constraint is singular; use a Revolute")
     quantity(length, what, "distance", above=0.0, limits=limits)
     return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), tuple(limits)
 
@@ -134,7 +134,7 @@ class Distance(Joint):
     """
 
     def __init__(self, name: str, a: Any, b: Any, distance: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         self.distance = distance
         row, self.limits = distance_row(f"joint '{name}'", b.position - a.position, distance)
         super().__init__(name, a, b, row)
@@ -146,7 +146,7 @@ class Distance(Joint):
 
 
 class PointOnLine(AlongLine, Joint):
-    """Revolute–translational composite: b's point stays on a line of a, at an offset.
+    """Revolute–translational composite: a point of b stays on a line of a, at an offset.
 
     ``Phi = y_a · d - offset`` with ``d = r^b - r^a`` (1 row, m).
 
@@ -167,7 +167,7 @@ class PointOnLine(AlongLine, Joint):
     """
 
     def __init__(self, name: str, a: Any, b: Any, offset: Any = 0.0):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         self.offset = quantity(offset, f"joint '{name}'", "offset")
         row = ca.dot(a.y_axis, b.position - a.position) - self.offset
         super().__init__(name, a, b, row)

@@ -1,4 +1,4 @@
-"""Outlines in contact: the places that touch at the estimated poses, and what a follower demands of an outline."""
+"""Outlines in contact: the points that touch at the estimated poses, and the checks of an outline for its follower."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from ..symbols import symbols_of, values_of
 
 
 def _in_frame(a: Marker, vector: ca.SX, bodies: list) -> np.ndarray:
-    """A global vector (2,) in the axes of marker a, at the estimated poses."""
+    """Return a global vector (2,) in the axes of marker a, at the estimated poses."""
     return values_of(at_poses(rotation(-a.angle) @ vector, bodies)).ravel()
 
 
 def touching_place(outline: CamOutline, a: Marker, b: Marker) -> float:
-    """Place where the outline touches the line of the face, or would do so: on the nearer side."""
+    """Return the parameter at which the outline touches the line of the face, or comes closest, on the nearer side."""
     bodies = [a.body, b.body]
     normal, origin = _in_frame(a, b.y_axis, bodies), _in_frame(a, b.position - a.position, bodies)
 
@@ -36,7 +36,7 @@ def touching_place(outline: CamOutline, a: Marker, b: Marker) -> float:
 
 
 def nearest_place(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
-    """Place on the curve, or on the one beside it, that is nearest to b."""
+    """Return the parameter of the point nearest to b on a curve, or on the one parallel to it at a distance."""
     point = _in_frame(a, b.position - a.position, [a.body, b.body])
 
     def away(parameters: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ def nearest_place(curve: Curve, a: Marker, b: Marker, beside: float) -> float:
 
 
 def touching_places(one: CamOutline, other: CamOutline, a: Marker, b: Marker) -> tuple[float, float]:
-    """Places at which two outlines are nearest to touching, their outward normals opposite."""
+    """Return the parameters at which two outlines come closest with opposite outward normals."""
     bodies = [a.body, b.body]
     offset = _in_frame(a, b.position - a.position, bodies)
     turn = float(values_of(at_poses(b.angle - a.angle, bodies))[0, 0])
@@ -80,7 +80,7 @@ def _place(outline: Curve, k: int) -> str:
 
 
 def _most_hollow(outline: CamOutline) -> tuple[int, float]:
-    """Sample at which the outline is bent inwards most, or outwards least, and its curvature there, 1/m."""
+    """Return the sample of the least curvature (most concave) of an outline, and that curvature, 1/m."""
     bends = outline.curvatures(outline.samples)
     k = int(np.argmin(bends))
     return k, float(bends[k])
@@ -109,14 +109,14 @@ def wide_enough(what: str, outline: CamOutline, radius: Any) -> tuple[Limit, ...
 
 
 def positive_radius(what: str, *outlines: CamOutline) -> tuple[Limit, ...]:
-    """Limits on the polar radius of outlines at other values of the parameters; their own were checked before."""
+    """Return limits on the polar radius of outlines, for other values of the parameters."""
     return tuple(
         limit for outline in outlines for limit in _limits(what, "radius of the outline", outline, outline.radius)
     )
 
 
 def _limits(what: str, name: str, outline: CamOutline, value: Callable[[float], Any]) -> tuple[Limit, ...]:
-    """What must stay positive at places of the outline for other values of the parameters, where it depends on any."""
+    """Return limits on a value that must be positive along an outline, if it depends on parameters."""
     limits: list[Limit] = []
     if symbols_of(value(0.1)):
         for place in outline.samples[:: len(outline.samples) // 90]:

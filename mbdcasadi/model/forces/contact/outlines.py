@@ -1,4 +1,4 @@
-"""Outlines that touch each other."""
+"""Outlines of bodies, for contact."""
 
 from __future__ import annotations
 
@@ -66,14 +66,14 @@ class Point(Outline):
     Parameters
     ----------
     marker : Marker
-        Where it is.
+        Its position.
     """
 
     radius = 0.0
 
 
 class Segment(Outline):
-    """A straight bar with round ends, along the marker's x axis, its middle at the marker; touched from all sides.
+    """A straight bar with round ends along the marker's x axis, centred at the marker; touched from all sides.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Segment(Outline):
 
     @property
     def thin(self) -> bool:
-        """Whether it is a line, which points and corners pass through."""
+        """True if it has no thickness, so that points and corners pass through it."""
         return bool(ca.SX(self.radius).is_zero())
 
     @property
@@ -146,7 +146,7 @@ class PolygonEdges(Outline):
 
     @property
     def half_width(self) -> float:
-        """Half of the least distance of two parallel lines that hold the polygon between them, m."""
+        """Half of the least width of the polygon (between two parallel lines), m."""
         sides = np.roll(self.points, -1, axis=0) - self.points
         outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
         heights = outward @ self.points.T

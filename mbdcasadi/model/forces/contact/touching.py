@@ -1,4 +1,4 @@
-"""Places where two outlines touch: gap, normal and point, for each pair of kinds."""
+"""Places at which two outlines touch: gap, normal and point, for each pair of kinds."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from .outlines import Circle, HalfPlane, HollowCircle, Outline, Point, PolygonEd
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """One place where two outlines may touch.
+    """One place at which two outlines may touch.
 
     Attributes
     ----------
     gap : casadi.SX
-        Distance of the surfaces, m; negative where they penetrate.
+        Distance of the surfaces, m; negative if they penetrate.
     normal : casadi.SX
         Unit vector (2,) from the second to the first outline.
     point : casadi.SX
-        Where the force acts (2,), m.
+        Point at which the force acts (2,), m.
     reach : casadi.SX, optional
-        Depth beyond which the outlines have no meaning, m: half of that at which their middles meet; None if they
-        may penetrate by any depth.
+        Largest valid depth, m: half of the depth at which the middles of the outlines meet; None if there is no
+        limit.
     """
 
     gap: ca.SX
@@ -38,15 +38,15 @@ class Touch:
     reach: ca.SX | None = None
 
     def reversed(self) -> Touch:
-        """The same with the outlines exchanged."""
+        """Return the same place with the outlines exchanged."""
         return replace(self, normal=-self.normal)
 
 
 def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -> Touch:
-    """Two discs."""
+    """Return the place of contact of two discs."""
     apart = centre - other
     distance = norm(apart)
-    # concentric discs have no normal: any will do, and no division by zero
+    # concentric discs have no normal: take any, and do not divide by zero
     together = distance == 0
     normal = if_else(together, ca.DM([0, 1]), apart / if_else(together, 1, distance))
     reach = (ca.SX(radius) + other_radius) / 2
@@ -54,12 +54,12 @@ def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -
 
 
 def share_along(point: ca.SX, first: ca.SX, along: ca.SX) -> ca.SX:
-    """Where a point is beside a segment, from its first end along it: 0 at that end and 1 at the other."""
+    """Return the projection of a point onto a segment: 0 at its first end and 1 at the other."""
     return ca.dot(point - first, along) / ca.sumsqr(along)
 
 
 def nearest_point(point: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
-    """Nearest point of a segment."""
+    """Return the nearest point of a segment."""
     along = second - first
     share = share_along(point, first, along)
     share = if_else(share > 0, if_else(share < 1, share, 1), 0)
@@ -67,7 +67,7 @@ def nearest_point(point: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
 
 
 def segment_segment(a: Segment, b: Segment) -> list[Touch]:
-    """Ends of either bar beside the other one."""
+    """Ends of each bar against the other one."""
     if a.thin and b.thin:
         raise ModelError("two bars without thickness pass through each other; give one of them radius=")
     found = [between_discs(end, a.radius, nearest_point(end, *b.ends), b.radius) for end in a.ends]
@@ -75,7 +75,7 @@ def segment_segment(a: Segment, b: Segment) -> list[Touch]:
 
 
 def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
-    """Ends of a bar beside a polygon, and the polygon's corners beside the bar."""
+    """Ends of a bar against a polygon, and corners of the polygon against the bar."""
     if a.thin:
         raise ModelError("a corner passes through a bar without thickness; give Segment(…, radius=)")
     found = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
@@ -83,7 +83,7 @@ def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
 
 
 def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
-    """A disc beside the straight part of a bar; what its round ends touch counts as contact of these ends."""
+    """Return the contact of a disc with the straight part of a bar; that with its round ends is one of these ends."""
     first, second = bar.ends
     share = share_along(centre, first, second - first)
     touch = between_discs(centre, radius, nearest_point(centre, first, second), bar.radius)
@@ -92,11 +92,11 @@ def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
 
 
 def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
-    """A disc or a point beside a polygon: the nearest edge or corner; inside, the edge that is nearest."""
+    """Return the contact of a disc or point with a polygon: the nearest edge or corner; inside, the nearest edge."""
     corners = b.corners
     outward = b.normals
     heights = [ca.dot(n, centre - c) for n, c in zip(outward, corners, strict=True)]
-    # of the edges whose outer side the centre is on, the nearest one; within all, the one with the least depth
+    # the edge with the largest height of the centre above it: inside the polygon, that of the least depth
     height, edge_normal = heights[0], outward[0]
     for other, normal in zip(heights[1:], outward[1:], strict=True):
         more = other > height
@@ -117,11 +117,11 @@ def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -
 def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
     """Corners of either polygon on an edge of the other, for the two edges that face each other.
 
-    The edges are those of the axis that separates the polygons most, or that they
+    The edges are those of the axis that separates the polygons most, or along which they
     penetrate least, and the edge of the other polygon that faces it (Gottschalk, Lin,
     Manocha, "OBBTree", SIGGRAPH 1996; Catto, "Iterative dynamics with temporal
-    coherence", GDC 2005). Both ends of both edges are places; so a block on an equal
-    block stands on two corners, wherever it is.
+    coherence", GDC 2005). Both ends of both edges are places of contact, so that a
+    block on an equal block stands on two corners at any offset.
     """
     faces_a, faces_b = _faces(a), _faces(b)
     first = _least_deep(faces_a, b.corners)
@@ -135,7 +135,7 @@ def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
 
 
 def _faces(polygon: PolygonEdges) -> list[ca.SX]:
-    """Outward normal and ends of each edge, each as one vector (6,)."""
+    """Return the outward normal and the ends of each edge, as one vector (6,) each."""
     corners = polygon.corners
     return [
         ca.vertcat(normal, start, end)
@@ -144,7 +144,7 @@ def _faces(polygon: PolygonEdges) -> list[ca.SX]:
 
 
 def _least_deep(faces: list[ca.SX], corners: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """The edge above which some corners are highest, by the lowest of them: that height, and the edge."""
+    """Return the largest separation of some corners from an edge (their least height above it), and that edge."""
     best, found = ca.SX(-np.inf), faces[0]
     for face in faces:
         heights = [ca.dot(face[:2], corner - face[2:4]) for corner in corners]
@@ -157,7 +157,7 @@ def _least_deep(faces: list[ca.SX], corners: list[ca.SX]) -> tuple[ca.SX, ca.SX]
 
 
 def _facing(faces: list[ca.SX], normal: ca.SX) -> ca.SX:
-    """The edge that faces a direction most."""
+    """Return the edge whose normal is most opposed to a direction."""
     best, found = ca.dot(faces[0][:2], normal), faces[0]
     for face in faces[1:]:
         turned = ca.dot(face[:2], normal)
@@ -167,7 +167,7 @@ def _facing(faces: list[ca.SX], normal: ca.SX) -> ca.SX:
 
 
 def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
-    """A corner above an edge: below it in front of its ends, where `closed` at them too, it penetrates."""
+    """Return the contact of a corner with an edge, between the ends of the edge; if `closed`, at the ends too."""
     normal, start, end = face[:2], face[2:4], face[4:6]
     share = share_along(corner, start, end - start)
     height = ca.dot(normal, corner - start)
@@ -183,13 +183,13 @@ def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane, reach: Any) -> 
 
 
 def _reach(size: Any) -> ca.SX | None:
-    """Depth to which an outline of a size may go into a solid without a middle; any, if it has none either."""
+    """Return the largest valid depth in a half-plane or hole of an outline with a half-thickness; None for a point."""
     size = ca.SX(size)
     return None if size.is_zero() else size
 
 
 def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
-    """A circle or a point above a half-plane."""
+    """Circle or point above a half-plane."""
     return [_disc_on_plane(a.marker.position, a.radius, b, a.radius)]
 
 
@@ -201,9 +201,9 @@ def disc_disc(a: Any, b: Any) -> list[Touch]:
 
 
 def disc_segment(a: Any, b: Segment) -> list[Touch]:
-    """A circle or a point beside a bar."""
+    """Circle or point against a bar."""
     if isinstance(a, Point) and b.thin:
-        raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or take a Circle")
+        raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or use a Circle")
     centre = a.marker.position
     return [between_discs(centre, a.radius, nearest_point(centre, *b.ends), b.radius)]
 
@@ -219,12 +219,12 @@ def polygon_plane(a: PolygonEdges, b: HalfPlane) -> list[Touch]:
 
 
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
-    """A circle or a point beside a polygon."""
+    """Circle or point against a polygon."""
     return [disc_beside_polygon(a.marker.position, a.radius, b)]
 
 
 def disc_hollow(a: Any, b: HollowCircle) -> list[Touch]:
-    """A circle or a point in a hole."""
+    """Circle or point in a hole."""
     return [_disc_in_hole(a.marker.position, a.radius, b, a.radius)]
 
 
@@ -264,12 +264,12 @@ _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], 
 
 
 def touches(a: Outline, b: Outline, what: str) -> list[Touch]:
-    """Places where two outlines may touch.
+    """Return the places at which two outlines may touch.
 
     Raises
     ------
     ModelError
-        For a pair that there is no rule for.
+        For a pair without a rule.
     """
     try:
         for first, second, rule in _KINDS:

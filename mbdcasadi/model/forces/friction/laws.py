@@ -16,16 +16,17 @@ from ...symbols import StateVariable
 
 @dataclass(frozen=True, eq=False)
 class Resistance:
-    """What a law exerts at one place.
+    """Friction at one place, by a law.
 
     Attributes
     ----------
     force : casadi.SX
         Force along the sliding speed, N: against it, so that a passive law has ``force · speed <= 0``.
     rates : dict of StateVariable to casadi.SX
-        Rates of the bristles' deflections, where the law has them.
+        Rates of the deflections of bristles, if the law has any.
     smoothed : tuple of casadi.SX
-        Quantities from -1 to 1 that change fast where the law is smoothed; a run tells where its steps jump over them.
+        Quantities between -1 and 1 that change fast at the smoothed jump of the law; a simulation warns if its steps
+        jump over them.
     """
 
     force: ca.SX
@@ -34,27 +35,27 @@ class Resistance:
 
 
 class FrictionLaw(Immutable):
-    """Base class of friction laws: the force over sliding speed and load.
+    """Base class of friction laws: force as a function of sliding speed and load.
 
-    Laws add up: ``Coulomb(0.2, 1e-3) + Viscous(5)``.
+    Laws can be added: ``Coulomb(0.2, 1e-3) + Viscous(5)``.
 
     Attributes
     ----------
     velocity_tolerance : float, expression or None
-        Speed over which the jump at zero is spread, m/s; None where there is none.
+        Speed over which the jump at zero is smoothed, m/s; None if there is none.
     deflection_tolerance : float, expression or None
-        Way over which bristles bend before they slide, m; None where there are none.
+        Deflection of the bristles before they slide, m; None if there are none.
     limits : tuple of Limit
-        What its quantities must keep to.
+        Ranges of its quantities.
     exact : bool
-        Whether it sticks exactly, by switching.
+        True if the law switches between exact stiction and sliding.
     """
 
     velocity_tolerance: Any = None
     deflection_tolerance: Any = None
     limits: tuple[Limit, ...] = ()
     exact: bool = False
-    #: what to do where a run does not resolve the law
+    #: remedy if a run does not resolve the law
     remedy: str = "or widen velocity_tolerance"
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
@@ -63,7 +64,7 @@ class FrictionLaw(Immutable):
         Parameters
         ----------
         name : str
-            Of the element, for what the law brings along of its own.
+            Name of the element, for the state variables of the law.
         """
         raise NotImplementedError
 
@@ -74,7 +75,7 @@ class FrictionLaw(Immutable):
 
 
 class SumOfLaws(FrictionLaw):
-    """Two laws that act together."""
+    """Sum of two laws."""
 
     def __init__(self, first: FrictionLaw, second: FrictionLaw):
         for law in (first, second):
@@ -87,7 +88,7 @@ class SumOfLaws(FrictionLaw):
             setattr(self, name, min(widths, key=_size, default=None))
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
-        """Sum of both."""
+        """Return the sum of both."""
         first, second = (part.resistance(f"{name}.{k}", speed, load) for k, part in enumerate(self.parts))
         rates = {**first.rates, **second.rates}
         return Resistance(first.force + second.force, rates, (*first.smoothed, *second.smoothed))
@@ -102,9 +103,9 @@ def _size(value: Any) -> float:
 
 
 def as_law(law: Any, what: str) -> FrictionLaw:
-    """Check a friction law."""
+    """Return a friction law; raise an error for anything else."""
     if not isinstance(law, FrictionLaw):
-        raise ModelError(f"{what}: law must be a friction law as Coulomb, Stribeck, LuGre or Viscous, got {law!r}")
+        raise ModelError(f"{what}: law must be a friction law such as Coulomb, Stribeck, LuGre or Viscous, got {law!r}")
     return law
 
 
@@ -116,8 +117,8 @@ class Coulomb(FrictionLaw):
     coefficient : float or expression
         μ, at least 0.
     velocity_tolerance : float or expression
-        v_t, m/s: the speed over which the jump at rest is spread. Under a steady push
-        below μ N the surfaces creep, at ``v_t artanh(F/(μ N))``.
+        v_t, m/s: the speed over which the jump at rest is smoothed. Under a constant push
+        F below μ N the surfaces creep at ``v_t artanh(F/(μ N))``.
 
     References
     ----------
@@ -140,7 +141,7 @@ class Coulomb(FrictionLaw):
         self.limits = tuple(limits)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
-        """Force against the motion."""
+        """Return the force against the motion."""
         sign = ca.tanh(speed / self.velocity_tolerance)
         return Resistance(-self.coefficient * load * sign, smoothed=(sign,))
 
@@ -148,7 +149,7 @@ class Coulomb(FrictionLaw):
         return f"Coulomb({self.coefficient}, velocity_tolerance={self.velocity_tolerance})"
 
 
-#: Largest share of the Stribeck velocity that the velocity tolerance may be: above it the static peak is cut off.
+#: Largest ratio of velocity tolerance to Stribeck velocity: above it the static peak is cut off.
 SHARE = 0.2
 
 
@@ -162,7 +163,7 @@ class Stribeck(FrictionLaw):
     stribeck_velocity : float or expression
         v_s, m/s, over which friction falls from rest to sliding.
     velocity_tolerance : float or expression
-        v_t, m/s, at most a fifth of v_s: with more, the peak at rest is not reached.
+        v_t, m/s, at most a fifth of v_s: above it, the peak at rest is not reached.
 
     References
     ----------
@@ -187,7 +188,7 @@ class Stribeck(FrictionLaw):
         self.limits = tuple(limits)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
-        """Force against the motion."""
+        """Return the force against the motion."""
         excess = (self.static_coefficient - self.coefficient) * ca.exp(-((speed / self.stribeck_velocity) ** 2))
         sign = ca.tanh(speed / self.velocity_tolerance)
         return Resistance(-load * (self.coefficient + excess) * sign, smoothed=(sign,))
@@ -200,12 +201,12 @@ class Stribeck(FrictionLaw):
 
 
 def check_static(sliding: Any, static: Any, what: str, limits: list[Limit]) -> None:
-    """Refuse a static coefficient below the one of sliding."""
+    """Raise an error for a static coefficient below that of sliding."""
     quantity(ca.SX(static) - sliding, what, "static_coefficient - coefficient", at_least=0.0, limits=limits)
 
 
 class Viscous(FrictionLaw):
-    """``F = -c v``, whatever the load is; in a contact while the surfaces touch.
+    """``F = -c v``, independent of the load; in a contact, while the surfaces touch.
 
     Parameters
     ----------
@@ -219,7 +220,7 @@ class Viscous(FrictionLaw):
         self.limits = tuple(limits)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
-        """Force against the motion."""
+        """Return the force against the motion."""
         return Resistance(-self.coefficient * speed)
 
     def __repr__(self) -> str:
@@ -229,8 +230,8 @@ class Viscous(FrictionLaw):
 class LuGre(FrictionLaw):
     """``F = -N (σ0 z + σ1 ż)``, ``ż = v - σ0 |v| z / g(v)``, ``g = μ + (μ_s - μ) exp(-(v/v_s)²)``.
 
-    The bristles' deflection z is a first-order state of each place where the law acts.
-    At rest F holds any push up to μ_s N, without creep.
+    The deflection z of the bristles is a first-order state for each place at which the law acts.
+    At rest F balances any push up to μ_s N, without creep.
 
     Parameters
     ----------
@@ -239,20 +240,19 @@ class LuGre(FrictionLaw):
     stribeck_velocity : float or expression
         v_s, m/s.
     stiffness : float or expression
-        σ0, 1/m: of the bristles for each newton of load; μ_s/σ0 is the largest deflection.
+        σ0, 1/m: stiffness of the bristles per newton of load; μ_s/σ0 is the largest deflection.
     damping : float or expression, default 0
-        σ1, s/m, for each newton of load. It acts as ``σ1(v) = σ1 exp(-(v/v_s)²)``, which keeps
-        the bristles from driving the motion at speed.
+        σ1, s/m, per newton of load. It acts as ``σ1(v) = σ1 exp(-(v/v_s)²)``, so that
+        the bristles do not drive the motion at speed.
 
     Notes
     -----
-    With the bristles' energy ``N σ0 z²/2`` the law takes
-    ``N |v| (u² - σ1(v) v u + σ1(v) |v| g)/g``, ``u = σ0 z``, from the motion: never less than
-    nothing, at whatever deflection, where ``σ1(v) |v| <= 4 g(v)``, so surely with
-    ``σ1 v_s <= 4 √(2e) μ ≈ 9.3 μ``. With more damping than that it may put energy into the motion,
-    and also where the load changes while the bristles are bent, as at a contact that bounces: a
-    growing load stiffens them without work. With a constant σ1, as it was first proposed, it would
-    ask for viscous friction of at least ``N σ1 (μ_s - μ)/μ`` besides (Barabanov and Ortega).
+    With the energy ``N σ0 z²/2`` of the bristles, the law dissipates
+    ``N |v| (u² - σ1(v) v u + σ1(v) |v| g)/g``, ``u = σ0 z``: not negative at any deflection if
+    ``σ1(v) |v| <= 4 g(v)``, which ``σ1 v_s <= 4 √(2e) μ ≈ 9.3 μ`` ensures. With more damping the law
+    may put energy into the motion. It also may if the load changes while the bristles are bent, as in a
+    bouncing contact: a growing load stiffens them without work. With a constant σ1, as first proposed,
+    additional viscous friction of at least ``N σ1 (μ_s - μ)/μ`` would be necessary (Barabanov and Ortega).
 
     References
     ----------
@@ -280,7 +280,7 @@ class LuGre(FrictionLaw):
         self.limits = tuple(limits)
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
-        """Force against the motion, with a deflection of its own."""
+        """Return the force against the motion, with a new deflection."""
         deflection = StateVariable(f"{name}.deflection")
         near = ca.exp(-((speed / self.stribeck_velocity) ** 2))
         g = self.coefficient + (self.static_coefficient - self.coefficient) * near
@@ -298,18 +298,18 @@ class LuGre(FrictionLaw):
 class DryFriction(FrictionLaw):
     """Exact stick and slip in a joint: ``|F| <= μ_s N`` at rest, ``F = -μ N sgn v`` in motion.
 
-    In :func:`simulate` alone. The run switches between sticking, where the sliding speed
-    is held at zero by a multiplier, and sliding, at instants that are located to
-    rounding: they are in ``motion.events`` as "<name> stops" and "<name> breaks away".
-    Nothing creeps, and no velocity tolerance is needed. Events that reset velocities act as
-    without friction: it takes no part in an impulse.
+    For :func:`simulate` only. The run switches between sticking, with the sliding speed
+    held at zero by a multiplier, and sliding, at instants that are located to
+    rounding and listed in ``motion.events`` as "<name> stops" and "<name> breaks away".
+    Nothing creeps, and there is no velocity tolerance. Friction takes no part in the impulse of
+    an event that resets velocities.
 
     Parameters
     ----------
     coefficient : float or expression
         μ of sliding, at least 0.
     static_coefficient : float or expression, optional
-        μ_s of rest, at least μ; μ where it is not given.
+        μ_s of rest, at least μ; μ by default.
 
     References
     ----------
