@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ModelError
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import Immutable
-from .quantities import Limit, quantity, triple
+from .quantities import Limit, in_radians, quantity, triple
 from .rates import time_derivative
 from .symbols import check_name, register
 
@@ -36,7 +36,7 @@ class Body(Immutable):
     inertia : float or expression in parameters
         Moment of inertia ``J'`` about the centre of mass, kg m²; may be zero if the joints determine the rotation.
     pose : (float, float, float), default (0, 0, 0)
-        Estimate of ``x, y`` (m) and ``phi`` (rad).
+        Estimate of ``x, y`` (m) and ``phi`` (rad). A warning is given for an angle that seems to be in degrees.
     velocity : (float, float, float), default (0, 0, 0)
         Estimate of ``vx, vy`` (m/s) and ``omega`` (rad/s).
     shape : Shape, optional
@@ -91,6 +91,7 @@ class Body(Immutable):
         self.inertia = quantity(inertia, what, "inertia", at_least=0.0, limits=limits)
         self.limits = tuple(limits)
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
+        in_radians(self.pose_estimate[2], what, "the angle of the pose", stacklevel=3)
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
         self.shape = shape
         self._shape_centroid = np.zeros(2)
@@ -206,7 +207,9 @@ class Body(Immutable):
         what = f"body '{self.name}'"
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[ca.SX(p) for p in point]) - self._shape_centroid
-        return Marker(self, local, ca.SX(quantity(angle, what, "marker angle")))
+        angle = quantity(angle, what, "marker angle")
+        in_radians(angle, what, "the angle of a marker", stacklevel=2)
+        return Marker(self, local, ca.SX(angle))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"

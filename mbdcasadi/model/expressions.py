@@ -1,8 +1,9 @@
 """Functions of expressions and numbers.
 
-NumPy's functions do not work on symbols, and some of CasADi's have no
-derivative at a point that a mechanism passes through (the norm of a force
-that vanishes, the power of a penetration at first touch). The functions here
+The functions of Python's ``math`` return NaN for symbols, NumPy's give a warning
+of CasADi, and some of CasADi's have no derivative at a point that a mechanism
+passes through (the norm of a force that vanishes, the power of a penetration at
+first touch). The functions here
 accept ``casadi.SX`` and numbers; :func:`norm`, :func:`distance`,
 :func:`positive_power` and :func:`step` have finite first and second
 derivatives as documented.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, MechanismWarning, ModelError
 from .symbols import Parameter, describe, number, varying_in
 
 _RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
@@ -115,6 +116,14 @@ def quantity(
     if isinstance(value, ca.SX) and not isinstance(value, Parameter) and known is not None:
         return known
     return value
+
+
+def in_radians(value: Any, what: str, name: str, stacklevel: int) -> None:
+    """Warn of an angle that looks like one in degrees: beyond a turn, and a multiple of a half."""
+    angle = known_value(value)
+    if angle is not None and abs(angle) > 2 * math.pi and float(2 * angle).is_integer():
+        text = f"{what}: {name} = {angle:g} rad is more than a turn; angles are in radians: np.deg2rad({angle:g})"
+        warnings.warn(text, MechanismWarning, stacklevel=stacklevel + 1)
 
 
 def yes_or_no(value: Any, what: str, name: str) -> bool:

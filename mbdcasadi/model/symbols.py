@@ -76,7 +76,12 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         result = float(value)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
-    if math.isnan(result) or (math.isinf(result) and not infinite):
+    if math.isnan(result):
+        raise ModelError(
+            f"{what}: {quantity} must be finite, got nan (which Python's math.sin and float make of an expression: use "
+            "mbd.sin, …)"
+        )
+    if math.isinf(result) and not infinite:
         raise ModelError(f"{what}: {quantity} must be finite, got {result}")
     return result
 

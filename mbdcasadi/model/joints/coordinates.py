@@ -8,7 +8,7 @@ import casadi as ca
 
 from ..bodies import as_marker
 from ..element import ConstraintElement
-from ..quantities import quantity, vector2
+from ..quantities import in_radians, quantity, vector2
 from .base import Joint
 from .lower_pairs import distance_row
 
@@ -17,11 +17,14 @@ class _Absolute(ConstraintElement):
     """Base class: one coordinate of a marker has a given value."""
 
     kind = "constraint"
+    _is_angle = False
 
     def __init__(self, name: str, marker: Any, value: Any = 0.0):
         what = f"constraint '{name}'"
         self.marker = as_marker(marker, what, "marker")
         self.value = quantity(value, what, "value")
+        if self._is_angle:
+            in_radians(self.value, what, "value", stacklevel=3)
         super().__init__(name, self._coordinate() - self.value, (), (self.marker,))
 
     def _coordinate(self) -> ca.SX:
@@ -58,6 +61,8 @@ class AbsoluteY(_Absolute):
 
 class AbsoluteAngle(_Absolute):
     """``Phi = phi - C`` with the angle of the marker's x axis (1 row, rad); as :class:`AbsoluteX`."""
+
+    _is_angle = True
 
     def _coordinate(self) -> ca.SX:
         return self.marker.angle
@@ -96,9 +101,14 @@ class AbsoluteDistance(ConstraintElement):
 class _Relative(Joint):
     """Base class: one coordinate of b less that of a has a given value."""
 
+    _is_angle = False
+
     def __init__(self, name: str, a: Any, b: Any, value: Any):
         a, b = self.pair(name, a, b)
-        self.value = quantity(value, f"constraint '{name}'", "value")
+        what = f"constraint '{name}'"
+        self.value = quantity(value, what, "value")
+        if self._is_angle:
+            in_radians(self.value, what, "value", stacklevel=3)
         super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
 
     @staticmethod
@@ -145,6 +155,8 @@ class RelativeY(_Relative):
 
 class RelativeAngle(_Relative):
     """``Phi = phi_b - phi_a - C`` with the markers' angles (1 row, rad); as :class:`RelativeX`."""
+
+    _is_angle = True
 
     @staticmethod
     def _coordinate(marker: Any) -> ca.SX:
