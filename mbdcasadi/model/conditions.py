@@ -145,11 +145,11 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
         # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1; so does an infinite one
         infinite = (entry.lower.is_minus_inf(), entry.upper.is_inf())
         kept = [side for side, free in zip(sides, infinite, strict=True) if not free and not side.is_one()]
-        found = [c for side in kept for c in _relation(side, position)]
-        if len(found) == 2 and entry.lower.is_constant() and entry.upper.is_constant():
-            low, high = found
+        conditions = [c for side in kept for c in _relation(side, position)]
+        if len(conditions) == 2 and entry.lower.is_constant() and entry.upper.is_constant():
+            low, high = conditions
             return [low, replace(high, opposite=low, span=float(entry.upper) - float(entry.lower))]
-        return found
+        return conditions
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
     hint = "write body.phi == 0.3"

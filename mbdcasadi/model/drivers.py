@@ -52,8 +52,8 @@ class Driver(ConstraintElement):
             raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
         self.value = course
         if relative_to is not None:
-            there = _at_state(self.expression, relative_to, what)
-            self.value = course + there - ca.substitute(course, time, ca.SX(relative_to.t))
+            start = _at_state(self.expression, relative_to, what)
+            self.value = course + start - ca.substitute(course, time, ca.SX(relative_to.t))
         super().__init__(name, self.expression - self.value)
 
     @property

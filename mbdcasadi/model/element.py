@@ -189,16 +189,16 @@ class ConstraintElement(Element):
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        found = dict.fromkeys(marker.body for marker in self.markers)
-        found.update(dict.fromkeys(owners(ca.vertcat(self.rows, self.velocity_rows))))
-        if len(found) == 1 or not self.markers or self.leans_on_ground:
-            found[ground] = None
-        return tuple(found)
+        bodies = dict.fromkeys(marker.body for marker in self.markers)
+        bodies.update(dict.fromkeys(owners(ca.vertcat(self.rows, self.velocity_rows))))
+        if len(bodies) == 1 or not self.markers or self.leans_on_ground:
+            bodies[ground] = None
+        return tuple(bodies)
 
     def marker_on(self, body: Body) -> Marker:
         """Return the marker on a body; if there is none, one at its centre of mass (on the ground, at the origin)."""
-        own = next((marker for marker in self.markers if marker.body is body), None)
-        return own if own is not None else Marker(body, ca.SX(2, 1), ca.SX(0))
+        marker_there = next((marker for marker in self.markers if marker.body is body), None)
+        return marker_there if marker_there is not None else Marker(body, ca.SX(2, 1), ca.SX(0))
 
     def reaction_on(self, body: Body) -> Reaction:
         """Return the reaction on a body.

@@ -89,12 +89,12 @@ def _read_reset(reset: Any, what: str) -> tuple[tuple[ca.SX, ca.SX], ...]:
         raise ModelError(f"{what}: reset takes {{velocity: value}} or a list of pairs, got {reset!r}") from None
     if not pairs:
         raise ModelError(f"{what}: reset is empty; leave it out if nothing jumps")
-    found = []
+    targets = []
     for key, value in pairs:
         target = ca.SX(quantity(key, what, "reset key"))
         _check_target(target, what)
-        found.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
-    return tuple(found)
+        targets.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
+    return tuple(targets)
 
 
 def _check_target(target: ca.SX, what: str) -> None:

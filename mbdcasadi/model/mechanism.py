@@ -111,8 +111,8 @@ class Mechanism(Immutable):
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
         rates: dict[StateVariable, ca.SX] = {}
         sources = [("states=", self._own_states)] + [(e.description, e.rates) for e in self.elements]
-        for source, given in sources:
-            for state, rate in given.items():
+        for source, state_rates in sources:
+            for state, rate in state_rates.items():
                 if not isinstance(state, StateVariable):
                     raise ModelError(f"{source}: takes {{StateVariable: rate}}, got the key {state!r}")
                 if state in rates:
@@ -137,7 +137,7 @@ class Mechanism(Immutable):
         known = {body.name for body in self.bodies}
         for element in self.elements:
             for body in element.bodies:
-                if not body.is_ground and not any(body is own for own in self.bodies):
+                if not body.is_ground and not any(body is listed for listed in self.bodies):
                     also = " (another body of that name is)" if body.name in known else ""
                     raise ModelError(
                         f"{element.description} uses body '{body.name}', which is not among bodies= of "
@@ -186,9 +186,11 @@ class Mechanism(Immutable):
         limits, function = self.cache.get_or_create("limits", self._limits)
         if not limits:
             return
-        given = {p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)}
+        values_by_symbol = {
+            p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)
+        }
         for limit, value in zip(limits, function(values).full().ravel(), strict=True):
-            used = ", ".join(given[s.element_hash()] for s in symbols_of(limit.expression))
+            used = ", ".join(values_by_symbol[s.element_hash()] for s in symbols_of(limit.expression))
             limit.check(float(value), f" with parameter {used}")
 
     def _limits(self) -> tuple[list[Limit], ca.Function]:

@@ -50,12 +50,12 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
         role = role_of(symbol)
         if role is not None and role.kind == "parameter":
             continue
-        found = rates.get(symbol.element_hash(), None if role is None else role.rate)
-        if found is None:
+        its_rate = rates.get(symbol.element_hash(), None if role is None else role.rate)
+        if its_rate is None:
             hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
             raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
         varying.append(symbol)
-        rate.append(found)
+        rate.append(its_rate)
     if not varying:
         return ca.SX(*expression.shape)
     derivative = ca.jtimes(ca.vec(expression), ca.vertcat(*varying), ca.vertcat(*rate))

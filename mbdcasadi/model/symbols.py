@@ -294,18 +294,18 @@ def values_of(expression: Any) -> np.ndarray:
     """
     expression = ca.SX(expression)
     used = symbols_of(expression)
-    found = [_PARAMETERS.get(symbol.element_hash()) for symbol in used]
-    for symbol, parameter in zip(used, found, strict=True):
+    parameters = [_PARAMETERS.get(symbol.element_hash()) for symbol in used]
+    for symbol, parameter in zip(used, parameters, strict=True):
         if parameter is None:
             raise ExpressionError(f"a number is needed here, and {describe(symbol)} has none; use parameters only")
-    at = ca.DM([p.value for p in found if p is not None])
+    at = ca.DM([p.value for p in parameters if p is not None])
     return ca.Function("value", [ca.vertcat(ca.SX(0, 1), *used)], [ca.densify(expression)])(at).full()
 
 
 def varying_in(expression: Any, besides: ca.SX | None = None) -> list[ca.SX]:
     """Return the symbols of an expression that are not parameters, except `besides`."""
-    found = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
-    varying = [symbol for symbol, role in found if role is None or role.kind != "parameter"]
+    roles = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
+    varying = [symbol for symbol, role in roles if role is None or role.kind != "parameter"]
     return [symbol for symbol in varying if besides is None or not ca.is_equal(symbol, besides)]
 
 

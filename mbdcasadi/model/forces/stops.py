@@ -85,8 +85,8 @@ class EndStop(_OneSided):
         self.law = function_of(law, self.description, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
         # the gap of one body is a distance to the ground
-        found = owners(self.gap)
-        self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
+        bodies = owners(self.gap)
+        self.__dict__["bodies"] = bodies if len(bodies) > 1 else (*bodies, ground)
         self.virtual_work = ((self.gap, self.force),)
 
 

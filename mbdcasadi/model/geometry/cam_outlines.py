@@ -153,12 +153,12 @@ class _Splined(CamOutline):
         knots, points = chord_lengths(points, closed=True)
         knots = knots * (TURN / knots[-1])
         symbol = ca.SX.sym("alpha")
-        place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
-        self._define(symbol, place, ca.jacobian(place, symbol), 0.0, TURN, True)
-        found = crossing(self.points_and_normals(self.samples[::2])[0].T)
-        if found is not None:
+        point = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
+        self._define(symbol, point, ca.jacobian(point, symbol), 0.0, TURN, True)
+        place = crossing(self.points_and_normals(self.samples[::2])[0].T)
+        if place is not None:
             raise ModelError(
-                f"CamOutline.through: the outline crosses itself near ({found[0]:.4g}, {found[1]:.4g}) m; give the "
+                f"CamOutline.through: the outline crosses itself near ({place[0]:.4g}, {place[1]:.4g}) m; give the "
                 "points in the order in which the outline runs through them"
             )
 
@@ -298,11 +298,11 @@ def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.S
     if varying := varying_in(value, besides=symbol):
         raise ExpressionError(f"CamOutline: {name} may contain parameters only, not {describe(varying[0])}")
     places = np.linspace(0, TURN, 37)
-    here, later = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * TURN))
-    if np.allclose(here, later, rtol=1e-11, atol=0):
+    first_turn, later_turn = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * TURN))
+    if np.allclose(first_turn, later_turn, rtol=1e-11, atol=0):
         return lambda angle: ca.substitute(value, symbol, angle)
     ends = values_over(ca.vertcat(value, ca.jacobian(value, symbol)), symbol, np.array([0.0, TURN]))
-    if not np.allclose(ends[:, 0], ends[:, 1], rtol=0, atol=1e-6 * np.max(np.abs(here))):
+    if not np.allclose(ends[:, 0], ends[:, 1], rtol=0, atol=1e-6 * np.max(np.abs(first_turn))):
         raise ModelError(
             f"CamOutline: the {name} does not close: it is {ends[0, 0]:.6g} m with the slope {ends[1, 0]:.4g} m/rad "
             f"at 0 and {ends[0, 1]:.6g} m with {ends[1, 1]:.4g} m/rad at 2π"

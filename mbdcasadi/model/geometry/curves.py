@@ -169,8 +169,8 @@ class Curve(Immutable):
 
     def points_and_normals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return points and normals (2, n) at parameters."""
-        found = self.sampled(ca.vertcat(self._point, self._normal_at_symbol()), parameters)
-        return found[:2], found[2:]
+        values = self.sampled(ca.vertcat(self._point, self._normal_at_symbol()), parameters)
+        return values[:2], values[2:]
 
     def curvatures(self, parameters: np.ndarray) -> np.ndarray:
         """Return the curvatures (n,) at parameters, 1/m."""

@@ -181,14 +181,14 @@ class MotionProgram(Immutable):
         x = x - self.duration * ca.floor(x / self.duration)
         levels = self._levels()
         begin = self.duration
-        found = None
+        course = None
         for segment, before, after in list(zip(self.segments, levels, levels[1:], strict=False))[::-1]:
             begin -= segment.duration
             share = (x - begin) / segment.duration
             piece = ca.SX(before) if after == before else before + (after - before) * LAWS[segment.law](share)
             end = begin + segment.duration
-            found = piece if found is None else ca.if_else(x < end, piece, found)
-        return found
+            course = piece if course is None else ca.if_else(x < end, piece, course)
+        return course
 
     def __repr__(self) -> str:
         return f"MotionProgram({', '.join(map(repr, self.segments))}, start={self.start:g})"

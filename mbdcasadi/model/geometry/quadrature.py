@@ -97,21 +97,21 @@ def triangles(corners: np.ndarray) -> list[np.ndarray]:
 
     SciPy triangulates the convex hull only.
     """
-    left, found = list(range(len(corners))), []
+    left, ears = list(range(len(corners))), []
     while len(left) > 3:
         for k in range(len(left)):
             i, j, m = left[k - 1], left[k], left[(k + 1) % len(left)]
             ear = corners[[i, j, m]]
             others = corners[[n for n in left if n not in (i, j, m)]]
             if _area(*ear) > 0 and not any(_inside(ear, point) for point in others):
-                found.append(ear)
+                ears.append(ear)
                 left.pop(k)
                 break
         else:  # only straight corners are left, or the edges touch: the thinnest one adds nothing
             k = int(np.argmin([abs(_area(*corners[[left[n - 1], left[n], left[(n + 1) % len(left)]]])) for n in
                                range(len(left))]))  # fmt: skip
             left.pop(k)
-    return [*found, corners[left]]
+    return [*ears, corners[left]]
 
 
 def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:

@@ -151,13 +151,13 @@ class Contact(Element):
             continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self._places
         ]
         load = sum(loads, ca.SX(0))
-        found = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
+        smoothings = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
         if self.friction is not None:
             turn = f"{self.description}: its friction's change of direction"
             each = zip(loads, self._places, strict=True)
             for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
-                found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
-        return tuple(found)
+                smoothings.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
+        return tuple(smoothings)
 
     @cached_property
     def validity_conditions(self) -> tuple[ValidityCondition, ...]:  # type: ignore[override]
@@ -219,9 +219,9 @@ class Place:
         self.friction_force, self.rates = ca.SX(0), {}
         self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
-            found = friction.resistance(name, self.sliding_speed, self.normal_force)
-            self.friction_force, self.rates = if_else(touch.gap < 0, found.force, 0), dict(found.rates)
-            self.smoothed = found.smoothed
+            resistance = friction.resistance(name, self.sliding_speed, self.normal_force)
+            self.friction_force, self.rates = if_else(touch.gap < 0, resistance.force, 0), dict(resistance.rates)
+            self.smoothed = resistance.smoothed
         self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(
             pair

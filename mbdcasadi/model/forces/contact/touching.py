@@ -70,16 +70,16 @@ def segment_segment(a: Segment, b: Segment) -> list[Touch]:
     """Ends of each bar against the other one."""
     if a.thin and b.thin:
         raise ModelError("two bars without thickness pass through each other; give one of them radius=")
-    found = [between_discs(end, a.radius, nearest_point(end, *b.ends), b.radius) for end in a.ends]
-    return found + [_beside(end, b.radius, a).reversed() for end in b.ends]
+    ends = [between_discs(end, a.radius, nearest_point(end, *b.ends), b.radius) for end in a.ends]
+    return ends + [_beside(end, b.radius, a).reversed() for end in b.ends]
 
 
 def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
     """Ends of a bar against a polygon, and corners of the polygon against the bar."""
     if a.thin:
         raise ModelError("a corner passes through a bar without thickness; give Segment(…, radius=)")
-    found = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
-    return found + [_beside(corner, 0.0, a).reversed() for corner in b.corners]
+    ends = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
+    return ends + [_beside(corner, 0.0, a).reversed() for corner in b.corners]
 
 
 def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
@@ -129,9 +129,9 @@ def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
     by_a = first[0] > second[0]
     on_a = if_else(by_a, first[1], _facing(faces_a, second[1][:2]))
     on_b = if_else(by_a, _facing(faces_b, first[1][:2]), second[1])
-    found = [_corner_on_edge(corner, on_b, closed=True) for corner in (on_a[2:4], on_a[4:6])]
-    found += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
-    return [replace(touch, reach=ca.SX((a.half_width + b.half_width) / 2)) for touch in found]
+    places = [_corner_on_edge(corner, on_b, closed=True) for corner in (on_a[2:4], on_a[4:6])]
+    places += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
+    return [replace(touch, reach=ca.SX((a.half_width + b.half_width) / 2)) for touch in places]
 
 
 def _faces(polygon: PolygonEdges) -> list[ca.SX]:
@@ -145,25 +145,25 @@ def _faces(polygon: PolygonEdges) -> list[ca.SX]:
 
 def _least_deep(faces: list[ca.SX], corners: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
     """Return the largest separation of some corners from an edge (their least height above it), and that edge."""
-    best, found = ca.SX(-np.inf), faces[0]
+    best, edge = ca.SX(-np.inf), faces[0]
     for face in faces:
         heights = [ca.dot(face[:2], corner - face[2:4]) for corner in corners]
         lowest = heights[0]
         for height in heights[1:]:
             lowest = ca.fmin(lowest, height)
         more = lowest > best
-        best, found = if_else(more, lowest, best), if_else(more, face, found)
-    return best, found
+        best, edge = if_else(more, lowest, best), if_else(more, face, edge)
+    return best, edge
 
 
 def _facing(faces: list[ca.SX], normal: ca.SX) -> ca.SX:
     """Return the edge whose normal is most opposed to a direction."""
-    best, found = ca.dot(faces[0][:2], normal), faces[0]
+    best, edge = ca.dot(faces[0][:2], normal), faces[0]
     for face in faces[1:]:
         turned = ca.dot(face[:2], normal)
         more = turned < best
-        best, found = if_else(more, turned, best), if_else(more, face, found)
-    return found
+        best, edge = if_else(more, turned, best), if_else(more, face, edge)
+    return edge
 
 
 def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
