@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ModelError
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import Immutable
-from .quantities import Limit, in_radians, quantity, triple
+from .quantities import Quantities, in_radians, quantity, triple
 from .rates import time_derivative
 from .symbols import check_name, register
 
@@ -86,10 +86,10 @@ class Body(Immutable):
         what = f"body '{name}'"
         if name == "ground" and not self.is_ground:
             raise ModelError("body 'ground': the global frame has that name (mbd.ground); give the body another one")
-        limits: list[Limit] = []
-        self.mass = quantity(mass, what, "mass", at_least=0.0, limits=limits)
-        self.inertia = quantity(inertia, what, "inertia", at_least=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.mass = read(mass, "mass", at_least=0.0)
+        self.inertia = read(inertia, "inertia", at_least=0.0)
+        self.limits = read.limits
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
         in_radians(self.pose_estimate[2], what, "the angle of the pose", stacklevel=3)
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")

@@ -118,6 +118,30 @@ def quantity(
     return value
 
 
+class Quantities:
+    """Reader of the quantities of one element: checks each, and collects the limits of those that are expressions.
+
+    Parameters
+    ----------
+    what : str
+        The element, for messages.
+    limits : iterable of Limit, optional
+        Limits of its parts.
+    """
+
+    def __init__(self, what: str, limits: Iterable[Limit] = ()):
+        self._what, self._limits = what, list(limits)
+
+    def __call__(self, value: Any, name: str, **allowed: Any) -> Any:
+        """Return a scalar quantity; see :func:`quantity` for the limits that it may have."""
+        return quantity(value, self._what, name, limits=self._limits, **allowed)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """Limits of all quantities that were read."""
+        return tuple(self._limits)
+
+
 def in_radians(value: Any, what: str, name: str, stacklevel: int) -> None:
     """Warn of an angle that looks like one in degrees: beyond a turn, and a multiple of a half."""
     angle = known_value(value)

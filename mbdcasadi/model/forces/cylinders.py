@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from ..quantities import Limit, quantity
+from ..quantities import Quantities, quantity
 from ..symbols import StateVariable, state_of
 from ..validity import ValidityCondition
 from .springs import TSDA
@@ -61,17 +61,17 @@ class Cylinder(TSDA):
         damping: Any = 0.0,
     ):
         what = f"{self.kind} '{name}'"
-        limits: list[Limit] = []
-        self.bore = quantity(bore, what, "bore", above=0.0, limits=limits, fixed=True)
-        self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits, fixed=True)
-        quantity(self.bore - self.rod, what, "bore less rod", above=0.0, limits=limits)
+        read = Quantities(what)
+        self.bore = read(bore, "bore", above=0.0, fixed=True)
+        self.rod = read(rod, "rod", at_least=0.0, fixed=True)
+        read(self.bore - self.rod, "bore less rod", above=0.0)
         self.area = math.pi / 4 * self.bore**2
         self.rod_area = math.pi / 4 * (self.bore**2 - self.rod**2)
         self.pressure = ca.SX(quantity(pressure, what, "pressure"))
         self.rod_pressure = ca.SX(quantity(rod_pressure, what, "rod_pressure"))
         self.thrust = self.pressure * self.area - self.rod_pressure * self.rod_area
         super().__init__(name, a, b, damping=damping, actuator=-self.thrust)
-        self.limits = tuple(limits)
+        self.limits = read.limits
 
 
 class HydraulicCylinder(Cylinder):
@@ -125,13 +125,11 @@ class HydraulicCylinder(Cylinder):
     ):
         p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
         super().__init__(name, a, b, bore, rod, p, p_rod, damping)
-        limits = list(self.limits)
-        self.volume = quantity(volume, self.description, "volume", above=0.0, limits=limits, fixed=True)
-        self.bulk_modulus = quantity(bulk_modulus, self.description, "bulk_modulus", above=0.0, limits=limits)
-        self.middle_length = quantity(
-            middle_length, self.description, "middle_length", above=0.0, limits=limits, fixed=True
-        )
-        self.limits = tuple(limits)
+        read = Quantities(self.description, self.limits)
+        self.volume = read(volume, "volume", above=0.0, fixed=True)
+        self.bulk_modulus = read(bulk_modulus, "bulk_modulus", above=0.0)
+        self.middle_length = read(middle_length, "middle_length", above=0.0, fixed=True)
+        self.limits = read.limits
         self.flow = ca.SX(quantity(flow, self.description, "flow"))
         self.rod_flow = ca.SX(quantity(rod_flow, self.description, "rod_flow"))
         out = self.length - self.middle_length
@@ -193,17 +191,16 @@ class GasSpring(TSDA):
         damping: Any = 0.0,
     ):
         what = f"{self.kind} '{name}'"
-        limits: list[Limit] = []
-        self.area = quantity(area, what, "area", above=0.0, limits=limits, fixed=True)
-        self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits, fixed=True)
-        self.exponent = quantity(exponent, what, "exponent", at_least=1.0, limits=limits)
-        self.ambient = quantity(ambient, what, "ambient", at_least=0.0, limits=limits)
-        self.dead_length = quantity(dead_length, what, "dead_length", at_least=0.0, limits=limits, fixed=True)
-        self.column = quantity(charged_length - dead_length, what, "charged_length less dead_length", above=0.0,
-                               limits=limits, fixed=True)  # fmt: skip
-        self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
+        read = Quantities(what)
+        self.area = read(area, "area", above=0.0, fixed=True)
+        self.charge = read(pressure, "pressure", above=0.0, fixed=True)
+        self.exponent = read(exponent, "exponent", at_least=1.0)
+        self.ambient = read(ambient, "ambient", at_least=0.0)
+        self.dead_length = read(dead_length, "dead_length", at_least=0.0, fixed=True)
+        self.column = read(charged_length - dead_length, "charged_length less dead_length", above=0.0, fixed=True)
+        self._loss = read(damping, "damping", at_least=0.0)
         super().__init__(name, a, b, law=self._tension)
-        self.limits = tuple(limits)
+        self.limits = read.limits
         within = "the length is below dead_length, at which the gas has no volume"
         self.validity_conditions = (
             ValidityCondition((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),

@@ -9,7 +9,7 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import as_body, ground
 from ..element import Element
-from ..quantities import Limit, known_value, quantity
+from ..quantities import Quantities, known_value, quantity
 from ..symbols import StateVariable, state_of
 
 
@@ -78,18 +78,16 @@ class DCMotor(Element):
             raise ModelError(
                 f"{self.description} turns '{self.body.name}', which carries the housing too: it would do nothing"
             )
-        limits: list[Limit] = []
+        read = Quantities(self.description)
         self.voltage = ca.SX(quantity(voltage, self.description, "voltage"))
-        self.constant = quantity(constant, self.description, "constant", above=0.0, limits=limits, fixed=True)
-        self.resistance = quantity(resistance, self.description, "resistance", above=0.0, limits=limits, fixed=True)
+        self.constant = read(constant, "constant", above=0.0, fixed=True)
+        self.resistance = read(resistance, "resistance", above=0.0, fixed=True)
         without = known_value(quantity(inductance, self.description, "inductance", at_least=0.0, fixed=True)) == 0
-        self.inductance = (
-            0.0 if without else quantity(inductance, self.description, "inductance", above=0.0, limits=limits)
-        )
+        self.inductance = 0.0 if without else read(inductance, "inductance", above=0.0)
         self.ratio = quantity(ratio, self.description, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
             raise ModelError(f"{self.description}: the ratio is zero, so that the motor would turn nothing")
-        self.limits = tuple(limits)
+        self.limits = read.limits
         left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
         if without:
             if isinstance(current, StateVariable) or current != 0.0:

@@ -16,7 +16,7 @@ from ..element import cross
 from ..events import Event
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
-from ..quantities import Limit, quantity
+from ..quantities import Quantities
 from ..symbols import Coordinate, values_of
 from ..validity import ValidityCondition
 from .base import Joint
@@ -148,10 +148,10 @@ class CamPointFollower(_Contact):
         a, b = self.pair(name, cam, point)
         what = f"joint '{name}'"
         self.outline = as_outline(outline, what)
-        limits: list[Limit] = []
-        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits, fixed=True)
-        limits += (*positive_radius(what, self.outline), *wide_enough(what, self.outline, self.roller_radius))
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.roller_radius = read(roller_radius, "roller_radius", at_least=0.0, fixed=True)
+        wide = wide_enough(what, self.outline, self.roller_radius)
+        self.limits = (*read.limits, *positive_radius(what, self.outline), *wide)
         radius = float(values_of(self.roller_radius)[0, 0])
         start = nearest_place(self.outline, a, b, radius)
         self.parameter = Coordinate(f"{name}.parameter", start)

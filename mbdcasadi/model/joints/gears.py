@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
-from ..quantities import Limit, known_value, quantity, yes_or_no
+from ..quantities import Quantities, known_value, quantity, yes_or_no
 from ..symbols import values_of
 from ..validity import ValidityCondition
 from .base import AlongLine, Joint, as_carrier
@@ -81,10 +81,10 @@ class Gear(Joint):
     ):
         a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
-        limits: list[Limit] = []
-        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
-        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
+        self.limits = read.limits
         self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
@@ -163,9 +163,9 @@ class RackAndPinion(Joint):
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
         a, b = self.pair(name, rack, pinion)
-        limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        read = Quantities(f"joint '{name}'")
+        self.radius = read(radius, "radius", above=0.0, fixed=True)
+        self.limits = read.limits
         rolled = ca.dot(a.x_axis, b.position - a.position) + self.radius * (b.angle - a.angle)
         super().__init__(name, a, b, rolled - at_poses(rolled, [a.body, b.body]))
 
@@ -205,9 +205,9 @@ class Rolling(AlongLine, Joint):
 
     def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
         a, b = self.pair(name, surface, wheel)
-        limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        read = Quantities(f"joint '{name}'")
+        self.radius = read(radius, "radius", above=0.0, fixed=True)
+        self.limits = read.limits
         d = b.position - a.position
         rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)
         above = ca.dot(a.y_axis, d) - self.radius
@@ -300,10 +300,10 @@ class Belt(Joint):
     ):
         a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
-        limits: list[Limit] = []
-        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
-        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
+        self.limits = read.limits
         self.crossed = yes_or_no(crossed, what, "crossed")
         self.carrier = as_carrier(carrier, a, b, what)
         self.leans_on_ground = self.carrier.is_ground

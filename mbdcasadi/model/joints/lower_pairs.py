@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..quantities import Limit, known_value, quantity
+from ..quantities import Limit, Quantities, known_value, quantity
 from ..rates import time_derivative
 from .base import AlongLine, Joint, relative_angle
 
@@ -92,12 +92,12 @@ class Weld(Joint):
 
 def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit, ...]]:
     """Return the row ``(d·d - C²) / (2 C)``, m with a multiplier in N, smooth at any pose, and the limits of C."""
-    limits: list[Limit] = []
+    read = Quantities(what)
     length = quantity(distance, what, "distance")
     if known_value(length) == 0:
         raise ModelError(f"{what}: the distance is zero, at which the constraint is singular; use a Revolute")
-    quantity(length, what, "distance", above=0.0, limits=limits)
-    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), tuple(limits)
+    read(length, "distance", above=0.0)
+    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), read.limits
 
 
 class Distance(Joint):

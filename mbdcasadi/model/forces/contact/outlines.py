@@ -10,7 +10,7 @@ import numpy as np
 from ....errors import ModelError
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
-from ...quantities import Limit, number_pairs, quantity
+from ...quantities import Limit, Quantities, number_pairs
 
 
 class Outline(Immutable):
@@ -31,9 +31,9 @@ class _Round(Outline):
 
     def __init__(self, marker: Any, radius: Any):
         super().__init__(marker)
-        limits: list[Limit] = []
-        self.radius = quantity(radius, repr(self), "radius", above=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(repr(self))
+        self.radius = read(radius, "radius", above=0.0)
+        self.limits = read.limits
 
 
 class Circle(_Round):
@@ -87,10 +87,10 @@ class Segment(Outline):
 
     def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
         super().__init__(marker)
-        limits: list[Limit] = []
-        self.length = quantity(length, repr(self), "length", above=0.0, limits=limits)
-        self.radius = quantity(radius, repr(self), "radius", at_least=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(repr(self))
+        self.length = read(length, "length", above=0.0)
+        self.radius = read(radius, "radius", at_least=0.0)
+        self.limits = read.limits
 
     @property
     def thin(self) -> bool:

@@ -12,7 +12,7 @@ from ....errors import ModelError
 from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
-from ...quantities import Limit, quantity
+from ...quantities import Quantities
 from ...symbols import register
 from ...validity import Smoothing
 from .laws import FrictionLaw, Resistance, as_law
@@ -48,12 +48,12 @@ class FrictionInJoint(Element):
             raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
-        limits: list[Limit] = [*law.limits]
+        read = Quantities(self.description, law.limits)
         self._check_sizes(radius, length)
-        self.radius = None if radius is None else quantity(radius, self.description, "radius", above=0.0, limits=limits)
-        self.length = None if length is None else quantity(length, self.description, "length", above=0.0, limits=limits)
-        self._prepare(limits)
-        self.limits = tuple(limits)
+        self.radius = None if radius is None else read(radius, "radius", above=0.0)
+        self.length = None if length is None else read(length, "length", above=0.0)
+        self._prepare(read)
+        self.limits = read.limits
         if law.exact:
             self._switch()
             return
@@ -101,7 +101,7 @@ class FrictionInJoint(Element):
                 f"{self.description}: radius= belongs to a revolute joint, and {self.joint.description} slides"
             )
 
-    def _prepare(self, limits: list[Limit]) -> None:
+    def _prepare(self, read: Quantities) -> None:
         """Read the arguments of a subclass on which the load depends."""
 
     @property
@@ -239,8 +239,8 @@ class JointFriction(FrictionInJoint):
         self._preload = preload
         super().__init__(name, joint, law, radius, length)
 
-    def _prepare(self, limits: list[Limit]) -> None:
-        self.preload = quantity(self._preload, self.description, "preload", at_least=0.0, limits=limits)
+    def _prepare(self, read: Quantities) -> None:
+        self.preload = read(self._preload, "preload", at_least=0.0)
 
     @cached_property
     def load(self) -> ca.SX:
@@ -276,8 +276,8 @@ class LoadIndependentFriction(FrictionInJoint):
         self._load = load
         super().__init__(name, joint, law, radius)
 
-    def _prepare(self, limits: list[Limit]) -> None:
-        self._load = quantity(self._load, self.description, "load", at_least=0.0, limits=limits)
+    def _prepare(self, read: Quantities) -> None:
+        self._load = read(self._load, "load", at_least=0.0)
 
     @property
     def load(self) -> ca.SX:

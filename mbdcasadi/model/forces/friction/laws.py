@@ -10,7 +10,7 @@ import casadi as ca
 
 from ....errors import ModelError
 from ...immutable import Immutable
-from ...quantities import Limit, known_value, quantity
+from ...quantities import Limit, Quantities, known_value
 from ...symbols import StateVariable
 
 
@@ -133,12 +133,10 @@ class Coulomb(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any, velocity_tolerance: Any):
-        limits: list[Limit] = []
-        self.coefficient = quantity(coefficient, "Coulomb", "coefficient", at_least=0.0, limits=limits)
-        self.velocity_tolerance = quantity(
-            velocity_tolerance, "Coulomb", "velocity_tolerance", above=0.0, limits=limits
-        )
-        self.limits = tuple(limits)
+        read = Quantities("Coulomb")
+        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
+        self.velocity_tolerance = read(velocity_tolerance, "velocity_tolerance", above=0.0)
+        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -172,20 +170,19 @@ class Stribeck(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, velocity_tolerance: Any):
-        limits: list[Limit] = []
-        what = "Stribeck"
-        self.coefficient = quantity(coefficient, what, "coefficient", at_least=0.0, limits=limits)
-        self.static_coefficient = quantity(static_coefficient, what, "static_coefficient", at_least=0.0, limits=limits)
-        self.stribeck_velocity = quantity(stribeck_velocity, what, "stribeck_velocity", above=0.0, limits=limits)
-        self.velocity_tolerance = quantity(velocity_tolerance, what, "velocity_tolerance", above=0.0, limits=limits)
-        check_static(self.coefficient, self.static_coefficient, what, limits)
+        read = Quantities("Stribeck")
+        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
+        self.static_coefficient = read(static_coefficient, "static_coefficient", at_least=0.0)
+        self.stribeck_velocity = read(stribeck_velocity, "stribeck_velocity", above=0.0)
+        self.velocity_tolerance = read(velocity_tolerance, "velocity_tolerance", above=0.0)
+        check_static(read, self.coefficient, self.static_coefficient)
         tolerance, velocity = known_value(self.velocity_tolerance), known_value(self.stribeck_velocity)
         if tolerance is not None and velocity is not None and tolerance > SHARE * velocity:
             raise ModelError(
                 f"Stribeck: velocity_tolerance = {tolerance:g} m/s cuts off the static peak, which is "
                 f"{velocity:g} m/s wide; take at most {SHARE * velocity:g}"
             )
-        self.limits = tuple(limits)
+        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -200,9 +197,9 @@ class Stribeck(FrictionLaw):
         )
 
 
-def check_static(sliding: Any, static: Any, what: str, limits: list[Limit]) -> None:
+def check_static(read: Quantities, sliding: Any, static: Any) -> None:
     """Raise an error for a static coefficient below that of sliding."""
-    quantity(ca.SX(static) - sliding, what, "static_coefficient - coefficient", at_least=0.0, limits=limits)
+    read(ca.SX(static) - sliding, "static_coefficient - coefficient", at_least=0.0)
 
 
 class Viscous(FrictionLaw):
@@ -215,9 +212,9 @@ class Viscous(FrictionLaw):
     """
 
     def __init__(self, coefficient: Any):
-        limits: list[Limit] = []
-        self.coefficient = quantity(coefficient, "Viscous", "coefficient", at_least=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities("Viscous")
+        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
+        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion."""
@@ -268,16 +265,15 @@ class LuGre(FrictionLaw):
     def __init__(
         self, coefficient: Any, static_coefficient: Any, stribeck_velocity: Any, stiffness: Any, damping: Any = 0.0
     ):
-        limits: list[Limit] = []
-        what = "LuGre"
-        self.coefficient = quantity(coefficient, what, "coefficient", above=0.0, limits=limits)
-        self.static_coefficient = quantity(static_coefficient, what, "static_coefficient", above=0.0, limits=limits)
-        self.stribeck_velocity = quantity(stribeck_velocity, what, "stribeck_velocity", above=0.0, limits=limits)
-        self.stiffness = quantity(stiffness, what, "stiffness", above=0.0, limits=limits)
-        self.damping = quantity(damping, what, "damping", at_least=0.0, limits=limits)
-        check_static(self.coefficient, self.static_coefficient, what, limits)
+        read = Quantities("LuGre")
+        self.coefficient = read(coefficient, "coefficient", above=0.0)
+        self.static_coefficient = read(static_coefficient, "static_coefficient", above=0.0)
+        self.stribeck_velocity = read(stribeck_velocity, "stribeck_velocity", above=0.0)
+        self.stiffness = read(stiffness, "stiffness", above=0.0)
+        self.damping = read(damping, "damping", at_least=0.0)
+        check_static(read, self.coefficient, self.static_coefficient)
         self.deflection_tolerance = self.static_coefficient / self.stiffness
-        self.limits = tuple(limits)
+        self.limits = read.limits
 
     def resistance(self, name: str, speed: ca.SX, load: ca.SX) -> Resistance:
         """Return the force against the motion, with a new deflection."""
@@ -326,13 +322,12 @@ class DryFriction(FrictionLaw):
     exact = True
 
     def __init__(self, coefficient: Any, static_coefficient: Any = None):
-        limits: list[Limit] = []
-        what = "DryFriction"
-        self.coefficient = quantity(coefficient, what, "coefficient", at_least=0.0, limits=limits)
+        read = Quantities("DryFriction")
+        self.coefficient = read(coefficient, "coefficient", at_least=0.0)
         static = coefficient if static_coefficient is None else static_coefficient
-        self.static_coefficient = quantity(static, what, "static_coefficient", at_least=0.0, limits=limits)
-        check_static(self.coefficient, self.static_coefficient, what, limits)
-        self.limits = tuple(limits)
+        self.static_coefficient = read(static, "static_coefficient", at_least=0.0)
+        check_static(read, self.coefficient, self.static_coefficient)
+        self.limits = read.limits
 
     def __repr__(self) -> str:
         return f"DryFriction({self.coefficient}, static_coefficient={self.static_coefficient})"
