@@ -199,7 +199,7 @@ def _generic(numeric: NumericEquations, t: float, q: np.ndarray):
 
 
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
-    """What monitors tell of a pose, and of the motions that the joints allow in it."""
+    """Return the messages of validity conditions that are broken at a pose, or by motions that the joints allow."""
     free = analyse_rank(numeric.position(t, q)[1][_without_drivers(numeric)] * numeric.column_scale).null_columns
     turning = turning_angles(numeric, t, q, free * numeric.column_scale[:, None])
     return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))

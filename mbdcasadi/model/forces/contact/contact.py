@@ -65,8 +65,7 @@ class Contact(Element):
     corner slips off, the forces jump; so they do when the centre of a circle is deep inside.
 
     A law that is too soft for an impact lets the outlines pass through each other: analyses warn if they penetrate
-    by more than half the depth at which their middles meet, or more than a radius (half a polygon's width) into a
-    half-plane or a hole.
+    by more than half the depth at which their middles meet, or by their whole thickness into a half-plane or a hole.
 
     The stiffer the contact, the smaller the steps. ``simulate`` does not step over a contact that is
     closed for a short time, and warns if its steps did not resolve the forces. For exact stiction, and impacts
@@ -166,8 +165,8 @@ class Contact(Element):
         if not within:
             return ()
         message = (
-            f"{self.description}: its law is too soft: the surfaces penetrate so deep that the outlines may pass "
-            "through each other; take a stiffer law, or thicker outlines"
+            f"{self.description}: its law is too soft: the surfaces penetrate deeper than the thickness of the "
+            "outlines allows; take a stiffer law, or thicker outlines"
         )
         condition = ValidityCondition(
             ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True

@@ -28,8 +28,8 @@ class Touch:
     point : casadi.SX
         Point at which the force acts (2,), m.
     reach : casadi.SX, optional
-        Largest valid depth, m: half of the depth at which the middles of the outlines meet; None if there is no
-        limit.
+        Largest valid depth, m: half of the depth at which the middles of the outlines meet; for a half-plane or a
+        hole that at which the other outline is inside the solid; None if there is no limit.
     """
 
     gap: ca.SX
@@ -183,9 +183,9 @@ def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane, reach: Any) -> 
 
 
 def _reach(size: Any) -> ca.SX | None:
-    """Return the largest valid depth in a half-plane or hole of an outline with a half-thickness; None for a point."""
+    """Return the depth at which an outline with a half-thickness is inside a half-plane; None for a point."""
     size = ca.SX(size)
-    return None if size.is_zero() else size
+    return None if size.is_zero() else 2 * size
 
 
 def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
