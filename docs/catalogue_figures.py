@@ -223,6 +223,12 @@ def end_stop() -> mbd.Mechanism:
 
 
 @scene
+def rope() -> mbd.Mechanism:
+    block = box("b", (0.5, -0.5, 0.4))
+    return mbd.Mechanism(bodies=[block], forces=[mbd.Rope("rope", mbd.ground.at(0, 0), block.at(-0.1, 0.05), 0.6, 1e4)])
+
+
+@scene
 def cylinder() -> mbd.Mechanism:
     arm = bar("boom", 1.2, (0.5, 0.3, 0.5))
     pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.6, 0))

@@ -38,35 +38,28 @@ from .linear.model import LinearModel
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
 from .model.drivers import Driver
+from .model.element import ConstraintElement, Element, Reaction
 from .model.events import Event
 from .model.expressions import *  # noqa: F403  (elementary functions, safe on symbols)
 from .model.forces.applied import Force, GeneralizedForce, Torque
-from .model.forces.bushing import Bushing
 from .model.forces.contact.contact import Contact
-from .model.forces.contact.hertz import hertz_stiffness
-from .model.forces.contact.laws import HuntCrossley
 from .model.forces.contact.outlines import Circle, HalfPlane, HollowCircle, Point, PolygonEdges, Segment
 from .model.forces.controllers import EnergyMeter, FirstOrderLag, PIController
 from .model.forces.cylinders import Cylinder, GasSpring, HydraulicCylinder
-from .model.forces.data_laws import DataLaw
-from .model.forces.field import FieldForce
-from .model.forces.friction.coulomb import Coulomb
-from .model.forces.friction.dry import DryFriction
+from .model.forces.field import FieldForce, Gravity
 from .model.forces.friction.joint_friction import JointFriction, LoadIndependentFriction
-from .model.forces.friction.lugre import LuGre
-from .model.forces.friction.stribeck import Stribeck
-from .model.forces.friction.viscous import Viscous
-from .model.forces.gravity import Gravity
+from .model.forces.friction.laws import Coulomb, DryFriction, FrictionLaw, LuGre, Resistance, Stribeck, Viscous
+from .model.forces.laws import HuntCrossley, hertz_stiffness
 from .model.forces.motors import DCMotor
-from .model.forces.springs import RSDA, TSDA
-from .model.forces.stops import EndStop
+from .model.forces.springs import RSDA, TSDA, Bushing, DataLaw
+from .model.forces.stops import EndStop, Rope
 from .model.geometry.cam_outlines import CamOutline
 from .model.geometry.curves import Curve
 from .model.geometry.motion_programs import MotionProgram, dwell, fall, rise
 from .model.geometry.shapes import Disc, Polygon, Rectangle, Rod, Shape
-from .model.joints.belts import Belt, Coupler
+from .model.joints.base import Joint
 from .model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
-from .model.joints.composite import Distance, PointOnLine
+from .model.joints.constraints import Constraint, KnifeEdge, NonholonomicConstraint
 from .model.joints.coordinates import (
     AbsoluteAngle,
     AbsoluteDistance,
@@ -76,15 +69,13 @@ from .model.joints.coordinates import (
     RelativeX,
     RelativeY,
 )
-from .model.joints.gears import Gear, RackAndPinion
-from .model.joints.general import Constraint
-from .model.joints.lower_pairs import Revolute, Translational, Weld
-from .model.joints.nonholonomic import KnifeEdge, NonholonomicConstraint
-from .model.joints.rolling import Rolling
+from .model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
+from .model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
 from .model.mechanism import Mechanism
 from .model.rates import time_derivative
 from .model.shaking import ShakingForce, shaking_force
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
+from .model.validity import Smoothing, ValidityCondition
 from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
 from .optimal_control.placeholders import at_end, at_start, integral

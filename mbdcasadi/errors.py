@@ -1,7 +1,7 @@
 """Errors and warnings of the package.
 
 Every error derives from :class:`MechanismError`, which is a ``ValueError``.
-The message names the element, the quantity and the value, and says what to do.
+The message names the element, the quantity, the value and the remedy.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class MechanismError(ValueError):
     time : float or None
         Time at which a run stopped, s.
     partial : Trajectory, Solution or None
-        What had been computed before the run stopped.
+        Result that was computed before the run stopped.
     """
 
     def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
@@ -27,20 +27,20 @@ class MechanismError(ValueError):
 
 
 class ModelError(MechanismError):
-    """The model is wrong: a number, a name, a symbol or a part that is missing."""
+    """The model is wrong: a number, a name, a symbol, or a missing part."""
 
 
 class ConditionError(MechanismError):
-    """A condition is no relation, contradicts another one, or contradicts the constraints."""
+    """A condition is not a relation, or contradicts another one or the constraints."""
 
 
 class AssemblyError(MechanismError):
-    """No pose meets all constraints and conditions.
+    """No pose satisfies all constraints and conditions.
 
     Attributes
     ----------
     residuals : dict of str to float
-        Largest row that is left over, by element, in the unit of that row (m or rad).
+        Largest residual of each element, in the unit of its row (m or rad).
     """
 
     def __init__(self, message: str, *, residuals: dict[str, float] | None = None, **more: Any):
@@ -49,15 +49,15 @@ class AssemblyError(MechanismError):
 
 
 class SingularityError(MechanismError):
-    """The constraint Jacobian lost rank: a lock-up, a bifurcation, or mass that is missing."""
+    """The constraint Jacobian lost rank: a lock-up, a bifurcation, or missing mass."""
 
 
 class SimulationError(MechanismError):
-    """The integrator could not go on."""
+    """The integrator could not continue."""
 
 
 class ExpressionError(MechanismError):
-    """An expression holds a symbol that the mechanism does not have, or one that is not allowed."""
+    """An expression contains a symbol that the mechanism does not have, or one that is not allowed."""
 
 
 class FileError(MechanismError):
@@ -65,7 +65,7 @@ class FileError(MechanismError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped a run (Ctrl-C); what had been computed is in ``partial``."""
+    """The user stopped a run (Ctrl-C); the result computed so far is in ``partial``."""
 
     def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
         super().__init__(message)
@@ -74,4 +74,4 @@ class Interrupted(KeyboardInterrupt):
 
 
 class MechanismWarning(UserWarning):
-    """Something the user should know, though the result stands."""
+    """A remark on a result that is valid."""

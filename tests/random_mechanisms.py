@@ -67,7 +67,7 @@ class _Builder:
         self.count = int(self.rng.integers(1, 7))
         self.length = mbd.Parameter("length", 0.3)
         self.input = mbd.Input("u", value=0.7)
-        self.state = mbd.StateVariable("z", initial=0.2)
+        self.state = mbd.StateVariable("z", value=0.2)
         self.uses: set[object] = set()
         self.truth: dict[Body, np.ndarray] = {mbd.ground: np.zeros(3)}
         self.joints: list = []

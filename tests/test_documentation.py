@@ -54,10 +54,8 @@ def test_everything_public_is_in_the_reference():
 
 def test_every_element_is_in_the_catalogue():
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "catalogue").glob("*.md"))
-    from mbdcasadi.model.element import Element
-    from mbdcasadi.model.forces.friction.base import FrictionLaw
-
-    kinds = {n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, Element | FrictionLaw)}
+    kinds = {n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, mbd.Element | mbd.FrictionLaw)}
+    kinds -= {"Element", "ConstraintElement", "Joint", "FrictionLaw"}  # to derive from
     missing = {name for name in kinds if f"mbdcasadi.{name}`" not in text}
     assert not missing, sorted(missing)
 

@@ -155,6 +155,7 @@ MACHINES = {
     "PointOnCurve": slot,
     "Bushing": lambda: on_slide(lambda b, g: mbd.Bushing("rubber", GROUND.at(0, 0), b.at(0, 0), (500, 100), 10)),
     "EndStop": lambda: on_slide(lambda b, g: mbd.EndStop("stop", 0.02 - g.displacement, mbd.HuntCrossley(1e4))),
+    "Rope": lambda: on_slide(lambda b, g: mbd.Rope("rope", GROUND.at(-0.3, 0), b.at(0, 0), 0.32, 2e3)),
     "Cylinder": lambda: on_slide(lambda b, g: mbd.Cylinder("ram", GROUND.at(-1, 0), b.at(0, 0), 0.05, 0.02, 1e4)),
     "GasSpring": lambda: on_slide(lambda b, g: mbd.GasSpring("gas", GROUND.at(-0.3, 0), b.at(0, 0), 1e-3, 0.3, 2e5)),
     "Contact": lambda: on_slide(

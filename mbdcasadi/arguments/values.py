@@ -9,8 +9,8 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ModelError, SimulationError
-from ..model.lists import entries, refuse_twice
 from ..model.mechanism import Mechanism
+from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Input, Parameter, number
 
 

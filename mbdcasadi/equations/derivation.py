@@ -7,7 +7,7 @@ differentiation. No closed formula of a joint is written twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, role_of, symbols_of
 from ..model.symbols import t as time
@@ -154,7 +155,7 @@ class Equations:
         m = self.mechanism
         q = np.concatenate([*[b.pose_estimate for b in m.bodies], [c.value for c in m.coordinates]])
         v = np.concatenate([*[b.velocity_estimate for b in m.bodies], np.zeros(len(m.coordinates))])
-        return q, v, np.array([z.initial for z in m.states])
+        return q, v, np.array([z.value for z in m.states])
 
     @cached_property
     def parameter_values(self) -> np.ndarray:
@@ -174,7 +175,7 @@ class Equations:
 
     # --- compiled functions -----------------------------------------------------------
     def function(self, expression: Any) -> ca.Function:
-        """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``, made once and kept.
+        """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``; the most recent ones are kept.
 
         Raises
         ------
@@ -182,10 +183,8 @@ class Equations:
             For a symbol that the mechanism does not have.
         """
         expression = ca.SX(expression)
-        elements = [ca.SX(e) for e in expression.elements()] if expression.numel() else []
-        key = ("expression", expression.shape, tuple(e.element_hash() for e in elements))
-        # the expression is kept beside its function: a hash is only unique while the node lives
-        return self.mechanism.cache.get_or_create(key, lambda: (self._of_expression(expression), expression))[0]
+        make = partial(self._of_expression, expression)
+        return self.mechanism.cache.get_or_create(ExpressionKey(expression), make, bounded=True)
 
     def _of_expression(self, expression: ca.SX) -> ca.Function:
         for symbol in symbols_of(expression):

@@ -10,7 +10,7 @@ from ..errors import FileError, MechanismError
 from ..model.bodies import Body
 from ..model.drivers import Driver
 from ..model.element import Element
-from ..model.forces.gravity import Gravity
+from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rectangle, Shape
 from ..model.mechanism import Mechanism
 from .elements import CONSTRAINTS, FORCES, OTHER_TYPES, Bodies, Builder, Part

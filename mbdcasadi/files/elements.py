@@ -14,11 +14,10 @@ from ..model.drivers import Driver
 from ..model.element import Element, at_poses
 from ..model.forces.applied import Force, Torque
 from ..model.forces.springs import RSDA, TSDA
-from ..model.joints.base import Joint, pair
-from ..model.joints.composite import Distance, PointOnLine
+from ..model.joints.base import Joint
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
-from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational
 from ..model.symbols import symbols_of, t
 from .fields import Fields
 
@@ -144,7 +143,7 @@ class _RackAndPinion(RackAndPinion):
     """
 
     def __init__(self, name: str, rack: Marker, pinion: Marker, radius: float, phase: float):
-        a, b = pair(name, rack, pinion)
+        a, b = Joint.pair(name, rack, pinion)
         self.radius = radius
         rolled = ca.dot(a.x_axis, b.position - a.position) + radius * (b.body.phi - a.body.phi)
         turn = 2 * math.pi * radius

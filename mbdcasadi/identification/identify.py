@@ -10,8 +10,8 @@ import numpy as np
 
 from ..arguments.values import pairs_of, position_in
 from ..errors import MechanismWarning, ModelError
-from ..model.lists import listed, refuse_twice
 from ..model.mechanism import Mechanism
+from ..model.quantities import listed, refuse_twice
 from ..model.symbols import Parameter
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment, IdentificationError, read_experiments

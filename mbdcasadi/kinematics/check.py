@@ -17,7 +17,7 @@ from ..model.mechanism import Mechanism
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.state import State
-from ..results.validity import broken_at_pose, not_still
+from ..results.validity import broken_at_pose, turning_angles
 from ..simulation.stick_slip.friction_modes import without_exact_friction
 from .mobility import Joints, Mobility, mobility
 from .singular import describe_singularity
@@ -177,9 +177,9 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
 
 
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
-    """What monitors tell of a pose, and of the motions that the joints allow in it."""
+    """Return the messages of validity conditions that are broken at a pose, or by motions that the joints allow."""
     free = Joints(numeric, t).motions(q)
-    turning = not_still(numeric, t, q, free * numeric.column_scale[:, None])
+    turning = turning_angles(numeric, t, q, free * numeric.column_scale[:, None])
     return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
 
 

@@ -19,7 +19,7 @@ from ..model.drivers import Driver
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
 from ..results.trajectory import Statistics, Trajectory
-from ..results.validity import tell_monitors
+from ..results.validity import report_validity
 from ..simulation.simulate import simulate
 from .inverse_dynamics_system import EffortProblem
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
@@ -99,7 +99,7 @@ def inverse_dynamics(
         found = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
     found.statistics.method, found.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
     found.statistics.seconds = clock.perf_counter() - began
-    tell_monitors(found)
+    report_validity(found)
     return found
 
 

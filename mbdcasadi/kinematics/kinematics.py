@@ -16,7 +16,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, MechanismWarning, ModelError
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Statistics, Trajectory
-from ..results.validity import tell_monitors
+from ..results.validity import report_validity
 from .driven_motion import DrivenMotion
 from .mobility import mobility
 from .path_following import Continuation
@@ -72,7 +72,7 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     numeric = NumericEquations(eom, parameter_vector(eom, parameters))
     motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
     found = kinematic_trajectory(numeric, motion)
-    tell_monitors(found)
+    report_validity(found)
     return found
 
 

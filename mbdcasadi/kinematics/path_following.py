@@ -102,7 +102,9 @@ class Continuation(MotionFollower):
     def _recursion(self, count: int) -> Any:
         names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
         return self.numeric.eom.mechanism.cache.get_or_create(
-            ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names)
+            ("kinematic recursion", count),
+            lambda: self.driven.step.mapaccum("kinematics", count, *names),
+            bounded=True,
         )
 
     def _watch_branch(self, motion: DrivenMotion) -> None:

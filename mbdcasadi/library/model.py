@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import ModelError
 from ..model.bodies import Body
 from ..model.drivers import Driver
-from ..model.forces.gravity import Gravity
+from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rod
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism

@@ -10,8 +10,7 @@ from ..errors import ModelError
 from ..model.bodies import Body, ground
 from ..model.forces.applied import Torque
 from ..model.geometry.shapes import Rectangle
-from ..model.joints.composite import PointOnLine
-from ..model.joints.lower_pairs import Revolute, Translational
+from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, bar, ends, lengths, masses_of, weight

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, ModelError
-from ..model.lists import entries
+from ..model.quantities import entries
 from ..model.symbols import as_expression, role_of, symbols_of
 from ..numerics.rank import analyse_rank
 from ..printing import to_text

@@ -14,8 +14,8 @@ from ..assembly.initial_state import carried_by, start_state
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError
-from ..model.lists import entries
 from ..model.mechanism import Mechanism
+from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
 from ..printing import to_text
 from ..results.state import State

@@ -1,1 +1,1 @@
-"""What a user writes a model with: symbols, bodies, joints, drivers, forces, conditions, mechanisms."""
+"""Parts of a model: symbols, bodies, joints, drivers, forces, conditions, mechanisms."""

@@ -1,4 +1,4 @@
-"""Rigid bodies with centroidal frames, and the ground."""
+"""Rigid bodies with centroidal frames, points with axes on them, and the ground."""
 
 from __future__ import annotations
 
@@ -11,11 +11,17 @@ import numpy as np
 from ..errors import ModelError
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import Immutable
-from .markers import Marker, rotation
-from .quantities import Limit, quantity, triple
+from .quantities import Quantities, in_radians, quantity, triple
+from .rates import time_derivative
 from .symbols import check_name, register
 
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
+
+
+def rotation(angle: Any) -> ca.SX:
+    """Return the rotation matrix ``A(angle)`` (2, 2), which takes vectors from the rotated frame to the fixed one."""
+    c, s = ca.cos(ca.SX(angle)), ca.sin(ca.SX(angle))
+    return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
 
 
 class Body(Immutable):
@@ -24,13 +30,13 @@ class Body(Immutable):
     Parameters
     ----------
     name : str
-        Its name, one of a kind in a mechanism.
+        Its name, unique in the mechanism.
     mass : float or expression in parameters
-        Mass, kg; zero where the joints hold the translation.
+        Mass, kg; may be zero if the joints determine the translation.
     inertia : float or expression in parameters
-        Moment of inertia ``J'`` about the centre of mass, kg m²; zero where the joints hold the rotation.
+        Moment of inertia ``J'`` about the centre of mass, kg m²; may be zero if the joints determine the rotation.
     pose : (float, float, float), default (0, 0, 0)
-        Estimate of ``x, y`` (m) and ``phi`` (rad).
+        Estimate of ``x, y`` (m) and ``phi`` (rad). A warning is given for an angle that seems to be in degrees.
     velocity : (float, float, float), default (0, 0, 0)
         Estimate of ``vx, vy`` (m/s) and ``omega`` (rad/s).
     shape : Shape, optional
@@ -48,12 +54,14 @@ class Body(Immutable):
     Raises
     ------
     ModelError
-        For a negative or non-finite mass or inertia, a pose that is no three finite numbers, or the name "ground".
+        For a negative or non-finite mass or inertia, a pose that is not three finite numbers, or the name "ground".
 
     References
     ----------
     Haug, *Computer Aided Kinematics and Dynamics of Mechanical Systems*, 1989, sections 2.4 and 6.1.
     """
+
+    _symbolic = True
 
     x: ca.SX
     y: ca.SX
@@ -78,11 +86,12 @@ class Body(Immutable):
         what = f"body '{name}'"
         if name == "ground" and not self.is_ground:
             raise ModelError("body 'ground': the global frame has that name (mbd.ground); give the body another one")
-        limits: list[Limit] = []
-        self.mass = quantity(mass, what, "mass", at_least=0.0, limits=limits)
-        self.inertia = quantity(inertia, what, "inertia", at_least=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.mass = read(mass, "mass", at_least=0.0)
+        self.inertia = read(inertia, "inertia", at_least=0.0)
+        self.limits = read.limits
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
+        in_radians(self.pose_estimate[2], what, "the angle of the pose", stacklevel=3)
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
         self.shape = shape
         self._shape_centroid = np.zeros(2)
@@ -110,7 +119,7 @@ class Body(Immutable):
         pose: Any = (0.0, 0.0, 0.0),
         velocity: Any = (0.0, 0.0, 0.0),
     ) -> Body:
-        """Make a homogeneous body from its shape.
+        """Return a homogeneous body of a given shape.
 
         Mass, centre of mass and ``J'`` follow from the shape. The points given
         to :meth:`at`, the pose and the velocity are those of the *shape's own
@@ -177,7 +186,7 @@ class Body(Immutable):
 
     @property
     def is_ground(self) -> bool:
-        """Whether this is the global frame."""
+        """True for the global frame."""
         return False
 
     @property
@@ -198,10 +207,108 @@ class Body(Immutable):
         what = f"body '{self.name}'"
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[ca.SX(p) for p in point]) - self._shape_centroid
-        return Marker(self, local, ca.SX(quantity(angle, what, "marker angle")))
+        angle = quantity(angle, what, "marker angle")
+        in_radians(angle, what, "the angle of a marker", stacklevel=2)
+        return Marker(self, local, ca.SX(angle))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"
+
+
+class Marker(Immutable):
+    """A point with axes, fixed in the frame of a body.
+
+    Made by :meth:`Body.at`. All attributes are expressions in the global frame.
+
+    Attributes
+    ----------
+    body : Body
+        The body that carries it.
+    local : casadi.SX
+        ``s'`` (2,), coordinates in the centroidal frame of the body, m.
+    local_angle : casadi.SX
+        Angle of its x axis in the body frame, rad.
+    """
+
+    _symbolic = True
+
+    def __init__(self, body: Body, local: ca.SX, local_angle: ca.SX):
+        self.body = body
+        self.local = local
+        self.local_angle = local_angle
+
+    @cached_property
+    def position(self) -> ca.SX:
+        """``r^P = r + A s'`` (2,), m."""
+        return self.body.position + rotation(self.body.phi) @ self.local
+
+    @cached_property
+    def velocity(self) -> ca.SX:
+        """Velocity (2,), m/s."""
+        return time_derivative(self.position)
+
+    @cached_property
+    def acceleration(self) -> ca.SX:
+        """Acceleration (2,), m/s²."""
+        return time_derivative(self.velocity)
+
+    @property
+    def x(self) -> ca.SX:
+        """First coordinate, m."""
+        return self.position[0]
+
+    @property
+    def y(self) -> ca.SX:
+        """Second coordinate, m."""
+        return self.position[1]
+
+    @property
+    def vx(self) -> ca.SX:
+        """First component of the velocity, m/s."""
+        return self.velocity[0]
+
+    @property
+    def vy(self) -> ca.SX:
+        """Second component of the velocity, m/s."""
+        return self.velocity[1]
+
+    @property
+    def ax(self) -> ca.SX:
+        """First component of the acceleration, m/s²."""
+        return self.acceleration[0]
+
+    @property
+    def ay(self) -> ca.SX:
+        """Second component of the acceleration, m/s²."""
+        return self.acceleration[1]
+
+    @property
+    def angle(self) -> ca.SX:
+        """Angle of the marker's x axis, rad."""
+        return self.body.phi + self.local_angle
+
+    @cached_property
+    def angular_velocity(self) -> ca.SX:
+        """Rate of :attr:`angle`, rad/s."""
+        return time_derivative(self.angle)
+
+    @cached_property
+    def axes(self) -> ca.SX:
+        """Matrix (2, 2) whose columns are the marker's axes."""
+        return rotation(self.angle)
+
+    @property
+    def x_axis(self) -> ca.SX:
+        """Unit vector (2,) along the marker's x axis."""
+        return self.axes[:, 0]
+
+    @property
+    def y_axis(self) -> ca.SX:
+        """Unit vector (2,) along the marker's y axis."""
+        return self.axes[:, 1]
+
+    def __repr__(self) -> str:
+        return f"Marker({self.body.name!r}, {self.local[0]}, {self.local[1]}, angle={self.local_angle})"
 
 
 class Ground(Body):
@@ -228,14 +335,14 @@ ground = Ground()
 
 
 def as_body(value: Any, what: str, argument: str) -> Body:
-    """Return the body, or raise with the name of the element that was given something else."""
+    """Return the body; raise an error that names the element if it is something else."""
     if not isinstance(value, Body):
         raise ModelError(f"{what}: {argument} must be a body, got {value!r}")
     return value
 
 
 def as_marker(value: Any, what: str, argument: str) -> Marker:
-    """Return the marker, or raise with the name of the element that was given something else."""
+    """Return the marker; raise an error that names the element if it is something else."""
     if isinstance(value, Marker):
         return value
     hint = f"; write {value.name}.at(x, y)" if isinstance(value, Body) else ""
@@ -243,7 +350,7 @@ def as_marker(value: Any, what: str, argument: str) -> Marker:
 
 
 def markers_on_two(a: Any, b: Any, what: str) -> tuple[Marker, Marker]:
-    """Return the two markers of an element that connects bodies: they must sit on two of them."""
+    """Return the two markers of an element that connects bodies; raise an error if both are on one body."""
     a, b = as_marker(a, what, "a"), as_marker(b, what, "b")
     if a.body is b.body:
         raise ModelError(f"{what} connects body '{a.body.name}' with itself; its markers must be on two bodies")

@@ -1,18 +1,102 @@
-"""What is derived and compiled for an object, made when it is first asked for and kept."""
+"""Caches of what is derived from an object and compiled for it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any, TypeVar
+
+import casadi as ca
 
 T = TypeVar("T")
 
+#: Number of bounded values that are kept, the most recent ones.
+RECENT = 256
 
-class Cache(dict[Any, Any]):
-    """Values by key, each made once."""
 
-    def get_or_create(self, key: Any, make: Callable[[], T]) -> T:
-        """The value of a key; where there is none yet, what `make` returns."""
-        if key not in self:
-            self[key] = make()
-        return self[key]
+class Cache(Mapping[Hashable, Any]):
+    """Values by key, each made once, whatever the number of threads that request it.
+
+    A key lives as long as its value, and so do the objects in it: use the objects themselves
+    (or an :class:`ExpressionKey`) as keys, never their ``id()``.
+
+    A copy and an unpickled cache are empty, since the values can be made again.
+
+    Parameters
+    ----------
+    recent : int, default 256
+        Number of values requested with ``bounded=True`` that are kept.
+    """
+
+    def __init__(self, recent: int = RECENT):
+        self._most = recent
+        self._kept: dict[Hashable, Any] = {}
+        self._recent: OrderedDict[Hashable, Any] = OrderedDict()
+        # one lock for all keys, taken again by a value that is made of other ones
+        self._lock = threading.RLock()
+
+    def get_or_create(self, key: Hashable, make: Callable[[], T], *, bounded: bool = False) -> T:
+        """Return the value of a key; if there is none yet, make it and keep it.
+
+        Parameters
+        ----------
+        key : hashable
+            Its key.
+        make : callable
+            Returns the value. Another thread that requests it meanwhile waits for it.
+        bounded : bool, default False
+            If True, only the most recent values are kept: for keys that depend on the user's requests
+            (expressions, meshes, numbers), of which there may be any number.
+        """
+        # without the lock, since what is kept for good is requested often and never removed
+        if key in self._kept:
+            return self._kept[key]
+        with self._lock:
+            if key in self._kept:
+                return self._kept[key]
+            if key in self._recent:
+                self._recent.move_to_end(key)
+                return self._recent[key]
+            value = make()
+            if not bounded:
+                self._kept[key] = value
+                return value
+            self._recent[key] = value
+            while len(self._recent) > self._most:
+                self._recent.popitem(last=False)
+            return value
+
+    def __getitem__(self, key: Hashable) -> Any:
+        with self._lock:
+            return self._kept[key] if key in self._kept else self._recent[key]
+
+    def __iter__(self) -> Iterator[Hashable]:
+        with self._lock:
+            return iter([*self._kept, *self._recent])
+
+    def __len__(self) -> int:
+        return len(self._kept) + len(self._recent)
+
+    def __reduce__(self) -> tuple[type[Cache], tuple[int]]:
+        return type(self), (self._most,)
+
+    def __repr__(self) -> str:
+        return f"Cache({len(self)} values)"
+
+
+class ExpressionKey:
+    """Key of an expression: equal for expressions of the same pattern and the same nodes, which it keeps alive."""
+
+    def __init__(self, expression: ca.SX):
+        self._expression = expression
+        # the hash of a node is unique as long as the node lives
+        self._nodes = tuple(entry.element_hash() for entry in ca.vertsplit(ca.vec(expression.nz[:])))
+
+    def __hash__(self) -> int:
+        return hash((self._expression.shape, self._nodes))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, ExpressionKey):
+            return NotImplemented
+        return self._nodes == other._nodes and self._expression.sparsity() == other._expression.sparsity()

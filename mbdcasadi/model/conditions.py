@@ -2,7 +2,7 @@
 
 ``crank.phi == 0.3``, ``tip.position == (1, 2)``, ``load <= 200``,
 ``bounded(-5, tau, 5)``. CasADi keeps a relation as an expression whose last
-operation is the comparison; this module reads both sides off it.
+operation is the comparison; this module takes both sides from it.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ class Condition:
     expression : casadi.SX
         Left side less right side.
     equality : bool
-        Whether it is an equality.
+        True for an equality.
     label : str
         The relation as the user wrote it.
     opposite : Condition, optional
-        The lower side of a two-sided limit of which this is the upper one, where both limits are numbers.
+        Lower side of a two-sided limit of which this is the upper side, if both limits are numbers.
     span : float
-        How far the expression may fall below zero until the opposite side is met.
+        Range of the expression below zero until the opposite side becomes active.
     """
 
     expression: ca.SX
@@ -57,7 +57,7 @@ class Condition:
         return frozenset(role.kind for role in roles if role is not None)
 
     def depends_on(self, *kinds: str) -> bool:
-        """Whether a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""
+        """Return True if a symbol of one of the kinds occurs (see ``symbols.KINDS``)."""
         return not self.kinds.isdisjoint(kinds)
 
     def __repr__(self) -> str:
@@ -65,7 +65,7 @@ class Condition:
 
 
 def stacked(conditions: Sequence[Condition]) -> ca.SX:
-    """Expressions of conditions as a column."""
+    """Return the expressions of conditions as a column."""
     return ca.vertcat(ca.SX(0, 1), *[c.expression for c in conditions])
 
 
@@ -84,14 +84,14 @@ def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
     Parameters
     ----------
     lower, upper : float or expression
-        Limits; each may hold parameters, or be infinite.
+        Limits; each may contain parameters, or be infinite.
     expression : casadi.SX
         Scalar.
 
     Raises
     ------
     ConditionError
-        Where the limits are the wrong way round, or the expression is a number.
+        If the lower limit is above the upper one, or the expression is a number.
     """
     what = "bounded"
     value = quantity(expression, what, "expression")
@@ -110,7 +110,7 @@ _RELATIONS = {ca.OP_EQ: "==", ca.OP_LE: "<=", ca.OP_LT: "<="}
 
 
 def read_conditions(conditions: Any) -> tuple[Condition, ...]:
-    """Take relations apart.
+    """Return relations as scalar conditions.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def read_conditions(conditions: Any) -> tuple[Condition, ...]:
     Raises
     ------
     ConditionError
-        For what is no relation, a relation between numbers, or ``!=``.
+        For an entry that is not a relation, a relation between numbers, or ``!=``.
     """
     if isinstance(conditions, ca.SX | Bounded):
         conditions = [conditions]
@@ -145,25 +145,25 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
         # CasADi folds a side that always holds, such as 0 <= x**2, to the number 1; so does an infinite one
         infinite = (entry.lower.is_minus_inf(), entry.upper.is_inf())
         kept = [side for side, free in zip(sides, infinite, strict=True) if not free and not side.is_one()]
-        found = [c for side in kept for c in _relation(side, position)]
-        if len(found) == 2 and entry.lower.is_constant() and entry.upper.is_constant():
-            low, high = found
+        conditions = [c for side in kept for c in _relation(side, position)]
+        if len(conditions) == 2 and entry.lower.is_constant() and entry.upper.is_constant():
+            low, high = conditions
             return [low, replace(high, opposite=low, span=float(entry.upper) - float(entry.lower))]
-        return found
+        return conditions
     if isinstance(entry, ca.SX):
         return [c for element in ca.vertsplit(ca.vec(entry)) for c in _relation(element, position)]
     hint = "write body.phi == 0.3"
     if isinstance(entry, bool):
         # Python compares an expression with a list of expressions itself, and finds that they are not the same object
         hint = "write body.phi == 0.3; a side of several expressions is a mbd.vertcat(body.x, 2), not a tuple"
-    raise ConditionError(f"condition {position} is {entry!r}, which is no relation between expressions ({hint})")
+    raise ConditionError(f"condition {position} is {entry!r}, which is not a relation between expressions ({hint})")
 
 
 def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
     if relation.is_constant():
         truth = "holds always" if float(relation) else "can never hold"
         raise ConditionError(
-            f"condition {position} is a relation between numbers that {truth}; a condition holds a symbol of the model"
+            f"condition {position} is a relation between numbers that {truth}; a condition contains a model's symbols"
         )
     if relation.op() == ca.OP_NE:
         raise ConditionError(
@@ -172,7 +172,7 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
     sign = _RELATIONS.get(relation.op())
     if sign is None:
         raise ConditionError(
-            f"condition {position} ({to_text(relation)}) is no relation; write {to_text(relation)} == value"
+            f"condition {position} ({to_text(relation)}) is not a relation; write {to_text(relation)} == value"
         )
     left, right = relation.dep(0), relation.dep(1)
     for side in (left, right):
@@ -185,6 +185,6 @@ def _relation(relation: ca.SX, position: int) -> Sequence[Condition]:
 
 
 def _moves(side: ca.SX) -> bool:
-    """Whether a side holds anything that changes on a motion: the other one is then what it is to be."""
+    """Return True if a side contains anything that changes along a motion; the other one is then its value."""
     kinds = {None if role is None else role.kind for role in map(role_of, symbols_of(side))}
     return bool(kinds - {"parameter", "time", "input", "input rate"})

@@ -20,13 +20,13 @@ class Driver(ConstraintElement):
     name : str
         Its name.
     expression : casadi.SX
-        What is driven: a scalar in coordinates (``joint.angle``, ``marker.x``), m or rad.
+        Driven quantity: a scalar in coordinates (``joint.angle``, ``marker.x``), m or rad.
     value : float or expression in time and parameters
         Its prescribed course, twice differentiable: ``20 * mbd.t``, a
         ``mbd.spline`` through data, a ``MotionProgram`` of the time.
     relative_to : State, optional
-        State (of :func:`assemble`, say) from which the motion goes on: the course is then
-        ``expression there + value(t) - value(t there)``.
+        State, such as :func:`assemble` returns, from which the motion continues: the course is then
+        ``expression + value(t) - value(t_0)`` with the expression and the time ``t_0`` of that state.
 
     Attributes
     ----------
@@ -52,8 +52,8 @@ class Driver(ConstraintElement):
             raise ModelError(f"{what}: the expression {expression} depends on no coordinate")
         self.value = course
         if relative_to is not None:
-            there = _at_state(self.expression, relative_to, what)
-            self.value = course + there - ca.substitute(course, time, ca.SX(relative_to.t))
+            start = _at_state(self.expression, relative_to, what)
+            self.value = course + start - ca.substitute(course, time, ca.SX(relative_to.t))
         super().__init__(name, self.expression - self.value)
 
     @property
@@ -63,7 +63,7 @@ class Driver(ConstraintElement):
 
 
 def _at_state(expression: ca.SX, state: Any, what: str) -> float:
-    """Value of the driven expression in a state."""
+    """Return the value of the driven expression in a state."""
     try:
         return float(state[expression])
     except (TypeError, KeyError, IndexError):

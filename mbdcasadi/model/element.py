@@ -1,6 +1,7 @@
-"""What every model element offers; the equations collect it and never ask what an element is.
+"""Interface of model elements, from which the equations are collected.
 
-A class of the user's own with these attributes is a full citizen.
+The equations do not distinguish kinds of elements: a user-defined class with these attributes is on a par with
+those of the package.
 """
 
 from __future__ import annotations
@@ -16,26 +17,25 @@ from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import Immutable
 from .quantities import Limit
-from .smoothing import Smoothing
 from .symbols import check_name, register, role_of, symbols_of
-from .validity import Monitor
+from .validity import Smoothing, ValidityCondition
 
 
 class Element(Immutable):
-    """Base class of joints, drivers and forces: nothing offered, everything may be overridden.
+    """Base class of joints, drivers and forces. Every attribute has a neutral default and may be overridden.
 
     Attributes
     ----------
     name : str
-        Its name, one of a kind in a mechanism.
+        Its name, unique in the mechanism.
     markers : tuple of Marker
-        Where it sits.
+        Points of the bodies to which it is attached.
     rows : casadi.SX
         ``Phi`` (k,): position constraints in coordinates and time.
     velocity_rows : casadi.SX
         Constraints (k,) linear in the velocities, that no position constraint implies.
     row_labels : tuple of str
-        What each row holds ("x", "angle"), position rows first.
+        Meaning of each row ("x", "angle"), position rows first.
     multipliers : casadi.SX
         ``lam``, one for each row, position rows first.
     coordinates : tuple of Coordinate
@@ -46,16 +46,20 @@ class Element(Immutable):
         Rates of first-order states that the element owns.
     potential : casadi.SX
         Potential energy, J, of forces that have one.
+    external : bool
+        True if its forces come from outside (weight, a field), so that nothing in the model takes the reaction. For
+        any other element the ground takes the part of its forces that does not balance.
     limits : tuple of Limit
-        What its quantities must keep to at any value of the parameters.
-    monitors : tuple of Monitor
-        What must hold along a motion for the element to mean what it says (a cam that only presses).
+        Ranges of its quantities, checked at every value of the parameters.
+    validity_conditions : tuple of ValidityCondition
+        Conditions under which the element is a valid model (a cam that only presses); analyses warn if one is broken.
     smoothings : tuple of Smoothing
-        What changes within a short time, so that a simulation tells where its steps jump over it; with a scalar
-        ``gap`` besides, a simulation does not pass through where it is closed for a short time.
+        Quantities that change within a short time; a simulation warns if its steps jump over the change. If the
+        element has a scalar ``gap`` too, a simulation does not step over a short closure.
     """
 
     kind: ClassVar[str] = "element"
+    _symbolic = True
 
     markers: tuple[Marker, ...] = ()
     rows: ca.SX = ca.SX(0, 1)
@@ -66,34 +70,35 @@ class Element(Immutable):
     virtual_work: tuple[tuple[ca.SX, ca.SX], ...] = ()
     rates: Mapping[Any, ca.SX] = MappingProxyType({})
     potential: ca.SX = ca.SX(0)
+    external: bool = False
     limits: tuple[Limit, ...] = ()
-    monitors: tuple[Monitor, ...] = ()
+    validity_conditions: tuple[ValidityCondition, ...] = ()
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
 
     @property
     def description(self) -> str:
-        """The element in words, as messages name it."""
+        """Kind and name of the element, as messages give it."""
         return f"{self.kind} '{self.name}'"
 
     @property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """What changes within a short time."""
+        """Quantities that change within a short time."""
         return ()
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        """Bodies it acts on, the ground included where it takes part."""
+        """Bodies on which it acts, including the ground if that takes part."""
         return tuple(dict.fromkeys(marker.body for marker in self.markers))
 
     def expressions(self) -> list[ca.SX]:
-        """Every expression that enters the equations, to look for stray symbols."""
+        """Expressions that enter the equations, for the check of their symbols."""
         pairs = [ca.SX(part) for pair in self.virtual_work for part in pair]
         return [self.rows, self.velocity_rows, *pairs, ca.SX(self.potential), *self.rates.values()]
 
     def acting_on(self, bodies: Sequence[Body]) -> Element:
-        """The element with the bodies of the mechanism known to it (gravity acts on all of them)."""
+        """Return the element of a mechanism with these bodies (gravity acts on all of them)."""
         return self
 
     def __repr__(self) -> str:
@@ -101,23 +106,23 @@ class Element(Immutable):
 
 
 def owners(expression: Any) -> tuple[Body, ...]:
-    """Bodies whose coordinates or velocities occur in an expression."""
+    """Return the bodies whose coordinates or velocities occur in an expression."""
     roles = [role_of(symbol) for symbol in symbols_of(expression)]
     return tuple(dict.fromkeys(role.owner for role in roles if role is not None and isinstance(role.owner, Body)))
 
 
 def holds_coordinates(expression: Any) -> bool:
-    """Whether a coordinate of a body, or one without inertia, occurs in an expression."""
+    """Return True if a coordinate of a body, or one without inertia, occurs in an expression."""
     roles = (role_of(symbol) for symbol in symbols_of(expression))
     return any(role is not None and role.kind == "position" for role in roles)
 
 
-#: What an expression in coordinates, parameters and time does not hold.
+#: Kinds of symbols that an expression in coordinates, parameters and time does not contain.
 BEYOND_COORDINATES = ("velocity", "acceleration", "multiplier", "input", "state")
 
 
 def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) -> None:
-    """Raise where an expression depends on symbols of the kinds that are not allowed."""
+    """Raise an error if an expression depends on symbols of kinds that are not allowed."""
     for symbol in symbols_of(expression):
         role = role_of(symbol)
         if role is not None and role.kind in kinds:
@@ -125,7 +130,7 @@ def refuse_kinds(expression: Any, kinds: Sequence[str], what: str, remedy: str) 
 
 
 class ConstraintElement(Element):
-    """Base class of elements with constraint rows: multipliers, and reactions read off them.
+    """Base class of elements with constraint rows, their multipliers and reactions.
 
     Parameters
     ----------
@@ -136,17 +141,17 @@ class ConstraintElement(Element):
     row_labels : tuple of str
         One for each row; () for a single row that needs no label of its own.
     markers : tuple of Marker
-        Where it sits.
+        Points of the bodies to which it is attached.
     velocity_rows : casadi.SX, optional
         Rows at velocity level.
 
     Attributes
     ----------
     leans_on_ground : bool
-        Whether the ground takes part in a constraint between two moving bodies.
-        It does where the row changes when both turn as one, as that of a
-        constraint along a global axis does: then what it exerts on them does
-        not balance, and something that does not turn must hold the rest.
+        True if the ground takes part in a constraint between two moving bodies.
+        It does if the row changes when both bodies turn as one, as that of a
+        constraint along a global axis does: its forces on them then leave a
+        couple, which the ground takes.
     """
 
     leans_on_ground: bool = False
@@ -163,7 +168,7 @@ class ConstraintElement(Element):
         self.rows = ca.vec(rows)
         others = ("velocity", "acceleration", "input", "state")
         refuse_kinds(
-            self.rows, others, self.description, "position constraints hold coordinates, parameters and time only"
+            self.rows, others, self.description, "position constraints contain coordinates, parameters and time only"
         )
         if velocity_rows is not None:
             self.velocity_rows = ca.vec(velocity_rows)
@@ -178,25 +183,25 @@ class ConstraintElement(Element):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Name of each row: the element and what the row holds."""
+        """Name of each row: the name of the element and the label of the row."""
         labels = self.row_labels or tuple(str(k) for k in range(self.multipliers.numel()))
         return (self.name,) if len(labels) == 1 and not self.row_labels else tuple(f"{self.name}.{x}" for x in labels)
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
-        found = dict.fromkeys(marker.body for marker in self.markers)
-        found.update(dict.fromkeys(owners(ca.vertcat(self.rows, self.velocity_rows))))
-        if len(found) == 1 or not self.markers or self.leans_on_ground:
-            found[ground] = None
-        return tuple(found)
+        bodies = dict.fromkeys(marker.body for marker in self.markers)
+        bodies.update(dict.fromkeys(owners(ca.vertcat(self.rows, self.velocity_rows))))
+        if len(bodies) == 1 or not self.markers or self.leans_on_ground:
+            bodies[ground] = None
+        return tuple(bodies)
 
     def marker_on(self, body: Body) -> Marker:
-        """Marker on a body; its centre of mass (the origin, on the ground) where the element has none there."""
-        own = next((marker for marker in self.markers if marker.body is body), None)
-        return own if own is not None else Marker(body, ca.SX(2, 1), ca.SX(0))
+        """Return the marker on a body; if there is none, one at its centre of mass (on the ground, at the origin)."""
+        marker_there = next((marker for marker in self.markers if marker.body is body), None)
+        return marker_there if marker_there is not None else Marker(body, ca.SX(2, 1), ca.SX(0))
 
     def reaction_on(self, body: Body) -> Reaction:
-        """Return what the element exerts on a body.
+        """Return the reaction on a body.
 
         Parameters
         ----------
@@ -285,12 +290,12 @@ class Reaction:
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:
-    """Third component of the cross product of two plane vectors."""
+    """Return the third component of the cross product of two plane vectors."""
     return a[0] * b[1] - a[1] * b[0]
 
 
 def at_poses(expression: Any, bodies: Sequence[Body]) -> ca.SX:
-    """Expression with the estimated poses put in; parameters and time remain."""
+    """Return an expression with the estimated poses substituted; parameters and time remain."""
     moving = [body for body in bodies if not body.is_ground]
     if not moving:
         return ca.SX(expression)

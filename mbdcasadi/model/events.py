@@ -26,31 +26,33 @@ class Event(Immutable):
     direction : {-1, 0, 1}, default 0
         1: only from negative to positive; -1: only from positive to negative; 0: both.
     terminal : bool, default False
-        Whether the simulation ends there.
+        If True, the simulation ends there.
     reset : mapping or list of pairs, optional
         Velocity, expression linear in velocities, or state variable to its value just
         after the event, an expression in the state just before it:
-        ``{ball.vy: -0.8 * ball.vy}``, or ``[(tip.vy, -0.8 * tip.vy)]`` where the key is
-        no plain symbol. What is reset takes its value exactly, by an impulse P along it;
-        the joints answer with impulses Λ,
+        ``{ball.vy: -0.8 * ball.vy}``, or ``[(tip.vy, -0.8 * tip.vy)]`` if the key is
+        not a symbol. The value is reached exactly, by an impulse P along the key;
+        the joints respond with impulses Λ,
         ``M (v⁺ - v⁻) + Phi_q^T Λ + G^T P = 0``, ``Phi_q v⁺ = nu``, ``G v⁺ = g``,
-        so that nothing else of the motion changes.
+        and nothing else of the motion changes.
 
     Raises
     ------
     ModelError
-        For an expression that is a number, and a reset of anything else.
+        For an expression that is a number, and a reset of a position, an input or an acceleration.
 
     Notes
     -----
-    A reset does not hold what it has stopped: a ball whose bounces die out ends in an
-    error that says so. For rest on a surface use a :class:`Contact`.
+    A reset does not keep at rest what it has stopped: a ball whose bounces die out ends in an
+    error. For rest on a surface use a :class:`Contact`.
 
     References
     ----------
     Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral
     Contacts*, 1996, chapter 6 (impacts with constraints).
     """
+
+    _symbolic = True
 
     def __init__(self, name: str, expression: Any, direction: int = 0, terminal: bool = False, reset: Any = None):
         self.name = check_name(name, "Event")
@@ -78,7 +80,7 @@ class Event(Immutable):
 
 
 def _read_reset(reset: Any, what: str) -> tuple[tuple[ca.SX, ca.SX], ...]:
-    """Targets of a reset and their values afterwards."""
+    """Return the targets of a reset and their values afterwards."""
     if reset is None:
         return ()
     try:
@@ -86,17 +88,17 @@ def _read_reset(reset: Any, what: str) -> tuple[tuple[ca.SX, ca.SX], ...]:
     except (TypeError, ValueError):
         raise ModelError(f"{what}: reset takes {{velocity: value}} or a list of pairs, got {reset!r}") from None
     if not pairs:
-        raise ModelError(f"{what}: reset is empty; leave it out where nothing jumps")
-    found = []
+        raise ModelError(f"{what}: reset is empty; leave it out if nothing jumps")
+    targets = []
     for key, value in pairs:
         target = ca.SX(quantity(key, what, "reset key"))
         _check_target(target, what)
-        found.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
-    return tuple(found)
+        targets.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
+    return tuple(targets)
 
 
 def _check_target(target: ca.SX, what: str) -> None:
-    """A state variable, or an expression linear in velocities."""
+    """Raise an error if a target is neither a state variable nor an expression linear in velocities."""
     role = role_of(target) if target.is_symbolic() else None
     if role is not None and role.kind == "state":
         return

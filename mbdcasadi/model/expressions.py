@@ -1,14 +1,15 @@
-"""Functions for expressions: they take symbols and numbers alike.
+"""Functions of expressions and numbers.
 
-NumPy's functions do not work on symbols, and some of CasADi's have no
-derivative at a point that a mechanism passes through (the norm of a force
-that vanishes, the power of a penetration at first touch). The functions here
-work on ``casadi.SX`` and on numbers; :func:`norm`, :func:`distance`,
+The functions of Python's ``math`` return NaN for symbols, NumPy's give a warning
+of CasADi, and some of CasADi's have no derivative at a point that a mechanism
+passes through (the norm of a force that vanishes, the power of a penetration at
+first touch). The functions here
+accept ``casadi.SX`` and numbers; :func:`norm`, :func:`distance`,
 :func:`positive_power` and :func:`step` have finite first and second
-derivatives where they are said to.
+derivatives as documented.
 
 The elementary functions are CasADi's own. Their derivatives are infinite
-where calculus says so (``sqrt`` at zero, ``asin`` at one), and one half at the
+at singular points (``sqrt`` at zero, ``asin`` at one), and one half at the
 corner of ``fmax`` and ``fmin``.
 """
 
@@ -95,7 +96,7 @@ def _column(value: Any, where: str) -> ca.SX | ca.DM:
         raise ModelError(f"{where}: got a casadi.MX; the model is written in casadi.SX")
     try:
         if not isinstance(value, ca.SX | ca.DM):
-            # An array of objects holds symbols: only its entries can be put together.
+            # An array of objects contains symbols: only its entries can be concatenated.
             value = ca.vertcat(*np.ravel(np.asarray(value, dtype=object)))
         return ca.densify(ca.vec(value))
     except (TypeError, ValueError, NotImplementedError):
@@ -103,11 +104,11 @@ def _column(value: Any, where: str) -> ca.SX | ca.DM:
 
 
 def if_else(condition: Any, a: Any, b: Any) -> Any:
-    """Return `a` where the condition holds, else `b`.
+    """Return `a` if the condition holds, else `b`.
 
-    Both branches are evaluated. The value of the one that is not taken does not reach
-    the result, but where its derivative is not finite, that may: make its argument
-    harmless there, as :func:`positive_power` does.
+    Both branches are evaluated. The value of the branch that is not taken does not affect
+    the result, but a derivative of it that is not finite may: make its argument
+    harmless then, as :func:`positive_power` does.
 
     Parameters
     ----------
@@ -129,16 +130,15 @@ def if_else(condition: Any, a: Any, b: Any) -> Any:
 
 
 def positive_power(base: Any, exponent: Any) -> Any:
-    """Power of what is positive: ``base**exponent`` for ``base > 0``, else 0.
+    """Return ``base**exponent`` for ``base > 0``, else 0.
 
     The force of a contact, ``k δ^n``, as a function of the penetration.
-    ``fmax(δ, 0)**n`` would have the second derivative NaN where nothing touches.
+    ``fmax(δ, 0)**n`` would have the second derivative NaN without contact.
 
     Parameters
     ----------
     base : float or casadi.SX
-        Penetration; its first and second derivatives are finite at every ``base <= 0``,
-        where they are zero, and at every ``base > 0``.
+        Penetration. The first and second derivatives are finite everywhere, and zero for ``base <= 0``.
     exponent : float or casadi.SX
         Above 0.
 
@@ -159,10 +159,10 @@ def positive_power(base: Any, exponent: Any) -> Any:
 
 
 def norm(vector: Any) -> Any:
-    """Euclidean length of a vector, with finite first and second derivatives at zero.
+    """Return the Euclidean length of a vector, with finite first and second derivatives at zero.
 
-    There the gradient is 0 (``casadi.norm_2`` has NaN), so that ``norm(force) <= 40``
-    can be a condition in optimal control even where the force vanishes.
+    The gradient at zero is 0 (that of ``casadi.norm_2`` is NaN), so that ``norm(force) <= 40``
+    can be a condition in optimal control even if the force vanishes.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _pair(a: Any, b: Any, where: str) -> tuple[Any, Any]:
 
 
 def dot(a: Any, b: Any) -> Any:
-    """Scalar product of two vectors.
+    """Return the scalar product of two vectors.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def dot(a: Any, b: Any) -> Any:
 
 
 def distance(a: Any, b: Any) -> Any:
-    """Distance of two points, with finite first and second derivatives where they coincide.
+    """Return the distance of two points, with finite first and second derivatives even if they coincide.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def distance(a: Any, b: Any) -> Any:
 
 
 def step(x: Any, x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
-    """Smooth step from `y0` at `x0` to `y1` at `x1`, constant outside.
+    """Return a smooth step from `y0` at `x0` to `y1` at `x1`, constant outside.
 
     ``y0 + (y1 - y0) (10 s³ - 15 s⁴ + 6 s⁵)`` with ``s = (x - x0)/(x1 - x0)``: value,
     first and second derivative are continuous.
@@ -240,7 +240,7 @@ def step(x: Any, x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     Parameters
     ----------
     x : float or casadi.SX
-        Mostly time.
+        Argument, usually time, s.
     x0, x1 : float or casadi.SX
         Start and end of the step, ``x0 < x1``.
     y0, y1 : float or casadi.SX
@@ -253,7 +253,7 @@ def step(x: Any, x0: Any, y0: Any, x1: Any, y1: Any) -> Any:
     Raises
     ------
     ModelError
-        Where `x0` and `x1` are numbers and `x1` is not above `x0`.
+        If `x0` and `x1` are numbers and `x1` is not above `x0`.
 
     Examples
     --------

@@ -1,9 +1,11 @@
-"""Objects that do not change after they are made."""
+"""Objects that do not change after construction."""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from typing import Any, ClassVar, NoReturn
+
+from ..errors import ModelError
 
 
 class Sealed(type):
@@ -21,16 +23,29 @@ class Sealed(type):
         return instance
 
 
+def refuse_pickle(thing: Any) -> NoReturn:
+    """Raise the error of an object that contains symbols, which exist in one process only."""
+    raise ModelError(
+        f"{thing!r} cannot be pickled: its symbols belong to this process; build the model in each process by "
+        "calling the same function there, and hand results over by files: motion.save(path)"
+    )
+
+
 class Immutable(metaclass=Sealed):
     """Base class of model elements: identity equality, no assignment after construction.
 
     Values that are derived on demand use ``functools.cached_property``, which
-    stores beside ``__setattr__`` and so stays possible.
+    does not store through ``__setattr__``.
     """
+
+    #: True if it contains symbols, which cannot be pickled.
+    _symbolic: ClassVar[bool] = False
 
     def __setattr__(self, name: str, value: Any) -> None:
         if self.__dict__.get("_sealed", False):
-            raise AttributeError(f"{self!r} does not change after it is made; make a new one instead of setting {name}")
+            raise AttributeError(
+                f"{self!r} does not change after construction; make a new one instead of setting {name}"
+            )
         object.__setattr__(self, name, value)
 
     def __copy__(self) -> Immutable:
@@ -38,3 +53,8 @@ class Immutable(metaclass=Sealed):
 
     def __deepcopy__(self, memo: dict) -> Immutable:
         return self
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        if self._symbolic:
+            refuse_pickle(self)
+        return super().__reduce_ex__(protocol)

@@ -1,4 +1,4 @@
-"""A mechanism: the immutable list of what a model is made of."""
+"""Mechanisms: immutable lists of bodies, joints, drivers and forces."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import Immutable
-from .lists import entries, listed
-from .quantities import Limit, quantity
+from .quantities import Limit, entries, listed, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 
@@ -24,7 +23,7 @@ class Mechanism(Immutable):
     Parameters
     ----------
     bodies : sequence of Body
-        The moving bodies; the ground is always there.
+        The moving bodies; the ground is always included.
     joints : sequence, optional
         Joints and other constraints.
     drivers : sequence of Driver, optional
@@ -32,9 +31,9 @@ class Mechanism(Immutable):
     forces : sequence, optional
         Applied forces, springs, gravity.
     inputs : sequence of Input, optional
-        Every input that an element uses.
+        Inputs that the elements use.
     parameters : sequence of Parameter, optional
-        Every parameter that an element, a driver or a condition uses.
+        Parameters that elements, drivers or conditions use.
     states : dict of StateVariable to expression, optional
         Rate of each first-order state.
     name : str, default ""
@@ -43,15 +42,17 @@ class Mechanism(Immutable):
     Attributes
     ----------
     bodies, joints, drivers, forces, inputs, parameters, states : tuple
-        What it is made of; `states` are the state variables of the model and of its elements.
+        Its parts; `states` are the state variables of the model and of its elements.
     state_rates : dict of StateVariable to casadi.SX
         Their rates.
 
     Raises
     ------
     ModelError, ExpressionError
-        For names that occur twice, parts of another mechanism, and symbols that are not listed.
+        For names that occur twice, bodies that are not listed, and symbols that are not listed.
     """
+
+    _symbolic = True
 
     def __init__(
         self,
@@ -110,8 +111,8 @@ class Mechanism(Immutable):
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
         rates: dict[StateVariable, ca.SX] = {}
         sources = [("states=", self._own_states)] + [(e.description, e.rates) for e in self.elements]
-        for source, given in sources:
-            for state, rate in given.items():
+        for source, state_rates in sources:
+            for state, rate in state_rates.items():
                 if not isinstance(state, StateVariable):
                     raise ModelError(f"{source}: takes {{StateVariable: rate}}, got the key {state!r}")
                 if state in rates:
@@ -136,7 +137,7 @@ class Mechanism(Immutable):
         known = {body.name for body in self.bodies}
         for element in self.elements:
             for body in element.bodies:
-                if not body.is_ground and not any(body is own for own in self.bodies):
+                if not body.is_ground and not any(body is listed for listed in self.bodies):
                     also = " (another body of that name is)" if body.name in known else ""
                     raise ModelError(
                         f"{element.description} uses body '{body.name}', which is not among bodies= of "
@@ -156,7 +157,7 @@ class Mechanism(Immutable):
             for name, value in (("mass", body.mass), ("inertia", body.inertia)):
                 if varying := varying_in(value):
                     raise ExpressionError(
-                        f"body '{body.name}': {name} may hold parameters only, not {describe(varying[0])}"
+                        f"body '{body.name}': {name} may contain parameters only, not {describe(varying[0])}"
                     )
 
     @staticmethod
@@ -185,24 +186,26 @@ class Mechanism(Immutable):
         limits, function = self.cache.get_or_create("limits", self._limits)
         if not limits:
             return
-        given = {p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)}
+        values_by_symbol = {
+            p.element_hash(): f"'{p.label}' = {v:.6g}" for p, v in zip(self.parameters, values, strict=True)
+        }
         for limit, value in zip(limits, function(values).full().ravel(), strict=True):
-            used = ", ".join(given[s.element_hash()] for s in symbols_of(limit.expression))
+            used = ", ".join(values_by_symbol[s.element_hash()] for s in symbols_of(limit.expression))
             limit.check(float(value), f" with parameter {used}")
 
     def _limits(self) -> tuple[list[Limit], ca.Function]:
-        """Limits of quantities, and their values as a function of the parameters."""
+        """Return the limits of quantities, and their values as a function of the parameters."""
         mine = {p.element_hash() for p in self.parameters}
         limits = [limit for part in (*self.bodies, *self.elements) for limit in getattr(part, "limits", ())]
-        # a length that changes in time has no one value to check
+        # a length that changes in time has no single value to check
         limits = [x for x in limits if all(s.element_hash() in mine for s in symbols_of(x.expression))]
         at = ca.vertcat(ca.SX(0, 1), *self.parameters)
         return limits, ca.Function("limits", [at], [ca.vertcat(ca.SX(0, 1), *[x.expression for x in limits])])
 
-    # --- what is in it ---------------------------------------------------------------
+    # --- parts -----------------------------------------------------------------------
     @property
     def symbol_hashes(self) -> set[int]:
-        """Hashes of every symbol that the equations may hold."""
+        """Hashes of the symbols that the equations may contain."""
         symbols = [t, *self.inputs, *self.parameters, *self.states]
         symbols += [s for c in self.coordinates for s in (c, c.velocity)]
         for body in self.bodies:
@@ -213,19 +216,19 @@ class Mechanism(Immutable):
 
     @property
     def constraints(self) -> tuple[ConstraintElement, ...]:
-        """Joints, then drivers, then forces that bring constraint rows."""
+        """Elements with constraint rows: joints, then drivers, then forces."""
         return tuple(e for e in self.elements if e.multipliers.numel())
 
     def body(self, name: str) -> Body:
-        """Body of that name."""
+        """Return the body of a name."""
         return _find(self.bodies, name, "body")
 
     def joint(self, name: str) -> Any:
-        """Joint, constraint or driver of that name."""
+        """Return the joint, constraint or driver of a name."""
         return _find((*self.joints, *self.drivers), name, "joint")
 
     def force(self, name: str) -> Any:
-        """Force of that name."""
+        """Return the force of a name."""
         return _find(self.forces, name, "force")
 
     def replace(self, **changes: Any) -> Mechanism:

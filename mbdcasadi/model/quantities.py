@@ -1,24 +1,25 @@
-"""Numbers and expressions given by the user, checked where they enter."""
+"""Checks of the numbers, expressions and lists that the user gives."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, MechanismWarning, ModelError
 from .symbols import Parameter, describe, number, varying_in
 
 _RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
 
 
 def known_value(value: Any) -> float | None:
-    """Number behind a constant, a parameter or a plain number; None for other expressions."""
+    """Return the number behind a constant, a parameter or a plain number; None for other expressions."""
     if isinstance(value, Parameter):
         return value.value
     if isinstance(value, ca.SX):
@@ -28,7 +29,7 @@ def known_value(value: Any) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """What a quantity of the model must keep to, whatever value its parameters are given.
+    """Range of a quantity of the model, whatever values its parameters have.
 
     Attributes
     ----------
@@ -47,7 +48,7 @@ class Limit:
     above: float | None = None
 
     def check(self, value: float, because: str = "") -> None:
-        """Raise where a value is not finite or out of the limits; `because` says where it comes from."""
+        """Raise an error if a value is not finite or out of the limits; `because` gives its origin."""
         if not math.isfinite(value):
             raise ModelError(f"{self.owner}: {self.name} must be finite, got {value}{because}")
         if self.at_least is not None and value < self.at_least:
@@ -66,29 +67,29 @@ def quantity(
     limits: list[Limit] | None = None,
     fixed: bool = False,
 ) -> float | ca.SX:
-    """Return a scalar quantity: a float where it is a number, else the expression.
+    """Return a scalar quantity: a float if it is a number, else the expression.
 
     Parameters
     ----------
     value : float or casadi.SX
-        What the user gave.
-    owner, name : str
+        The quantity as the user gave it.
+    what, name : str
         Element and quantity, for the message.
     at_least, above : float, optional
-        Limits of the value; checked here where the number behind it is known.
+        Limits of the value; checked here if the number behind it is known.
     limits : list of Limit, optional
-        Where the limits of an expression are added. An element keeps them in
+        List to which the limits of an expression are added. An element keeps them in
         its attribute ``limits``, so that they are checked again for the
         parameter values of each analysis.
     fixed : bool, default False
-        Whether it may hold parameters only: a radius, a ratio.
+        If True, it may contain parameters only: a radius, a ratio.
 
     Raises
     ------
     ModelError
-        For what is no scalar, not finite or out of its limits.
+        For a value that is not a scalar, not finite or out of its limits.
     ExpressionError
-        For what is to be fixed and varies.
+        For a fixed quantity that varies.
     """
     if isinstance(value, ca.MX):
         raise ModelError(f"{what}: {name} is a casadi.MX; the model is written in casadi.SX")
@@ -117,15 +118,47 @@ def quantity(
     return value
 
 
+class Quantities:
+    """Reader of the quantities of one element: checks each, and collects the limits of those that are expressions.
+
+    Parameters
+    ----------
+    what : str
+        The element, for messages.
+    limits : iterable of Limit, optional
+        Limits of its parts.
+    """
+
+    def __init__(self, what: str, limits: Iterable[Limit] = ()):
+        self._what, self._limits = what, list(limits)
+
+    def __call__(self, value: Any, name: str, **allowed: Any) -> Any:
+        """Return a scalar quantity; see :func:`quantity` for the limits that it may have."""
+        return quantity(value, self._what, name, limits=self._limits, **allowed)
+
+    @property
+    def limits(self) -> tuple[Limit, ...]:
+        """Limits of all quantities that were read."""
+        return tuple(self._limits)
+
+
+def in_radians(value: Any, what: str, name: str, stacklevel: int) -> None:
+    """Warn of an angle that looks like one in degrees: beyond a turn, and a multiple of a half."""
+    angle = known_value(value)
+    if angle is not None and abs(angle) > 2 * math.pi and float(2 * angle).is_integer():
+        text = f"{what}: {name} = {angle:g} rad is more than a turn; angles are in radians: np.deg2rad({angle:g})"
+        warnings.warn(text, MechanismWarning, stacklevel=stacklevel + 1)
+
+
 def yes_or_no(value: Any, what: str, name: str) -> bool:
-    """Return a choice of two; a text, a number or an expression is refused."""
+    """Return True or False; refuse a text, a number or an expression."""
     if not isinstance(value, bool | np.bool_):
         raise ModelError(f"{what}: {name} must be True or False, got {value!r}")
     return bool(value)
 
 
 def whole(value: Any, what: str, name: str, least: int, most: int | None = None) -> int:
-    """Return a whole number within limits."""
+    """Return an integer within limits."""
     number_like = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
     if not number_like or not float(value).is_integer() or value < least or (most is not None and value > most):
         limits = f"of at least {least}" if most is None else f"from {least} to {most}"
@@ -134,13 +167,13 @@ def whole(value: Any, what: str, name: str, least: int, most: int | None = None)
 
 
 def function_of(value: Any, what: str, name: str, *arguments: str) -> Callable[..., Any]:
-    """Return a function that the user gave, checked to take the arguments that it will be called with."""
+    """Return a function that the user gave, checked to accept the given arguments."""
     wanted = " and ".join(arguments)
     if not callable(value):
         raise ModelError(f"{what}: {name} must be a function of {wanted}, got {value!r}")
     try:
         signature = inspect.signature(value)
-    except (TypeError, ValueError):  # some functions of compiled modules do not tell theirs
+    except (TypeError, ValueError):  # some functions of compiled modules have none
         return value
     try:
         signature.bind(*arguments)
@@ -164,7 +197,7 @@ def vector2(value: Any, what: str, name: str) -> ca.SX:
 
 
 def is_relation(value: ca.SX) -> bool:
-    """Whether a scalar is a truth, 0 or 1, and no quantity."""
+    """Return True if a scalar is a truth value, 0 or 1, instead of a quantity."""
     return any(value.is_op(op) for op in _RELATIONS)
 
 
@@ -201,3 +234,29 @@ def triple(value: Any, what: str, name: str, form: str) -> np.ndarray:
     if len(values) != 3:
         raise ModelError(f"{what}: {name} must be three numbers {form}, got {len(values)} of them: {value!r}")
     return np.array(values)
+
+
+def entries(values: Any, argument: str) -> tuple:
+    """Return the entries of a list as a tuple; refuse a single part without brackets and other objects."""
+    # a casadi.SX has entries too, and so do texts and mappings; none of them is meant as a list of parts
+    if isinstance(values, ca.SX | str | bytes | Mapping) or not isinstance(values, Iterable):
+        raise ModelError(f"{argument} takes a list, got {values!r}; write {argument}[…]")
+    return tuple(values)
+
+
+def refuse_twice(symbols: Iterable[Any], what: str) -> None:
+    """Raise an error if a symbol occurs in a list twice."""
+    seen: list[Any] = []
+    for symbol in symbols:
+        if any(symbol is other for other in seen):
+            raise ModelError(f"{what} contains '{symbol.label}' twice")
+        seen.append(symbol)
+
+
+def listed(values: Any, kind: type, what: str) -> tuple:
+    """Return the symbols of a list as a tuple; refuse anything of another kind."""
+    result = entries(values, what)
+    for value in result:
+        if not isinstance(value, kind):
+            raise ModelError(f"{what} takes {kind.__name__} objects, got {value!r}")
+    return result

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.SX:
-    """Rate of change of an expression, by the chain rule.
+    """Return the rate of change of an expression, by the chain rule.
 
     ``de/dt = e_q v + e_v a + e_z ż + e_t``
 
@@ -23,18 +23,18 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
     expression : casadi.SX
         Any shape, in coordinates, velocities, first-order states, parameters and time.
     mechanism : Mechanism, optional
-        Needed where first-order states occur: it knows their rates.
+        Required if first-order states occur, whose rates it has.
 
     Returns
     -------
     casadi.SX
-        Same shape; accelerations occur where velocities did, and ``Input.rate``, which
-        optimal control alone knows, where inputs did.
+        Same shape. Velocities give accelerations, and inputs give ``Input.rate``, which
+        exists in optimal control only.
 
     Raises
     ------
     ExpressionError
-        Where the expression holds an acceleration or a multiplier, whose rates the model does not know.
+        If the expression contains an acceleration or a multiplier, whose rates are not known.
 
     Examples
     --------
@@ -50,12 +50,12 @@ def time_derivative(expression: Any, mechanism: Mechanism | None = None) -> ca.S
         role = role_of(symbol)
         if role is not None and role.kind == "parameter":
             continue
-        found = rates.get(symbol.element_hash(), None if role is None else role.rate)
-        if found is None:
+        its_rate = rates.get(symbol.element_hash(), None if role is None else role.rate)
+        if its_rate is None:
             hint = "; give the mechanism as second argument" if role is not None and role.kind == "state" else ""
             raise ExpressionError(f"time_derivative: the model does not know the rate of {describe(symbol)}{hint}")
         varying.append(symbol)
-        rate.append(found)
+        rate.append(its_rate)
     if not varying:
         return ca.SX(*expression.shape)
     derivative = ca.jtimes(ca.vec(expression), ca.vertcat(*varying), ca.vertcat(*rate))

@@ -1,4 +1,4 @@
-"""What a mechanism does to its foundation."""
+"""Force and moment of a mechanism on its foundation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from .element import ConstraintElement, Element, cross
+from .element import cross
 from .mechanism import Mechanism
 from .quantities import vector2
 
@@ -15,10 +15,10 @@ from .quantities import vector2
 class ShakingForce:
     """Force and moment of a whole mechanism on the ground, as expressions.
 
-    The sum of what joints, drivers, springs and couples exert on the ground.
-    Gravity and point forces without an opposite body come from outside and do
-    not count; what a mechanism of joints alone exerts is then
-    ``Σ m (g - a)``.
+    The sum of what joints, drivers and forces exert on the ground, the reactions of applied forces and couples
+    that name no other body included. Weight and field forces come from outside: the ground does not take their
+    reaction, but carries them through the joints. With the gravity g the sum is, by Newton's law of all bodies,
+    ``Σ m (g - a)``, and about the point P ``Σ (r - r_P) × m (g - a) - J' α``.
 
     Parameters
     ----------
@@ -41,28 +41,29 @@ class ShakingForce:
 
     @cached_property
     def _wrench(self) -> tuple[ca.SX, ca.SX]:
-        force, moment = ca.SX(2, 1), ca.SX(0)
-        for element in self.mechanism.elements:
-            if element.multipliers.numel() or any(body.is_ground for body in element.bodies):
-                load = self._generalised(element)
-                for k, body in enumerate(self.mechanism.bodies):
-                    on_body = load[3 * k : 3 * k + 3]
-                    force -= on_body[:2]
-                    moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
+        load, force, moment = self._generalised, ca.SX(2, 1), ca.SX(0)
+        for k, body in enumerate(self.mechanism.bodies):
+            on_body = load[3 * k : 3 * k + 3]
+            force -= on_body[:2]
+            moment -= on_body[2] + cross(body.position - self.point, on_body[:2])
         return force, moment
 
-    def _generalised(self, element: Element) -> ca.SX:
-        """Generalised force of an element on the moving bodies."""
+    @property
+    def _generalised(self) -> ca.SX:
+        """Generalised force on the moving bodies of every element whose reaction the ground takes."""
         q = ca.vertcat(*[body.q for body in self.mechanism.bodies])
         v = ca.vertcat(*[body.v for body in self.mechanism.bodies])
         load = ca.SX(q.numel(), 1)
-        if isinstance(element, ConstraintElement) or element.multipliers.numel():
+        for element in self.mechanism.elements:
+            if getattr(element, "external", False):
+                continue
             count = element.rows.numel()
-            load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
+            if count:
+                load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
             if element.velocity_rows.numel():
                 load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
-        for displacement, effort in element.virtual_work:
-            load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
+            for displacement, effort in element.virtual_work:
+                load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
         return load
 
     @property

@@ -1,14 +1,14 @@
-"""Symbols of a model: time, inputs, parameters, first-order states, and what is known of each symbol.
+"""Symbols of a model: time, inputs, parameters, first-order states, and the role of each symbol.
 
-CasADi symbols carry nothing but a name. The small registry here remembers,
-for as long as its owner lives, what a symbol stands for (its *role*) and
-what its rate of change is, so that :func:`time_derivative` and every error
-message can speak of the model instead of nodes of a graph.
+A CasADi symbol has a name and nothing else. The registry in this module keeps,
+as long as the owner of a symbol lives, its meaning (its *role*) and its rate of
+change, for :func:`time_derivative` and for messages in terms of the model.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -17,14 +17,15 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from .immutable import refuse_pickle
 
-#: What a symbol can stand for.
+#: Kinds of symbols.
 KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
 
 
 @dataclass(frozen=True, eq=False)
 class Role:
-    """What a symbol stands for.
+    """Meaning of a symbol.
 
     Attributes
     ----------
@@ -35,7 +36,7 @@ class Role:
     owner : object
         Body, element or symbol that it belongs to.
     rate : casadi.SX or None
-        Its rate of change, where that is a symbol or a number.
+        Its rate of change, if that is a symbol or a number.
     """
 
     kind: str
@@ -48,26 +49,26 @@ _ROLES: weakref.WeakValueDictionary[int, Role] = weakref.WeakValueDictionary()
 
 
 def register(symbol: ca.SX, kind: str, label: str, owner: Any = None, rate: Any = None) -> Role:
-    """Remember the role of a symbol for as long as the caller keeps the :class:`Role`."""
+    """Register the role of a symbol; it lasts as long as the caller keeps the :class:`Role`."""
     role = Role(kind, label, owner, rate)
     _ROLES[symbol.element_hash()] = role
     return role
 
 
 def role_of(symbol: ca.SX) -> Role | None:
-    """Role of a scalar symbol, or None for a symbol that no model owns."""
+    """Return the role of a scalar symbol, or None for a symbol that belongs to no model."""
     return _ROLES.get(symbol.element_hash())
 
 
 def check_name(name: Any, what: str) -> str:
-    """Return the name, or raise where it is no printable text."""
+    """Return the name; raise an error if it is not a non-empty text."""
     if not isinstance(name, str) or not name.strip():
         raise ModelError(f"{what}: the name must be a text that is not empty, got {name!r}")
     return name
 
 
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
-    """Return a finite float, or raise with the owner, the quantity and the value."""
+    """Return a finite float, or raise an error that names the owner, the quantity and the value."""
     try:
         # float() would read "1.0", and make nan of a symbol
         if isinstance(value, str | bytes) or (isinstance(value, ca.SX) and not value.is_constant()):
@@ -75,13 +76,18 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         result = float(value)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
-    if math.isnan(result) or (math.isinf(result) and not infinite):
+    if math.isnan(result):
+        raise ModelError(
+            f"{what}: {quantity} must be finite, got nan (which Python's math.sin and float make of an expression: use "
+            "mbd.sin, …)"
+        )
+    if math.isinf(result) and not infinite:
         raise ModelError(f"{what}: {quantity} must be finite, got {result}")
     return result
 
 
 class Symbol(ca.SX):
-    """A named scalar of the model: a ``casadi.SX`` that keeps what belongs to it."""
+    """A named scalar of the model: a ``casadi.SX`` with a label, a value and limits."""
 
     label: str
     _kind = ""
@@ -97,6 +103,9 @@ class Symbol(ca.SX):
 
     def __deepcopy__(self, memo: dict) -> Symbol:
         return self
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        refuse_pickle(self)
 
     def __hash__(self) -> int:
         return self.element_hash()
@@ -121,15 +130,14 @@ class Input(Symbol):
     label : str
         Its name.
     value : float, default 0
-        Value where an analysis is given no other one.
+        Value in analyses that are given no other one.
     lower, upper : float, default -inf and inf
-        Limits: they hold in optimal control; ``simulate`` warns where they are exceeded.
+        Limits: enforced in optimal control; ``simulate`` warns if they are exceeded.
 
     Attributes
     ----------
     rate : casadi.SX
-        Its rate of change, for costs and path conditions of optimal control;
-        other analyses do not know it.
+        Its rate of change, for costs and path conditions of optimal control only.
 
     Examples
     --------
@@ -158,7 +166,7 @@ class Parameter(Symbol):
     label : str
         Its name.
     value : float
-        Its value where an analysis is given no other one; it must lie within its limits.
+        Value in analyses that are given no other one; within the limits.
     lower, upper : float, default -inf and inf
         Limits for identification and optimisation.
     """
@@ -175,7 +183,7 @@ class Parameter(Symbol):
         _PARAMETERS[self.element_hash()] = self
 
 
-#: The parameters that live, by the hash of their node: from an expression back to the values behind it.
+#: Parameters by the hash of their node, as long as they live: from an expression back to the values behind it.
 _PARAMETERS: weakref.WeakValueDictionary[int, Parameter] = weakref.WeakValueDictionary()
 
 
@@ -186,26 +194,44 @@ class StateVariable(Symbol):
     ----------
     label : str
         Its name.
-    initial : float, default 0
-        Value at the start where no condition gives another one.
+    value : float, default 0
+        Value at the start, if no condition gives another one.
     lower, upper : float, default -inf and inf
         Limits for optimal control.
+    initial : float, optional
+        Former name of `value`.
     """
 
     _kind = "state"
 
-    def __init__(self, label: str, initial: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
+    def __init__(
+        self,
+        label: str,
+        value: float = 0.0,
+        lower: float = -math.inf,
+        upper: float = math.inf,
+        initial: float | None = None,
+    ):
         super().__init__(label)
         what = f"state variable '{label}'"
-        self.initial = number(initial, what, "initial")
+        if initial is not None:
+            warnings.warn(f"{what}: initial= is called value= now", DeprecationWarning, stacklevel=2)
+            value = initial
+        self.value = number(value, what, "value")
         self.lower, self.upper = _bounds(what, lower, upper)
 
+    @property
+    def initial(self) -> float:
+        """Former name of ``value``."""
+        warnings.warn(f"state variable '{self.label}': initial is called value now", DeprecationWarning, stacklevel=2)
+        return self.value
 
-def state_of(owner: Any, label: str, initial: Any = 0.0) -> StateVariable:
-    """The state of an element: the one that is given as `initial`, or a new one that belongs to the element."""
-    if isinstance(initial, StateVariable):
-        return initial
-    state = StateVariable(label, initial)
+
+def state_of(owner: Any, label: str, value: Any = 0.0) -> StateVariable:
+    """Return the state of an element: the one that is given as `value`, or a new one that belongs to the element."""
+    if isinstance(value, StateVariable):
+        return value
+    state = StateVariable(label, value)
     state._role = register(state, "state", label, owner)
     return state
 
@@ -218,7 +244,7 @@ class Coordinate(Symbol):
     label : str
         Its name.
     value : float, default 0
-        Estimate at the start.
+        Estimate of the value at the start.
 
     Attributes
     ----------
@@ -246,7 +272,7 @@ _TIME_ROLE = register(t, "time", "t", rate=ca.SX(1))
 
 
 def as_expression(value: Any, what: str) -> ca.SX:
-    """Return an expression, or raise where CasADi cannot make one."""
+    """Return an expression; raise an error if CasADi cannot make one."""
     try:
         return ca.SX(value)
     except (NotImplementedError, TypeError, RuntimeError):
@@ -254,36 +280,36 @@ def as_expression(value: Any, what: str) -> ca.SX:
 
 
 def symbols_of(expression: Any) -> list[ca.SX]:
-    """Scalar symbols on which an expression depends, in the order in which they occur."""
+    """Return the scalar symbols on which an expression depends, in the order in which they occur."""
     return ca.symvar(expression if isinstance(expression, ca.SX) else ca.SX(expression))
 
 
 def values_of(expression: Any) -> np.ndarray:
-    """Value of an expression (same shape) where its parameters have their own values.
+    """Return the value of an expression (same shape) with the parameters' own values.
 
     Raises
     ------
     ExpressionError
-        Where it depends on anything but parameters.
+        If it depends on anything but parameters.
     """
     expression = ca.SX(expression)
     used = symbols_of(expression)
-    found = [_PARAMETERS.get(symbol.element_hash()) for symbol in used]
-    for symbol, parameter in zip(used, found, strict=True):
+    parameters = [_PARAMETERS.get(symbol.element_hash()) for symbol in used]
+    for symbol, parameter in zip(used, parameters, strict=True):
         if parameter is None:
             raise ExpressionError(f"a number is needed here, and {describe(symbol)} has none; use parameters only")
-    at = ca.DM([p.value for p in found if p is not None])
+    at = ca.DM([p.value for p in parameters if p is not None])
     return ca.Function("value", [ca.vertcat(ca.SX(0, 1), *used)], [ca.densify(expression)])(at).full()
 
 
 def varying_in(expression: Any, besides: ca.SX | None = None) -> list[ca.SX]:
-    """Symbols of an expression that are no parameters; one of them, `besides`, left out."""
-    found = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
-    varying = [symbol for symbol, role in found if role is None or role.kind != "parameter"]
+    """Return the symbols of an expression that are not parameters, except `besides`."""
+    roles = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
+    varying = [symbol for symbol, role in roles if role is None or role.kind != "parameter"]
     return [symbol for symbol in varying if besides is None or not ca.is_equal(symbol, besides)]
 
 
 def describe(symbol: ca.SX) -> str:
-    """A symbol in words: its kind and its name."""
+    """Return kind and name of a symbol, for messages."""
     role = role_of(symbol)
     return f"{role.kind} '{role.label}'" if role else f"symbol '{symbol.name()}'"

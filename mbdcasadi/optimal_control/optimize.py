@@ -11,7 +11,7 @@ from ..errors import ModelError
 from ..model.quantities import yes_or_no
 from ..model.symbols import number
 from ..results.trajectory import Trajectory
-from ..results.validity import tell_monitors
+from ..results.validity import report_validity, validity_conditions
 from .guess.multistart import best_of, guesses
 from .nlp.solver import Solver
 from .parameter_continuation import by_continuation, read_continuation
@@ -126,8 +126,8 @@ def optimize(
         solution = refine(solver, solution, accuracy)
     elif not isinstance(guess, Solution | Shifted):
         tell_coarse_mesh(solution)
-    if any(getattr(element, "monitors", ()) for element in problem.mechanism.elements):
-        tell_monitors(solution.trajectory)
+    if validity_conditions(problem.mechanism):
+        report_validity(solution.trajectory)
     return solution
 
 

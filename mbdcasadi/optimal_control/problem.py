@@ -12,9 +12,8 @@ from ..errors import ExpressionError, ModelError
 from ..model.cache import Cache
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
-from ..model.lists import entries, listed, refuse_twice
 from ..model.mechanism import Mechanism
-from ..model.quantities import is_relation, quantity
+from ..model.quantities import entries, is_relation, listed, quantity, refuse_twice
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State

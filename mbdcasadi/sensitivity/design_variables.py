@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments.values import position_in
 from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
-from ..model.lists import entries
+from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, StateVariable
 from ..results.state import State
 from .differentiable_motion import DifferentiableMotion

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import ModelError
 from ..integrators import Integrator
-from ..model.lists import entries
 from ..model.mechanism import Mechanism
+from ..model.quantities import entries
 from ..model.symbols import as_expression
 from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, same

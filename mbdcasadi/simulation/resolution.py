@@ -17,10 +17,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
-from ..model.smoothing import Smoothing
+from ..model.validity import Smoothing
+from ..results.validity import validity_conditions
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
@@ -113,7 +115,8 @@ class Resolution:
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
-        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0)))
+        self._validity = [c for c in validity_conditions(eom.mechanism) if c.between_outputs]
+        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0), self._excess(eom)))
         if self.rates.numel():
             self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
             self._gaps_at = ca.Function("gaps", known, [ca.densify(self._gaps)])
@@ -121,6 +124,15 @@ class Resolution:
             self._approach = ca.Function("approach", known, [ca.densify(approach)])
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
+        self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+
+    def _excess(self, eom: Equations) -> ca.SX:
+        """Speeds of what validity conditions report, while these are broken: the integral is twice the excess."""
+        margins = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self._validity])
+        reported = ca.vertcat(ca.SX(0, 1), *[c.reported for c in self._validity])
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        self._at_limit = ca.Function("at_limit", known, [ca.densify(reported + margins)])
+        return ca.if_else(margins < 0, ca.fabs(time_derivative(reported, eom.mechanism)), 0)
 
     def first_pass(self, chunk: Path) -> float | None:
         """Time at which outlines first meet in a chunk though no step found them closed, or the first went too deep."""
@@ -149,6 +161,10 @@ class Resolution:
             self._blocks.append((chunk.times[1:], np.diff(chunk.times), *self._followed(chunk)))
         for k, start, depth, spell in self._passes(chunk) if self._owner else ():
             self._passed.setdefault(k, _Finding()).add(start, depth, spell)
+        if self._validity:
+            excess = chunk.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
+            limits = self._at(self._at_limit, chunk.times[:1], chunk.x[:1])
+            self._excesses.append((chunk.times, excess, limits))
 
     def _followed(self, chunk: Path) -> tuple[np.ndarray, np.ndarray]:
         """By how much the steps of each interval miss the change of what is smoothed, and the size of its load."""
@@ -166,7 +182,8 @@ class Resolution:
     def _passes(self, chunk: Path) -> Iterator[tuple[int, float, float, float]]:
         """Outlines that meet on the interpolated path, though never at a step: gap, time, depth, for how long."""
         lengths, n = np.diff(chunk.times), len(self._owner)
-        closed = np.abs(chunk.integrals[:, 2 * len(self._smoothings) :])
+        first = 2 * len(self._smoothings)
+        closed = np.abs(chunk.integrals[:, first : first + n])
         knots = self._at(self._approach, chunk.times, chunk.x)
         gaps, speeds = knots[:, :n], np.abs(knots[:, n:])
         within = REACH * lengths[:, None] * np.maximum(speeds[:-1], speeds[1:])
@@ -196,7 +213,21 @@ class Resolution:
                 f"the integrator, which never found them touching, {finding.when}; limit the steps of IDAS, "
                 f"options={{'max_step_size': {finding.spell / 3:.1g}}}",
             )
-        return list(found.values())
+        return [*found.values(), *self._broken_conditions()]
+
+    def _broken_conditions(self) -> Iterator[str]:
+        """Messages of validity conditions that the steps of the integrator found broken, with time and size."""
+        for k, condition in enumerate(self._validity):
+            first, worst, total = None, -np.inf, 0.0
+            for times, excesses, limits in self._excesses:
+                for start, excess in zip(times[:-1], excesses[:, k], strict=True):
+                    # what goes on over several intervals is one
+                    total = total + excess if excess > 0 else 0.0
+                    if total > 0:
+                        first, worst = start if first is None else first, max(worst, limits[0, k] + total)
+            if first is not None:
+                unit = f" {condition.unit}" if condition.unit else ""
+                yield f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.3g}{unit})"
 
     def _missed(self, reltol: float, abstol: float) -> dict[str, str]:
         if not self._blocks:

@@ -15,7 +15,7 @@ from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
-from ..results.validity import tell_monitors
+from ..results.validity import report_validity
 from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
 from .events import read_events
 from .loop import Run
@@ -128,7 +128,7 @@ def simulate(
         motion.statistics.notes.append(sentence)
         warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
-    tell_monitors(motion)
+    report_validity(motion)
     return motion
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..arguments.values import pairs_of, position_in
 from ..errors import MechanismError, ModelError
-from ..model.lists import refuse_twice
 from ..model.mechanism import Mechanism
+from ..model.quantities import refuse_twice
 from ..model.symbols import Input, Parameter, number
 
 Symbol = Parameter | Input

@@ -469,7 +469,7 @@ def test_a_limit_that_no_row_has_a_slope_for():
 def test_conditions_may_hold_parameters_states_and_time():
     """Their values are those of the call."""
     arm, model = pendulum()
-    start, z = mbd.Parameter("start", 0.4), mbd.StateVariable("z", initial=0.1)
+    start, z = mbd.Parameter("start", 0.4), mbd.StateVariable("z", value=0.1)
     model = model.replace(parameters=[start], states={z: -z})
     assert mbd.assemble(model, [arm.phi == start])[arm.phi] == pytest.approx(0.4)
     assert mbd.assemble(model, [arm.phi == start], parameters={start: 0.7})[arm.phi] == pytest.approx(0.7)
@@ -482,7 +482,7 @@ def test_conditions_may_hold_parameters_states_and_time():
 def test_first_order_states_start_at_their_initial_value_or_a_condition():
     """They enter the accelerations at once."""
     rotor = mbd.Body("rotor", mass=1, inertia=0.5)
-    current = mbd.StateVariable("current", initial=2.0)
+    current = mbd.StateVariable("current", value=2.0)
     model = mbd.Mechanism(bodies=[rotor], forces=[mbd.Torque("motor", rotor, current)], states={current: -current})
     assert mbd.assemble(model)[rotor.alpha] == pytest.approx(4.0)
     state = mbd.assemble(model, [current == 3.0])

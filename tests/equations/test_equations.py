@@ -437,7 +437,7 @@ class Motor:
     def __init__(self, name, body, voltage):
         self.name = name
         self.description = f"motor '{name}'"
-        self.current = mbd.StateVariable(f"{name}.current", initial=0.5)
+        self.current = mbd.StateVariable(f"{name}.current", value=0.5)
         self.bodies = (body,)
         self.markers = ()
         self.rows = self.velocity_rows = self.multipliers = ca.SX(0, 1)

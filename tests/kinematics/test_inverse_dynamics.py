@@ -442,7 +442,7 @@ def test_lock_up():
 
 def test_states_and_drivers_go_together():
     """A first-order state follows its own equation, which a prescribed motion does not tell: said, or integrated."""
-    current = mbd.StateVariable("current", initial=0.0)
+    current = mbd.StateVariable("current", value=0.0)
     rod = mbd.Body("rod", mass=1, inertia=1, pose=(0.5, 0, 0))
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))
     drive = mbd.Driver("drive", hinge.angle, mbd.t)

@@ -205,13 +205,13 @@ U = mbd.Input("u")
     [
         (lambda b: mbd.NonholonomicConstraint("n", b.vx**2), "'n' is not linear in the velocities"),
         (lambda b: mbd.NonholonomicConstraint("n", b.vx * b.omega), "'n' is not linear in the velocities"),
-        (lambda b: mbd.NonholonomicConstraint("n", b.x), "'n' holds no velocity.*is a Constraint"),
-        (lambda b: mbd.NonholonomicConstraint("n", [b.vx, b.x]), "'n' holds no velocity"),
+        (lambda b: mbd.NonholonomicConstraint("n", b.x), "'n' contains no velocity.*use Constraint"),
+        (lambda b: mbd.NonholonomicConstraint("n", [b.vx, b.x]), "'n' contains no velocity"),
         (lambda b: mbd.NonholonomicConstraint("n", b.vx == 0), "'n' is the relation"),
         (lambda b: mbd.NonholonomicConstraint("n", b.ax + b.vx), "'n' depends on the acceleration 'b.ax'"),
         (lambda b: mbd.NonholonomicConstraint("n", b.vx - U), "'n' depends on the input 'u'"),
         (lambda b: mbd.KnifeEdge("k", b), "'k': marker must be a marker"),
-        (lambda b: mbd.KnifeEdge("k", mbd.ground.at(0, 0)), "'k' holds no velocity"),
+        (lambda b: mbd.KnifeEdge("k", mbd.ground.at(0, 0)), "'k' contains no velocity"),
     ],
 )
 def test_velocity_level_constraints_that_make_no_sense(make, said):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import math
+import warnings
 
 import casadi as ca
 import numpy as np
@@ -232,3 +234,48 @@ def test_density_or_mass_is_given(given):
     """Exactly one of the two, and not negative."""
     with pytest.raises(mbd.ModelError, match=r"mass|density"):
         mbd.Body.from_shape("plate", Rectangle(1, 1), **given)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: mbd.Body("arm", 1, 1, pose=(0, 0, 90)),
+        lambda: mbd.Body("arm", 1, 1, pose=(0, 0, -22.5)),
+        lambda: mbd.Body("arm", 1, 1).at(0, 0, 180.0),
+        lambda: mbd.AbsoluteAngle("held", mbd.Body("arm", 1, 1).at(0, 0), 45),
+        lambda: mbd.RelativeAngle("held", mbd.ground.at(0, 0), mbd.Body("arm", 1, 1).at(0, 0), 45),
+        lambda: mbd.Body.from_shape("arm", mbd.Rectangle(1, 1), mass=1, pose=(0, 0, 90)),
+    ],
+)
+def test_angles_in_degrees_are_reported(make):
+    """With the remedy, at the line of the call."""
+    with pytest.warns(
+        mbd.MechanismWarning, match=r"rad is more than a turn; angles are in radians: np\.deg2rad"
+    ) as said:
+        make()
+    assert len(said) == 1
+
+
+def test_angles_in_radians_are_not():
+    """Some turns, as they follow from a motion, and limits between."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for angle in (0, -3, 6, np.pi / 2, 2 * np.pi, 35.123, -20 * np.pi, mbd.Parameter("angle", 1.0)):
+            body = mbd.Body("arm", 1, 1, pose=(0, 0, 0 if isinstance(angle, mbd.Parameter) else angle))
+            body.at(0, 0, angle)
+            mbd.AbsoluteAngle("held", body.at(0, 0), angle)
+
+
+def test_the_warning_is_that_of_the_users_line():
+    with pytest.warns(mbd.MechanismWarning) as said:
+        mbd.Body("arm", 1, 1, pose=(0, 0, 90))
+        mbd.ground.at(0, 0, 90)
+        mbd.AbsoluteAngle("held", mbd.Body("arm", 1, 1).at(0, 0), 45)
+    assert [w.filename for w in said] == [__file__] * 3
+
+
+def test_a_nan_made_of_an_expression_leads_to_the_functions_of_the_package():
+    """``math.sin`` of a symbol is NaN without an error."""
+    body = mbd.Body("arm", 1, 1)
+    with pytest.raises(mbd.ModelError, match=r"force 'f': vector x must be finite, got nan .*use mbd\.sin"):
+        mbd.Force("f", body.at(0, 0), (math.sin(body.phi), 0))

@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdcasadi.model.geometry.closed_splines import closed_spline
+from mbdcasadi.model.geometry.splines import closed_spline
 
 
 def derivatives(xs, ys, places):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -288,3 +291,75 @@ def test_refuses():
         mbd.HuntCrossley.from_restitution(1e5, 0.5, 1.0, model="herz")
     with pytest.raises(mbd.ModelError, match="impact_speed"):
         mbd.HuntCrossley.from_restitution(1e5, 0.5, 0.0)
+
+
+# --- laws that are too soft ---------------------------------------------------------------------------------
+PLATES = {
+    "segment": lambda at: mbd.Segment(at, 2.0, 0.1),
+    "polygon": lambda at: mbd.PolygonEdges(at, [(-1, -0.1), (1, -0.1), (1, 0.1), (-1, 0.1)]),
+    "circle": lambda at: mbd.Circle(at, 0.1),
+    "half-plane": lambda at: mbd.HalfPlane(mbd.ground.at(0, 0.1)),
+}
+STRIKERS = {
+    "circle": lambda at: mbd.Circle(at, 0.05),
+    "point": lambda at: mbd.Point(at),
+    "polygon": lambda at: mbd.PolygonEdges(at, [(-0.05, -0.05), (0.05, -0.05), (0.05, 0.05), (-0.05, 0.05)]),
+    "segment": lambda at: mbd.Segment(at, 0.2, 0.05),
+}
+PAIRS = [(plate, striker) for plate in PLATES for striker in STRIKERS if (plate, striker) != ("half-plane", "point")]
+
+
+def dropped(plate, striker, stiffness, method="idas", outputs=4):
+    """A kilogram that falls 2 m onto a plate of 20 cm; few outputs, none of them while it is in there."""
+    body = mbd.Body("ball", mass=1.0, inertia=1e-3, pose=(0.003, 2.1, 0))
+    law = mbd.HuntCrossley(stiffness, exponent=1)
+    hit = mbd.Contact("plate", STRIKERS[striker](body.at(0, 0)), PLATES[plate](mbd.ground.at(0, 0)), law)
+    model = mbd.Mechanism([body], forces=[mbd.Gravity(), hit])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        motion = mbd.simulate(model, np.linspace(0, 1.2, outputs), method=method)
+    return motion, body, [str(w.message) for w in said if "too soft" in str(w.message)]
+
+
+@pytest.mark.parametrize(("plate", "striker"), PAIRS)
+def test_a_law_too_soft_for_the_impact_is_reported(plate, striker):
+    """1 kN/m stop 20 J after 0.2 m, which is as deep as the plate is thick: it falls through, or nearly so."""
+    _, _, said = dropped(plate, striker, 1e3)
+    assert len(said) == 1
+    assert "contact 'plate': its law is too soft" in said[0]
+    time = float(re.search(r"first at t = ([0-9.]+) s", said[0])[1])
+    assert 0.55 < time < 0.72
+    assert float(re.search(r"at worst ([0-9.]+) m deep", said[0])[1]) > 0.04
+
+
+@pytest.mark.parametrize(("plate", "striker"), PAIRS)
+def test_an_ordinary_law_is_not_reported(plate, striker):
+    """1 MN/m stop it after 6 mm."""
+    motion, body, said = dropped(plate, striker, 1e6)
+    assert said == []
+    assert motion[body.y][-1] > 0.1
+
+
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
+@pytest.mark.parametrize("outputs", [2, 7, 301])
+def test_the_reported_depth_is_that_of_the_motion(method, outputs):
+    """By energy: m g (h + d) = k d²/2, whatever the outputs; said once."""
+    stiffness = 3e3
+    depth = 9.81 / stiffness * (1 + np.sqrt(1 + 2 * stiffness * 1.95 / 9.81))
+    _, _, said = dropped("half-plane", "circle", stiffness, method, outputs)
+    assert len(said) == 1
+    assert float(re.search(r"at worst ([0-9.]+) m deep", said[0])[1]) == pytest.approx(depth, rel=0.05)
+
+
+def test_a_pose_in_which_bodies_are_inside_each_other_is_reported_by_check():
+    body = mbd.Body("ball", mass=1.0, inertia=1e-3, pose=(0.003, 0.02, 0))
+    hit = mbd.Contact("plate", mbd.Circle(body.at(0, 0), 0.05), mbd.Segment(mbd.ground.at(0, 0), 2, 0.1), LAW)
+    (remark,) = mbd.check(mbd.Mechanism([body], forces=[hit])).remarks
+    assert "contact 'plate'" in remark and "(0.13 m deep at t = 0 s)" in remark
+
+
+def test_half_width_of_a_polygon():
+    """Of a rectangle half the shorter side, of an equilateral triangle half the height."""
+    at = mbd.ground.at(0, 0)
+    assert mbd.PolygonEdges(at, [(0, 0), (3, 0), (3, 1), (0, 1)]).half_width == pytest.approx(0.5)
+    assert mbd.PolygonEdges(at, [(0, 0), (2, 0), (1, np.sqrt(3))]).half_width == pytest.approx(np.sqrt(3) / 2)

@@ -200,6 +200,40 @@ def test_monotone_spline_of_random_data_is_that_of_scipy(seed):
     np.testing.assert_allclose(found, scipy_curve(PchipInterpolator(xs, ys), x), rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_cubic_spline_by_what_defines_it(seed):
+    """A cubic polynomial is met everywhere; of other data two derivatives go on, and the third next to the ends."""
+    random = np.random.default_rng(seed)
+    xs = np.cumsum(random.uniform(0.1, 2, 9))
+    polynomial = np.polynomial.Polynomial(random.normal(size=4), domain=[xs[0], xs[-1]])
+    x = np.linspace(xs[0], xs[-1], 50)
+    found = curve(lambda s: spline(s, xs, polynomial(xs)), x)
+    np.testing.assert_allclose(found, [polynomial.deriv(k)(x) if k else polynomial(x) for k in range(3)], atol=1e-9)
+    symbol = ca.SX.sym("x")
+    value = spline(symbol, xs, random.normal(size=9))
+    parts = [value]
+    for _ in range(3):
+        parts.append(ca.jacobian(parts[-1], symbol))
+    function = ca.Function("f", [symbol], [ca.vertcat(*parts)])
+    before, after = (function((xs[1:-1] + side * 1e-9)[None, :]).full() for side in (-1, 1))
+    size = np.abs(after).max(axis=1)[:, None]
+    np.testing.assert_allclose(after[:3] / size[:3], before[:3] / size[:3], atol=1e-6)
+    np.testing.assert_allclose(after[3, [0, -1]] / size[3], before[3, [0, -1]] / size[3], atol=1e-6)
+    assert np.all(np.abs(after[3] - before[3])[1:-1] > 1e-3)
+
+
+def test_monotone_spline_by_the_formula_of_fritsch_and_butland():
+    """Slopes: the weighted harmonic mean of the rises beside a point, zero at an extremum of the data."""
+    found = curve(lambda s: spline(s, XS, YS, "monotone"), XS[1:-1])[1]
+    h, rise = np.diff(XS), np.diff(YS) / np.diff(XS)
+    for k, slope in enumerate(found):
+        before, after = 2 * h[k + 1] + h[k], h[k + 1] + 2 * h[k]
+        if rise[k] * rise[k + 1] <= 0:
+            assert slope == 0
+        else:
+            assert slope == pytest.approx((before + after) / (before / rise[k] + after / rise[k + 1]), rel=1e-12)
+
+
 def test_linear_spline():
     found = curve(lambda x: spline(x, XS, YS, "linear"), INSIDE)
     np.testing.assert_allclose(found[0], np.interp(INSIDE, XS, YS), rtol=1e-13, atol=1e-14)

@@ -155,7 +155,7 @@ def test_wrong_carrier_is_told():
         mbd.Gear("mesh", mbd.ground.at(0, 0), planet.at(0, 0), RS, RP),
     ]
     mechanism = mbd.Mechanism([arm, planet], joints, [mbd.Driver("drive", arm.phi, mbd.t)])
-    with pytest.warns(mbd.MechanismWarning, match="turns against carrier 'ground'.*name the body"):
+    with pytest.warns(mbd.MechanismWarning, match="turns relative to carrier 'ground'.*name the body"):
         mbd.kinematics(mechanism, np.linspace(0, 2, 21))
 
 

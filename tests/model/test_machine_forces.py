@@ -127,7 +127,7 @@ def test_bushings_that_make_no_sense():
     body = mbd.Body("b", 1, 1)
     with pytest.raises(mbd.ModelError, match="bushing 'r': stiffness y must be at least 0, got -1"):
         mbd.Bushing("r", mbd.ground.at(0, 0), body.at(0, 0), (1, -1))
-    with pytest.raises(mbd.ModelError, match="one value or one by axis"):
+    with pytest.raises(mbd.ModelError, match="one value, or one for each axis"):
         mbd.Bushing("r", mbd.ground.at(0, 0), body.at(0, 0), (1, 1, 1))
     with pytest.raises(mbd.ModelError, match="connects body 'b' with itself"):
         mbd.Bushing("r", body.at(0, 0), body.at(1, 0), 1)
@@ -351,7 +351,7 @@ def test_states_of_these_elements_in_inverse_dynamics():
         (lambda w: mbd.DCMotor("m", w, 1, 1, -1), "motor 'm': resistance must be above 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, inductance=-1), "motor 'm': inductance must be at least 0"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, ratio=0), "motor 'm': the ratio is zero"),
-        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' turns 'wheel' and leans on it too"),
+        (lambda w: mbd.DCMotor("m", w, 1, 1, 1, opposite=w), "motor 'm' turns 'wheel', which carries the housing too"),
         (lambda w: mbd.DCMotor("m", w, 1, 1, 1, current=2.0), "without inductance the current has no start"),
         (lambda w: mbd.DCMotor.from_line("m", w, 0, 1), "motor 'm': stall_torque must be above 0"),
         (lambda w: mbd.FirstOrderLag("l", 1.0, 0), "lag 'l': time_constant must be above 0"),
@@ -459,3 +459,37 @@ def test_data_that_make_no_law():
         mbd.DataLaw([0, 1], [0, 1, 2])
     with pytest.raises(mbd.ModelError, match="ys must be"):
         mbd.DataLaw([0, 1], [0, 1], rates=[0, 1])
+
+
+@pytest.mark.parametrize("damping", [100.0, 400.0, 700.0])
+@pytest.mark.filterwarnings("error::mbdcasadi.MechanismWarning")
+def test_a_stop_whose_force_jumps_at_the_touch_is_no_false_alarm(damping):
+    """``k δ + c δ̇`` with c v at once: right by the damped oscillator, up to where its force vanishes, and quiet."""
+    stiffness, m, speed = 8e4, 2.0, 2.0
+    block, _, mechanism = block_and_stop(
+        lambda depth, rate: mbd.fmax(stiffness * depth + damping * rate, 0), speed=speed
+    )
+    decay, square = damping / (2 * m), stiffness / m
+    w = np.sqrt(complex(square - decay**2))
+
+    def oscillator(s):
+        depth = speed / w * np.sin(w * s) * np.exp(-decay * s)
+        rate = speed * (np.cos(w * s) - decay / w * np.sin(w * s)) * np.exp(-decay * s)
+        return depth.real, rate.real
+
+    s = np.linspace(1e-6, 0.05, 200001)
+    depth, rate = oscillator(s)
+    loose = int(np.argmax(stiffness * depth + damping * rate < 0)) or len(s) - 1
+    run = mbd.simulate(mechanism, [0, 0.05 + s[loose], 0.3])
+    assert run[block.vx][-1] == pytest.approx(rate[loose], abs=2e-5)
+
+
+def test_the_jump_at_the_touch_is_part_of_the_force():
+    """Though what is watched for the steps is continuous."""
+    body = mbd.Body("b", 1.0, 1.0, pose=(0.1, 0, 0), velocity=(2.0, 0, 0))
+    stop = mbd.EndStop("s", 0.1 - body.x, lambda depth, rate: 1e4 * depth + 50 * rate)
+    model = mbd.Mechanism([body], forces=[stop])
+    state = mbd.assemble(model, [body.x == 0.1 + 1e-9, body.vx == 2.0])
+    assert state[stop.force] == pytest.approx(100.0, rel=1e-4)
+    (smoothing,) = stop.smoothings
+    assert abs(state[smoothing.expression]) < 1e-4

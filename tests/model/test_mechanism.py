@@ -366,3 +366,12 @@ def test_classes_tell_their_arguments():
     assert list(inspect.signature(mbd.Coupler).parameters) == ["name", "a", "b", "ratio", "carrier"]
     assert inspect.signature(mbd.Belt).parameters["crossed"].default is False
     assert list(inspect.signature(mbd.Mechanism).parameters)[:2] == ["bodies", "joints"]
+
+
+def test_a_rate_that_is_given_twice():
+    """By the mechanism and by the element that owns the state."""
+    wheel = mbd.Body("wheel", mass=1, inertia=1)
+    current = mbd.StateVariable("current")
+    motor = mbd.DCMotor("motor", wheel, 6.0, constant=0.1, resistance=1.0, inductance=0.1, current=current)
+    with pytest.raises(mbd.ModelError, match="motor 'motor': the rate of state variable 'current' is given twice"):
+        mbd.Mechanism(bodies=[wheel], forces=[motor], states={current: -current})

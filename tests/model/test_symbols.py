@@ -81,7 +81,7 @@ def test_values():
     """The default of an input and a state is zero; a parameter has one within its limits."""
     assert mbd.Input("u").value == 0.0
     assert mbd.Input("u", value=2).value == 2.0
-    assert mbd.StateVariable("z").initial == 0.0
+    assert mbd.StateVariable("z").value == 0.0
     assert mbd.Parameter("k", 3).value == 3.0
     with pytest.raises(mbd.ModelError, match=r"'k'.*value = 3"):
         mbd.Parameter("k", 3, upper=2)
@@ -188,3 +188,12 @@ def test_symbols_stay_known_when_only_an_expression_is_kept():
     """The rate of a coordinate is known for as long as something of its body is in use."""
     marker = mbd.Body("gone", 1, 1).at(1, 0)
     assert mbd.time_derivative(marker.x).numel() == 1
+
+
+def test_value_of_a_state_variable_by_its_former_name():
+    """For one version, with a warning."""
+    assert mbd.StateVariable("z", 0.3).value == mbd.StateVariable("z", value=0.3).value == 0.3
+    with pytest.warns(DeprecationWarning, match="state variable 'z': initial= is called value= now"):
+        state = mbd.StateVariable("z", initial=0.3)
+    with pytest.warns(DeprecationWarning, match="state variable 'z': initial is called value now"):
+        assert state.initial == 0.3

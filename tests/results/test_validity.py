@@ -9,7 +9,7 @@ import pytest
 import mbdcasadi as mbd
 from mbdcasadi.model.element import Element
 from mbdcasadi.model.symbols import values_of
-from mbdcasadi.model.validity import Monitor
+from mbdcasadi.model.validity import ValidityCondition
 
 
 class Fence(Element):
@@ -19,7 +19,7 @@ class Fence(Element):
 
     def __init__(self, name, body):
         super().__init__(name)
-        self.monitors = (Monitor(1.0 - body.x, f"{self.description}: the body has passed it"),)
+        self.validity_conditions = (ValidityCondition(1.0 - body.x, f"{self.description}: the body has passed it"),)
 
 
 def runner(speed=1.0):
@@ -87,7 +87,7 @@ def test_check_tells_that_the_carrier_was_forgotten():
     """The arm may turn; with it as carrier, or held by a joint, nothing is said."""
     arm, mechanism = planet()
     (remark,) = mbd.check(mechanism).remarks
-    assert "'mesh': the line of centres turns against carrier 'ground'; name the body" in remark
+    assert "'mesh': the line of centres turns relative to carrier 'ground'; name the body" in remark
     assert remark in str(mbd.check(mechanism))
     assert mbd.check(planet(known=True)[1]).remarks == ()
     held = mechanism.replace(joints=[*mechanism.joints, mbd.AbsoluteAngle("held", arm.at(0, 0), 0.0)])
@@ -98,9 +98,9 @@ def test_failures_tell_that_the_carrier_was_forgotten():
     """There the angle of the line of centres jumps by a turn: neither is a lock-up of the linkage."""
     arm, mechanism = planet()
     driven = mechanism.replace(drivers=[mbd.Driver("turn", arm.phi, mbd.t)])
-    with pytest.raises(mbd.MechanismError, match="turns against carrier 'ground'; name the body"):
+    with pytest.raises(mbd.MechanismError, match="turns relative to carrier 'ground'; name the body"):
         mbd.kinematics(driven, np.linspace(0, 4, 81))
-    with pytest.raises(mbd.SimulationError, match="turns against carrier 'ground'; name the body"):
+    with pytest.raises(mbd.SimulationError, match="turns relative to carrier 'ground'; name the body"):
         mbd.simulate(mechanism, duration=3, initial=[arm.omega == 3], method="idas")
 
 

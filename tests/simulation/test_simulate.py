@@ -353,7 +353,7 @@ def test_parameters():
 @pytest.mark.parametrize("method", METHODS)
 def test_first_order_lag(method):
     """A step through a lag, and its integral, in closed form."""
-    lag, area = mbd.StateVariable("lag", initial=0.5), mbd.StateVariable("area")
+    lag, area = mbd.StateVariable("lag", value=0.5), mbd.StateVariable("area")
     body = mbd.Body("body", mass=1.0, inertia=1.0)
     mechanism = mbd.Mechanism(bodies=[body], states={lag: (2 - lag) / 0.3, area: lag})
     times = np.linspace(0, 2, 21)

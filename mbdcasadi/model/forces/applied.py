@@ -25,13 +25,20 @@ class Force(Element):
         Components, N.
     frame : {"global", "body"}, default "global"
         Axes of the components: global, or the marker's own, which turn with the body.
-    opposite : Body, optional
-        Body that takes the reaction at the same point; the ground where none is named.
+    opposite : Body, default ground
+        Body that takes the reaction, ``-F`` at the same point. The ground takes that of a gas force, through the
+        cylinder head; ``shaking_force`` includes it. For a force from outside, such as wind, subtract it there:
+        ``shaking.force - wind.force``.
 
     Attributes
     ----------
     force : casadi.SX
         Force on the marker's body (2,), global axes, N.
+
+    Raises
+    ------
+    ModelError
+        For a force whose reaction the same body takes.
 
     References
     ----------
@@ -40,14 +47,14 @@ class Force(Element):
 
     kind = "force"
 
-    def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = None):
+    def __init__(self, name: str, at: Any, vector: Any, frame: str = "global", opposite: Any = ground):
         super().__init__(name)
         self.at = as_marker(at, self.description, "at")
-        self.opposite = None if opposite is None else as_body(opposite, self.description, "opposite")
-        if self.opposite is self.at.body or (self.opposite is None and self.at.body.is_ground):
+        self.opposite = ground if opposite is None else as_body(opposite, self.description, "opposite")
+        if self.opposite is self.at.body:
             raise ModelError(
-                f"{self.description} acts on '{self.at.body.name}' and leans on it too: it would do nothing; "
-                "at is a marker on the body that moves, opposite another body"
+                f"{self.description} acts on '{self.at.body.name}', which takes the reaction too: it would do nothing; "
+                "at= is a marker on the body that moves, opposite= another body"
             )
         components = vector2(vector, self.description, "vector")
         if frame not in ("global", "body"):
@@ -56,11 +63,11 @@ class Force(Element):
         self.force = components if frame == "global" else rotation(self.at.angle) @ components
         self.markers = (self.at,)
         pairs = [(self.at.position, self.force)]
-        if self.opposite is not None:
+        if not self.opposite.is_ground:
             arm = self.at.position - self.opposite.position
             pairs += [(self.opposite.position, -self.force), (self.opposite.phi, -cross(arm, self.force))]
-            self.__dict__["bodies"] = tuple(dict.fromkeys((self.at.body, self.opposite)))
         self.virtual_work = tuple(pairs)
+        self.__dict__["bodies"] = (self.at.body, self.opposite)
 
 
 class Torque(Element):
@@ -91,8 +98,8 @@ class Torque(Element):
         self.opposite = as_body(opposite, self.description, "opposite")
         if self.opposite is self.body:
             raise ModelError(
-                f"{self.description} acts on '{self.body.name}' and leans on it too: it would do nothing; "
-                "body is the one that moves, opposite another one"
+                f"{self.description} acts on '{self.body.name}', which takes the reaction too: it would do nothing; "
+                "body= is the one that moves, opposite= another one"
             )
         self.torque = ca.SX(quantity(value, self.description, "value"))
         self.virtual_work = ((self.body.phi - self.opposite.phi, self.torque),)
@@ -100,14 +107,15 @@ class Torque(Element):
 
 
 class GeneralizedForce(Element):
-    """Any force by its virtual work: ``δW = Σ force · δexpression``.
+    """Any force, given by its virtual work: ``δW = Σ force · δexpression``.
 
     Parameters
     ----------
     name : str
         Its name.
     pairs : sequence of (expression, force)
-        Expressions in coordinates, and the force or couple that works along each.
+        Expressions in coordinates, and the force (N) or couple (N m) along each. The ground takes the part of the
+        forces on the bodies that does not balance.
 
     Examples
     --------
@@ -132,12 +140,12 @@ class GeneralizedForce(Element):
                     f"with a force of {force.numel()}"
                 )
             refuse_kinds(
-                expression, BEYOND_COORDINATES, self.description, "a virtual displacement is one of coordinates"
+                expression, BEYOND_COORDINATES, self.description, "a virtual displacement depends on coordinates only"
             )
             quantities = [quantity(part, self.description, "force") for part in ca.vertsplit(force)]
             checked.append((expression, ca.vertcat(*[ca.SX(part) for part in quantities])))
         if not checked:
             raise ModelError(f"{self.description}: takes at least one pair (expression, force)")
         self.virtual_work = tuple(checked)
-        # what such a force leans on is the ground: a motor's housing, a belt's bearings
+        # the ground takes the rest: the housing of a motor, the bearings of a belt
         self.__dict__["bodies"] = (*dict.fromkeys(b for e, _ in checked for b in owners(e)), ground)

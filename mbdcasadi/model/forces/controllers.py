@@ -1,7 +1,7 @@
-"""Elements that bring first-order states: controllers, lags, energy meters.
+"""Elements with first-order states and no force: controllers, lags, energy meters.
 
-They exert nothing themselves; their outputs are expressions for torques,
-voltages, costs. They are listed among the forces of the mechanism.
+Their outputs are expressions for torques, voltages and costs. They are listed
+among the forces of the mechanism.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Any
 import casadi as ca
 
 from ..element import Element, refuse_kinds
-from ..quantities import Limit, quantity
+from ..quantities import Quantities, quantity
 from ..symbols import state_of
 
-#: What the rate of a state cannot follow from.
+#: Kinds of symbols that the rate of a state must not depend on.
 _UNKNOWN = ("acceleration",)
 
 
@@ -26,18 +26,18 @@ class PIController(Element):
     name : str
         Its name.
     error : casadi.SX
-        e: set value less what is controlled, in positions, velocities, states, inputs and time.
+        e: set point less controlled quantity, in positions, velocities, states, inputs and time.
     proportional, integral : float or expression in parameters
         k_p and k_i.
     initial : float or StateVariable, default 0
-        Integral of the error at the start, or the state to be used for it.
+        Integral of the error at the start, or the state variable to use.
 
     Attributes
     ----------
     integrated : StateVariable
         ``∫ e dt``.
     output : casadi.SX
-        What the controller asks for.
+        Output of the controller.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class PIController(Element):
     def __init__(self, name: str, error: Any, proportional: Any, integral: Any, initial: Any = 0.0):
         super().__init__(name)
         self.error = ca.SX(quantity(error, self.description, "error"))
-        refuse_kinds(self.error, _UNKNOWN, self.description, "an error is one of positions and velocities")
+        refuse_kinds(self.error, _UNKNOWN, self.description, "an error depends on positions and velocities")
         self.proportional = quantity(proportional, self.description, "proportional")
         self.integral = quantity(integral, self.description, "integral")
         self.integrated = state_of(self, f"{name}.integral", initial)
@@ -62,18 +62,18 @@ class PIController(Element):
 
 
 class FirstOrderLag(Element):
-    """Actuator that follows its command with a delay: ``T ẏ + y = command``.
+    """First-order lag: an actuator that follows its command by ``T ẏ + y = command``.
 
     Parameters
     ----------
     name : str
         Its name.
     command : float or expression
-        What it is asked for: an input, a controller's output.
+        Command: an input, the output of a controller.
     time_constant : float or expression in parameters
         T, s.
     initial : float or StateVariable, default 0
-        Output at the start, or the state to be used for it.
+        Output at the start, or the state variable to use.
 
     Attributes
     ----------
@@ -85,27 +85,27 @@ class FirstOrderLag(Element):
 
     def __init__(self, name: str, command: Any, time_constant: Any, initial: Any = 0.0):
         super().__init__(name)
-        limits: list[Limit] = []
+        read = Quantities(self.description)
         self.command = ca.SX(quantity(command, self.description, "command"))
-        refuse_kinds(self.command, _UNKNOWN, self.description, "a command is one of positions and velocities")
-        self.time_constant = quantity(time_constant, self.description, "time_constant", above=0.0, limits=limits)
-        self.limits = tuple(limits)
+        refuse_kinds(self.command, _UNKNOWN, self.description, "a command depends on positions and velocities")
+        self.time_constant = read(time_constant, "time_constant", above=0.0)
+        self.limits = read.limits
         self.output = state_of(self, f"{name}.output", initial)
         self.rates = {self.output: (self.command - self.output) / self.time_constant}
 
 
 class EnergyMeter(Element):
-    """Energy that a power adds up to: a budget as a state, ``Ė = power``.
+    """Integral of a power as a first-order state: ``Ė = power``.
 
     Parameters
     ----------
     name : str
         Its name.
     power : casadi.SX
-        W, in positions, velocities, states, inputs and time: ``tau * crank.omega``,
+        Power, W, in positions, velocities, states, inputs and time: ``tau * crank.omega``,
         ``motor.electric_power``.
     initial : float or StateVariable, default 0
-        Energy at the start, J, or the state to be used for it.
+        Energy at the start, J, or the state variable to use.
 
     Attributes
     ----------
@@ -118,6 +118,6 @@ class EnergyMeter(Element):
     def __init__(self, name: str, power: Any, initial: Any = 0.0):
         super().__init__(name)
         self.power = ca.SX(quantity(power, self.description, "power"))
-        refuse_kinds(self.power, _UNKNOWN, self.description, "a power is one of positions, velocities and forces")
+        refuse_kinds(self.power, _UNKNOWN, self.description, "a power depends on positions, velocities and forces")
         self.energy = state_of(self, f"{name}.energy", initial)
         self.rates = {self.energy: self.power}

@@ -1,4 +1,4 @@
-"""Hydraulic and pneumatic cylinders: translational elements with laws of their own."""
+"""Hydraulic and pneumatic cylinders."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import casadi as ca
 
-from ..quantities import Limit, quantity
+from ..quantities import Quantities, quantity
 from ..symbols import StateVariable, state_of
-from ..validity import Monitor
+from ..validity import ValidityCondition
 from .springs import TSDA
 
 #: Standard atmosphere, Pa.
 ATMOSPHERE = 101_325.0
-#: Share of the volume in the middle position below which a chamber counts as empty.
+#: Fraction of the volume in the middle position below which a chamber is considered empty.
 _EMPTY = 1e-2
 
 
@@ -24,7 +24,7 @@ class Cylinder(TSDA):
 
     ``f = -(p A - p_r (A - A_r)) + c l̇``, tension positive: the pressure p on the
     full piston pushes the points apart, that on the rod's side pulls them
-    together. Pressures count from the ambient one.
+    together. Pressures are relative to the ambient pressure.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ class Cylinder(TSDA):
     rod : float or expression in parameters, default 0
         Diameter of the rod, m.
     pressure, rod_pressure : float or expression, default 0
-        On the piston and on the rod's side, Pa: numbers, inputs, states.
+        Pressure on the piston and on the rod side, Pa: numbers, inputs, states.
     damping : float or expression, default 0
         c, N s/m.
 
     Attributes
     ----------
     thrust : casadi.SX
-        Force that the pressures push with, N.
+        Force of the pressures, N; positive if it pushes the points apart.
     """
 
     kind = "cylinder"
@@ -61,25 +61,25 @@ class Cylinder(TSDA):
         damping: Any = 0.0,
     ):
         what = f"{self.kind} '{name}'"
-        limits: list[Limit] = []
-        self.bore = quantity(bore, what, "bore", above=0.0, limits=limits, fixed=True)
-        self.rod = quantity(rod, what, "rod", at_least=0.0, limits=limits, fixed=True)
-        quantity(self.bore - self.rod, what, "bore less rod", above=0.0, limits=limits)
+        read = Quantities(what)
+        self.bore = read(bore, "bore", above=0.0, fixed=True)
+        self.rod = read(rod, "rod", at_least=0.0, fixed=True)
+        read(self.bore - self.rod, "bore less rod", above=0.0)
         self.area = math.pi / 4 * self.bore**2
         self.rod_area = math.pi / 4 * (self.bore**2 - self.rod**2)
         self.pressure = ca.SX(quantity(pressure, what, "pressure"))
         self.rod_pressure = ca.SX(quantity(rod_pressure, what, "rod_pressure"))
         self.thrust = self.pressure * self.area - self.rod_pressure * self.rod_area
         super().__init__(name, a, b, damping=damping, actuator=-self.thrust)
-        self.limits = tuple(limits)
+        self.limits = read.limits
 
 
 class HydraulicCylinder(Cylinder):
-    """Double-acting cylinder whose pressures follow from the oil that flows in.
+    """Double-acting cylinder whose pressures follow from the flow of oil.
 
-    ``ṗ = β (q_p - A l̇) / (V0 + A (l - l0))`` on the piston's side, and
-    ``ṗ_r = β (q_r + A_r l̇) / (V0 - A_r (l - l0))`` on the rod's side: two first-order
-    states. The oil's stiffness, some MN/m, sets the frequency to be resolved.
+    ``ṗ = β (q_p - A l̇) / (V0 + A (l - l0))`` on the piston side, and
+    ``ṗ_r = β (q_r + A_r l̇) / (V0 - A_r (l - l0))`` on the rod side: two first-order
+    states. The stiffness of the oil, some MN/m, gives the highest frequency.
 
     Parameters
     ----------
@@ -90,18 +90,18 @@ class HydraulicCylinder(Cylinder):
     bore, rod : float or expression in parameters
         Diameters of piston and rod, m.
     middle_length : float or expression in parameters
-        Length l0 at which both chambers hold V0, m.
+        Length l0 at which the volume of both chambers is V0, m.
     volume : float or expression in parameters
-        V0, hoses included, m³.
+        V0, including hoses, m³.
     flow, rod_flow : float or expression
-        Oil into the chambers, m³/s: inputs, or a valve law in the pressures
-        (give `pressures` then, so that the law can use them).
+        Flow into the chambers, m³/s: inputs, or a valve law in the pressures
+        (which are then given as `pressures`).
     bulk_modulus : float or expression, default 1.4e9
         β, Pa.
     damping : float or expression, default 0
         c, N s/m.
     pressures : (StateVariable, StateVariable), optional
-        The states for the pressures on both sides, Pa; made here where none are given.
+        States for the pressures on both sides, Pa; new ones by default.
 
     References
     ----------
@@ -125,28 +125,30 @@ class HydraulicCylinder(Cylinder):
     ):
         p, p_rod = pressures or (state_of(self, f"{name}.pressure"), state_of(self, f"{name}.rod_pressure"))
         super().__init__(name, a, b, bore, rod, p, p_rod, damping)
-        limits = list(self.limits)
-        self.volume = quantity(volume, self.description, "volume", above=0.0, limits=limits, fixed=True)
-        self.bulk_modulus = quantity(bulk_modulus, self.description, "bulk_modulus", above=0.0, limits=limits)
-        self.middle_length = quantity(
-            middle_length, self.description, "middle_length", above=0.0, limits=limits, fixed=True
-        )
-        self.limits = tuple(limits)
+        read = Quantities(self.description, self.limits)
+        self.volume = read(volume, "volume", above=0.0, fixed=True)
+        self.bulk_modulus = read(bulk_modulus, "bulk_modulus", above=0.0)
+        self.middle_length = read(middle_length, "middle_length", above=0.0, fixed=True)
+        self.limits = read.limits
         self.flow = ca.SX(quantity(flow, self.description, "flow"))
         self.rod_flow = ca.SX(quantity(rod_flow, self.description, "rod_flow"))
         out = self.length - self.middle_length
         chamber, rod_chamber = self.volume + self.area * out, self.volume - self.rod_area * out
         rise = self.bulk_modulus * (self.flow - self.area * self.rate) / chamber
         rod_rise = self.bulk_modulus * (self.rod_flow + self.rod_area * self.rate) / rod_chamber
-        self.monitors = (
-            Monitor(chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"),
-            Monitor(rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"),
+        self.validity_conditions = (
+            ValidityCondition(
+                chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the piston's side is empty"
+            ),
+            ValidityCondition(
+                rod_chamber / self.volume - _EMPTY, f"{self.description}: the chamber on the rod's side is empty"
+            ),
         )
         self.rates = {p: rise, p_rod: rod_rise}
 
 
 class GasSpring(TSDA):
-    """Gas column that is shut in, between two points: a pneumatic spring.
+    """Enclosed gas column between two points: a pneumatic spring.
 
     ``p = p0 (V0 / V)^n`` with the volume ``V = A (l - l_d)``;
     ``f = -A (p - p_ambient) + c l̇``, tension positive.
@@ -164,11 +166,11 @@ class GasSpring(TSDA):
     pressure : float or expression in parameters
         p0, absolute, Pa.
     dead_length : float or expression in parameters, default 0
-        Length l_d at which the volume would vanish, m.
+        Length l_d at which the volume is zero, m.
     exponent : float or expression, default 1.4
-        n: 1 for slow (isothermal), 1.4 for fast (adiabatic) motion of air.
+        Polytropic exponent n: 1 for slow (isothermal), 1.4 for fast (adiabatic) motion of air.
     ambient : float, default 101325
-        Pressure outside, Pa.
+        Ambient pressure, Pa.
     damping : float or expression, default 0
         c, N s/m.
     """
@@ -189,19 +191,20 @@ class GasSpring(TSDA):
         damping: Any = 0.0,
     ):
         what = f"{self.kind} '{name}'"
-        limits: list[Limit] = []
-        self.area = quantity(area, what, "area", above=0.0, limits=limits, fixed=True)
-        self.charge = quantity(pressure, what, "pressure", above=0.0, limits=limits, fixed=True)
-        self.exponent = quantity(exponent, what, "exponent", at_least=1.0, limits=limits)
-        self.ambient = quantity(ambient, what, "ambient", at_least=0.0, limits=limits)
-        self.dead_length = quantity(dead_length, what, "dead_length", at_least=0.0, limits=limits, fixed=True)
-        self.column = quantity(charged_length - dead_length, what, "charged_length less dead_length", above=0.0,
-                               limits=limits, fixed=True)  # fmt: skip
-        self._loss = quantity(damping, what, "damping", at_least=0.0, limits=limits)
+        read = Quantities(what)
+        self.area = read(area, "area", above=0.0, fixed=True)
+        self.charge = read(pressure, "pressure", above=0.0, fixed=True)
+        self.exponent = read(exponent, "exponent", at_least=1.0)
+        self.ambient = read(ambient, "ambient", at_least=0.0)
+        self.dead_length = read(dead_length, "dead_length", at_least=0.0, fixed=True)
+        self.column = read(charged_length - dead_length, "charged_length less dead_length", above=0.0, fixed=True)
+        self._loss = read(damping, "damping", at_least=0.0)
         super().__init__(name, a, b, law=self._tension)
-        self.limits = tuple(limits)
-        within = "the length is below dead_length, where the gas has no volume"
-        self.monitors = (Monitor((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),)
+        self.limits = read.limits
+        within = "the length is below dead_length, at which the gas has no volume"
+        self.validity_conditions = (
+            ValidityCondition((self.length - self.dead_length) / self.column, f"{self.description}: {within}"),
+        )
 
     @cached_property
     def pressure(self) -> ca.SX:
@@ -213,7 +216,7 @@ class GasSpring(TSDA):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Energy of the gas against the ambient pressure, zero at the charged length, J."""
+        """Energy of the gas relative to the ambient pressure, zero at the charged length, J."""
         now, full = self.length - self.dead_length, self.column
         n, work = self.exponent, self.charge * self.area * full
         stored = -work * ca.log(now / full) if n == 1 else work / (n - 1) * ((full / now) ** (n - 1) - 1)

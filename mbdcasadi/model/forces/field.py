@@ -1,21 +1,61 @@
-"""Forces spread over the mass of a body."""
+"""Forces on the mass of bodies: weight, and fields spread over a shape."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
-from ..bodies import Body, as_body
+from ..bodies import Body, Marker, as_body
 from ..element import Element, cross
 from ..geometry.quadrature import quadrature
-from ..markers import Marker
 from ..quantities import function_of, known_value, vector2, whole
 
-#: By how much mass properties may differ from those of the shape (relative).
+
+class Gravity(Element):
+    """Weight of every body: ``δW = m g · δr``; potential ``-m g · r``.
+
+    Parameters
+    ----------
+    acceleration : (float, float), default (0, -9.81)
+        Free-fall acceleration g, global axes, m/s²; may contain parameters.
+    name : str, default "gravity"
+        Its name.
+
+    References
+    ----------
+    Haug 1989, section 6.1.
+    """
+
+    kind = "force"
+    external = True
+
+    def __init__(self, acceleration: Any = (0.0, -9.81), name: str = "gravity"):
+        super().__init__(name)
+        self.acceleration = vector2(acceleration, self.description, "acceleration")
+
+    def acting_on(self, bodies: Sequence[Body]) -> Element:
+        return _Weight(self, tuple(bodies))
+
+
+class _Weight(Element):
+    """Weight of the bodies of a mechanism."""
+
+    kind = "force"
+    external = True
+
+    def __init__(self, gravity: Gravity, bodies: tuple[Body, ...]):
+        super().__init__(gravity.name)
+        loaded = [body for body in bodies if isinstance(body.mass, ca.SX) or body.mass != 0]
+        self.virtual_work = tuple((body.position, body.mass * gravity.acceleration) for body in loaded)
+        self.potential = -sum((ca.dot(force, r) for r, force in self.virtual_work), ca.SX(0))
+        self.__dict__["bodies"] = bodies
+
+
+#: Relative tolerance of mass properties against those of the shape.
 _SPREAD = 1e-6
 
 
@@ -31,7 +71,7 @@ class FieldForce(Element):
     name : str
         Its name.
     body : Body
-        With a shape over which its mass is spread evenly (``Body.from_shape``).
+        Body with a shape over which its mass is spread evenly (``Body.from_shape``).
     field : callable
         ``field(point)`` returns the force per mass (2,), N/kg, global axes; `point` is a
         :class:`Marker` on the body, with ``.position``, ``.velocity``, ``.x``, ….
@@ -48,7 +88,7 @@ class FieldForce(Element):
     Raises
     ------
     ModelError
-        For a body without shape, or one whose centre of mass or inertia is not the shape's.
+        For a body without a shape, or with another centre of mass or inertia than the shape's.
 
     References
     ----------
@@ -62,6 +102,7 @@ class FieldForce(Element):
     """
 
     kind = "force"
+    external = True
 
     def __init__(self, name: str, body: Any, field: Callable[[Marker], Any], order: int = 4):
         super().__init__(name)

@@ -1,25 +1,183 @@
-"""Laws of forces that the user gives as functions: how elements ask them."""
+"""Laws of one-sided forces: force over penetration and its rate, and how elements evaluate them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 
-from ..expressions import if_else
-from ..quantities import quantity
+from ...errors import ModelError
+from ..expressions import fabs, fmax, fmin, if_else, positive_power
+from ..immutable import Immutable
+from ..quantities import Quantities, quantity
+from ..symbols import number
+
+#: ``χ v`` as a function of the restitution.
+DAMPING: dict[str, Callable[[Any], Any]] = {
+    "flores": lambda e: 8 / 5 * (1 - e) / e,
+    "hunt-crossley": lambda e: 3 / 2 * (1 - e),
+    "lankarani-nikravesh": lambda e: 3 / 4 * (1 - e**2),
+}
+
+
+class HuntCrossley(Immutable):
+    """``F = k δ^n (1 + χ δ̇)``, never negative: an elastic contact whose energy loss grows with the speed.
+
+    Parameters
+    ----------
+    stiffness : float or expression
+        k, N/m^n.
+    exponent : float, default 1.5
+        n, at least 1; 1.5 for spheres (Hertz), 1 for a linear stop.
+    damping : float or expression, default 0
+        χ, s/m.
+
+    References
+    ----------
+    Hunt, Crossley, "Coefficient of restitution interpreted as damping in
+    vibroimpact", J. Applied Mechanics 42 (1975) 440, doi:10.1115/1.3423596.
+    """
+
+    def __init__(self, stiffness: Any, exponent: Any = 1.5, damping: Any = 0.0):
+        what = "HuntCrossley"
+        read = Quantities(what)
+        self.stiffness = read(stiffness, "stiffness", above=0.0)
+        self.exponent = read(exponent, "exponent", at_least=1.0)
+        self.damping = read(damping, "damping", at_least=0.0)
+        self.limits = read.limits
+
+    @classmethod
+    def from_restitution(
+        cls, stiffness: Any, restitution: Any, impact_speed: Any, exponent: Any = 1.5, model: str = "flores"
+    ) -> HuntCrossley:
+        """Return the law that has a given restitution at a given speed of impact.
+
+        With ``χ = c(e)/v``: Hunt and Crossley ``c = 3/2 (1 - e)`` and Lankarani and
+        Nikravesh ``c = 3/4 (1 - e²)``, both for e near one; Flores et al.
+        ``c = 8/5 (1 - e)/e``, close to the requested restitution for all e.
+
+        Parameters
+        ----------
+        stiffness : float or expression
+            k, N/m^n.
+        restitution : float or expression
+            e, from 0 to 1; above 0 for "flores".
+        impact_speed : float or expression
+            v, m/s: the speed at which the surfaces meet. The restitution is different at other speeds.
+        exponent : float, default 1.5
+            n.
+        model : {"flores", "hunt-crossley", "lankarani-nikravesh"}
+            The relation.
+
+        References
+        ----------
+        Lankarani, Nikravesh, J. Mechanical Design 112 (1990) 369; Flores, Machado,
+        Silva, Martins, Multibody System Dynamics 25 (2011) 357.
+        """
+        what = "HuntCrossley.from_restitution"
+        if model not in DAMPING:
+            raise ModelError(f"{what}: model must be one of {', '.join(DAMPING)}, got {model!r}")
+        read = Quantities(what)
+        e = read(restitution, "restitution", at_least=0.0)
+        read(1 - ca.SX(e), "1 - restitution", at_least=0.0)
+        if model == "flores":
+            read(e, "restitution", above=0.0)
+        v = read(impact_speed, "impact_speed", above=0.0)
+        return cls(stiffness, exponent, DAMPING[model](e) / v)
+
+    def __call__(self, penetration: ca.SX, rate: ca.SX) -> ca.SX:
+        """Normal force, N, at a penetration (m) and its rate (m/s)."""
+        factor = 1 + self.damping * rate
+        return self.stiffness * positive_power(penetration, self.exponent) * if_else(factor > 0, factor, 0)
+
+    def potential(self, penetration: ca.SX) -> ca.SX:
+        """Elastic energy, J."""
+        return self.stiffness * positive_power(penetration, self.exponent + 1) / (self.exponent + 1)
+
+    def __repr__(self) -> str:
+        return f"HuntCrossley({self.stiffness}, exponent={self.exponent}, damping={self.damping})"
+
+
+def hertz_stiffness(
+    radius_a: Any, radius_b: Any, modulus_a: Any, modulus_b: Any, poisson_a: Any = 0.3, poisson_b: Any = 0.3
+) -> float:
+    """Return the stiffness k of ``F = k δ^1.5`` between two spheres: ``k = 4/3 E* √R*``.
+
+    ``1/E* = (1 - ν_a²)/E_a + (1 - ν_b²)/E_b``, ``1/R* = 1/R_a + 1/R_b``.
+
+    Parameters
+    ----------
+    radius_a, radius_b : float
+        Radii, m; ``math.inf`` for a flat surface, negative for a hollow one.
+    modulus_a, modulus_b : float
+        Young's moduli E, Pa; ``math.inf`` for a rigid body.
+    poisson_a, poisson_b : float, default 0.3
+        Poisson's ratios ν, from 0 to 0.5.
+
+    Returns
+    -------
+    float
+        N/m^1.5.
+
+    Raises
+    ------
+    ModelError
+        For numbers out of their limits, two flat surfaces or two rigid bodies.
+
+    References
+    ----------
+    Johnson, *Contact Mechanics*, Cambridge 1985, section 4.2.
+
+    Examples
+    --------
+    A steel ball of 20 mm on a steel plate:
+
+    >>> import math
+    >>> f"{hertz_stiffness(0.01, math.inf, 210e9, 210e9):.3e}"
+    '1.538e+10'
+    """
+    what = "hertz_stiffness"
+    radii = [number(r, what, n, infinite=True) for r, n in ((radius_a, "radius_a"), (radius_b, "radius_b"))]
+    moduli = [number(e, what, n, infinite=True) for e, n in ((modulus_a, "modulus_a"), (modulus_b, "modulus_b"))]
+    ratios = [number(x, what, n) for x, n in ((poisson_a, "poisson_a"), (poisson_b, "poisson_b"))]
+    for value, name in zip(moduli, ("modulus_a", "modulus_b"), strict=True):
+        if value <= 0:
+            raise ModelError(f"{what}: {name} must be above 0, got {value}")
+    for value, name in zip(ratios, ("poisson_a", "poisson_b"), strict=True):
+        if not 0 <= value <= 0.5:
+            raise ModelError(f"{what}: {name} must be from 0 to 0.5, got {value}")
+    if any(r == 0 for r in radii):
+        raise ModelError(f"{what}: a radius of 0 is a sharp tip, which has no Hertz stiffness")
+    curvature = sum(1 / r for r in radii)
+    if curvature <= 0:
+        raise ModelError(f"{what}: the radii {radii[0]:g} and {radii[1]:g} m do not touch in a point")
+    compliance = sum((1 - x**2) / e for x, e in zip(ratios, moduli, strict=True))
+    if compliance == 0:
+        raise ModelError(f"{what}: both bodies are rigid; give one of them a modulus")
+    return 4 / 3 / compliance / math.sqrt(curvature)
 
 
 def pushing_force(law: Callable[[Any, Any], Any], gap: ca.SX, rate: ca.SX, what: str) -> ca.SX:
-    """Force ``law(-gap, -rate)`` where a gap is closed, and zero where it is open."""
+    """Return the force ``law(-gap, -rate)`` if a gap is closed, and zero if it is open."""
     closed = gap < 0
-    # the law sees a harmless penetration where nothing touches: its derivatives stay finite there
+    # the law gets a harmless penetration if the gap is open, so that its derivatives stay finite
     depth, speed = if_else(closed, -gap, 0), if_else(closed, -rate, 0)
     return if_else(closed, ca.SX(quantity(law(depth, speed), what, "law")), 0)
 
 
+def continuous_force(law: Callable[[Any, Any], Any], gap: ca.SX, force: ca.SX, what: str) -> ca.SX:
+    """Return the part of a pushing force that does not jump: at most the force at the same depth and zero rate.
+
+    The force of a law with damping jumps when the gap closes or opens; the steps of a run need to follow the
+    continuous part only.
+    """
+    most = fabs(pushing_force(law, gap, ca.SX(0), what))
+    return fmax(fmin(force, most), -most)
+
+
 def stored_energy(law: Callable[..., Any], deflection: ca.SX) -> ca.SX:
-    """Energy that a law has stored, J, by its ``potential(deflection)``; zero for one that has none."""
+    """Return the energy stored by a law, J, from its ``potential(deflection)``; zero if it has none."""
     energy = getattr(law, "potential", None)
     return ca.SX(0) if energy is None else ca.SX(energy(deflection))

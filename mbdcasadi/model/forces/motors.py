@@ -9,17 +9,17 @@ import casadi as ca
 from ...errors import ModelError
 from ..bodies import as_body, ground
 from ..element import Element
-from ..quantities import Limit, known_value, quantity
+from ..quantities import Quantities, known_value, quantity
 from ..symbols import StateVariable, state_of
 
 
 class DCMotor(Element):
-    """Direct-current motor on a body, its housing on another one.
+    """Direct-current motor between a body and its housing.
 
     ``T = n K i`` with the current from ``L di/dt = V - R i - n K omega``: a
-    first-order state. Where the inductance is zero the current follows at
-    once, ``i = (V - n K omega) / R``, and the motor has a straight line of torque
-    over speed. omega is the speed of the body against the housing, n the ratio
+    first-order state. If the inductance is zero, the current follows at
+    once, ``i = (V - n K omega) / R``, and the torque is a linear function of the
+    speed. omega is the speed of the body relative to the housing, n the ratio
     of a gearbox in between.
 
     Parameters
@@ -27,7 +27,7 @@ class DCMotor(Element):
     name : str
         Its name.
     body : Body
-        What it turns.
+        Body that it turns.
     voltage : float or expression
         V: a number, an input, a controller's output.
     constant : float or expression in parameters
@@ -37,18 +37,18 @@ class DCMotor(Element):
     inductance : float or expression in parameters, default 0
         L, H.
     ratio : float or expression in parameters, default 1
-        n, turns of the motor to one of the body.
+        n, turns of the motor for one turn of the body.
     opposite : Body, default ground
         Body that carries the housing.
     current : float or StateVariable, default 0
-        Current at the start, A, or the state to be used for it; only with an inductance.
+        Current at the start, A, or the state variable to use; only with an inductance.
 
     Attributes
     ----------
     current, torque : casadi.SX
-        A, and the couple on the body, N m.
+        Current, A, and couple on the body, N m.
     electric_power, heat : casadi.SX
-        Taken from the supply, and lost in the winding, W.
+        Power from the supply, and loss in the winding, W.
 
     Examples
     --------
@@ -75,19 +75,19 @@ class DCMotor(Element):
         self.body = as_body(body, self.description, "body")
         self.opposite = as_body(opposite, self.description, "opposite")
         if self.opposite is self.body:
-            raise ModelError(f"{self.description} turns '{self.body.name}' and leans on it too: it would do nothing")
-        limits: list[Limit] = []
+            raise ModelError(
+                f"{self.description} turns '{self.body.name}', which carries the housing too: it would do nothing"
+            )
+        read = Quantities(self.description)
         self.voltage = ca.SX(quantity(voltage, self.description, "voltage"))
-        self.constant = quantity(constant, self.description, "constant", above=0.0, limits=limits, fixed=True)
-        self.resistance = quantity(resistance, self.description, "resistance", above=0.0, limits=limits, fixed=True)
+        self.constant = read(constant, "constant", above=0.0, fixed=True)
+        self.resistance = read(resistance, "resistance", above=0.0, fixed=True)
         without = known_value(quantity(inductance, self.description, "inductance", at_least=0.0, fixed=True)) == 0
-        self.inductance = (
-            0.0 if without else quantity(inductance, self.description, "inductance", above=0.0, limits=limits)
-        )
+        self.inductance = 0.0 if without else read(inductance, "inductance", above=0.0)
         self.ratio = quantity(ratio, self.description, "ratio", fixed=True)
         if known_value(self.ratio) == 0:
-            raise ModelError(f"{self.description}: the ratio is zero, and the motor would turn nothing")
-        self.limits = tuple(limits)
+            raise ModelError(f"{self.description}: the ratio is zero, so that the motor would turn nothing")
+        self.limits = read.limits
         left = self.voltage - self.constant * self.ratio * (self.body.omega - self.opposite.omega)
         if without:
             if isinstance(current, StateVariable) or current != 0.0:
@@ -106,18 +106,18 @@ class DCMotor(Element):
     def from_line(
         cls, name: str, body: Any, stall_torque: Any, no_load_speed: Any, command: Any = 1.0, opposite: Any = ground
     ) -> DCMotor:
-        """Motor with a straight line of torque over speed: ``T = T0 (command - omega / omega0)``.
+        """Return a motor whose torque is linear in the speed: ``T = T0 (command - omega / omega0)``.
 
         Parameters
         ----------
         name : str
             Its name.
         body : Body
-            What it turns.
+            Body that it turns.
         stall_torque, no_load_speed : float or expression in parameters
             T0 (N m) and omega0 (rad/s) at full command.
         command : float or expression, default 1
-            Share of the full voltage, -1 … 1.
+            Fraction of the full voltage, -1 … 1.
         opposite : Body, default ground
             Body that carries the housing.
         """

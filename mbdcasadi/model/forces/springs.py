@@ -1,4 +1,4 @@
-"""Spring–damper–actuators between two points or two angles."""
+"""Spring–damper–actuators between two points or two angles, bushings, and laws from data."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from ...errors import ModelError
 from ..bodies import markers_on_two
 from ..element import Element
 from ..expressions import norm
-from ..quantities import function_of, quantity
+from ..geometry.splines import spline, spline_integral
+from ..immutable import Immutable
+from ..quantities import Quantities, function_of, quantity
 from ..rates import time_derivative
 from .laws import stored_energy
 
 
 class _SpringDamper(Element):
-    """What the translational and the rotational element share: the law of the force in one coordinate."""
+    """Base class of the translational and the rotational element: the law of the force in one coordinate."""
 
     kind = "spring"
 
@@ -33,7 +35,7 @@ class _SpringDamper(Element):
         self.free = quantity(free, self.description, self._free_name)
         if law is not None and any(not isinstance(x, ca.SX) and x != 0 for x in (self.stiffness, self.damping)):
             raise ModelError(
-                f"{self.description}: stiffness and damping belong to the linear law; with law= give neither"
+                f"{self.description}: stiffness and damping belong to the linear law; give neither of them with law="
             )
         self.law = None if law is None else function_of(law, self.description, "law", *self._law_arguments)
         self.virtual_work = ((self._coordinate, -self._effort),)
@@ -59,7 +61,7 @@ class _SpringDamper(Element):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Energy stored in the spring, J; zero for a law of its own that has no ``potential(length)``."""
+        """Energy stored in the spring, J; zero for a law without ``potential(length)``."""
         if self.law is not None:
             return stored_energy(self.law, self._coordinate)
         return ca.SX(0.5 * self.stiffness * (self._coordinate - self.free) ** 2)
@@ -185,3 +187,140 @@ class RSDA(_SpringDamper):
     def torque(self) -> ca.SX:
         """Couple that pulls b back towards a, N m."""
         return self._effort
+
+
+class Bushing(Element):
+    """Elastic and damped connection of two markers: a rubber bearing, a compliant joint.
+
+    With ``delta`` the position of b in the axes of a, and ``theta`` its angle
+    against a: ``F = -(k delta + c deltȧ)`` on b in the axes of a, and the couple
+    ``T = -(k_t theta + c_t thetȧ)``. ``δW = F · δdelta + T δtheta``, so that the force and
+    couple on a balance those on b, the moment of the force included.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Markers on two bodies; the stiffness acts along the axes of a.
+    stiffness, damping : float, expression or pair of them, default 0
+        One value for each axis of a, or one for both, N/m and N s/m.
+    angular_stiffness, angular_damping : float or expression, default 0
+        N m/rad and N m s/rad.
+
+    Attributes
+    ----------
+    displacement, angle : casadi.SX
+        ``delta`` (2,), m, and theta, rad, whole turns included.
+    force : casadi.SX
+        On b (2,), in the axes of a, N.
+    torque : casadi.SX
+        On b, N m.
+    """
+
+    kind = "bushing"
+
+    def __init__(
+        self,
+        name: str,
+        a: Any,
+        b: Any,
+        stiffness: Any = 0.0,
+        damping: Any = 0.0,
+        angular_stiffness: Any = 0.0,
+        angular_damping: Any = 0.0,
+    ):
+        super().__init__(name)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.description)
+        read = Quantities(self.description)
+
+        def by_axis(value: Any, quantity_name: str) -> ca.SX:
+            parts = list(value) if isinstance(value, list | tuple) else [value, value]
+            if len(parts) != 2:
+                raise ModelError(
+                    f"{self.description}: {quantity_name} takes one value, or one for each axis, got {value!r}"
+                )
+            return ca.vertcat(
+                *[
+                    ca.SX(read(part, f"{quantity_name} {axis}", at_least=0.0))
+                    for part, axis in zip(parts, "xy", strict=True)
+                ]
+            )
+
+        self.stiffness, self.damping = by_axis(stiffness, "stiffness"), by_axis(damping, "damping")
+        self.angular_stiffness = read(angular_stiffness, "angular_stiffness", at_least=0.0)
+        self.angular_damping = read(angular_damping, "angular_damping", at_least=0.0)
+        self.limits = read.limits
+        self.displacement = self.a.axes.T @ (self.b.position - self.a.position)
+        self.angle = self.b.angle - self.a.angle
+        self.virtual_work = ((self.displacement, self.force), (self.angle, self.torque))
+
+    @cached_property
+    def force(self) -> ca.SX:
+        """Force on b in the axes of a (2,), N."""
+        return -(self.stiffness * self.displacement + self.damping * time_derivative(self.displacement))
+
+    @cached_property
+    def torque(self) -> ca.SX:
+        """Couple on b, N m."""
+        return -(self.angular_stiffness * self.angle + self.angular_damping * time_derivative(self.angle))
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Energy stored, J."""
+        return 0.5 * (ca.dot(self.stiffness, self.displacement**2) + self.angular_stiffness * self.angle**2)
+
+
+class DataLaw(Immutable):
+    """Force over displacement, and over its rate, through data points: a ``law=`` for a TSDA or RSDA.
+
+    ``f = s(x - x_0) + c ẋ``, or with a second curve ``s(x - x_0) + d(ẋ)``.
+
+    Parameters
+    ----------
+    displacements, forces : sequence of float
+        Points of the spring: length less `free` (m) and tension (N), or angle (rad) and couple (N m).
+    rates, damping_forces : sequence of float, optional
+        Points of the damper: rate (m/s, rad/s) and force.
+    damping : float or expression, default 0
+        Additional linear damping, N s/m.
+    free : float or expression, default 0
+        x_0, the length (or angle) of zero displacement.
+    kind : {"monotone", "cubic", "linear"}, default "monotone"
+        Kind of the curves; see :func:`spline`. Monotone curves do not overshoot the data.
+    outside : {"linear", "error", "constant"}, default "linear"
+        Continuation of the curves beyond the data.
+
+    Examples
+    --------
+    A progressive spring of free length 0.3 m::
+
+        TSDA("spring", a, b, law=DataLaw([-0.05, 0, 0.05], [-400, 0, 150], free=0.3))
+    """
+
+    def __init__(
+        self,
+        displacements: Any,
+        forces: Any,
+        rates: Any = None,
+        damping_forces: Any = None,
+        damping: Any = 0.0,
+        free: Any = 0.0,
+        kind: str = "monotone",
+        outside: str = "linear",
+    ):
+        what = "DataLaw"
+        self._curve = displacements, forces, kind, outside
+        self._damper = None if rates is None else (rates, damping_forces, kind, outside)
+        self.damping = quantity(damping, what, "damping")
+        self.free = quantity(free, what, "free")
+        self(ca.SX.sym("x"), ca.SX.sym("rate"))  # raises an error for bad data
+
+    def __call__(self, length: ca.SX, rate: ca.SX) -> ca.SX:
+        """Tension (N) or couple (N m)."""
+        force = spline(length - self.free, *self._curve) + self.damping * rate
+        return force if self._damper is None else force + spline(rate, *self._damper)
+
+    def potential(self, length: ca.SX) -> ca.SX:
+        """Energy of the spring, zero at the first point of the data, J."""
+        return spline_integral(length - self.free, *self._curve)

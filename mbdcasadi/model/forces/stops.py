@@ -1,4 +1,4 @@
-"""Stops: one-sided forces on any coordinate."""
+"""One-sided forces: stops on any coordinate, and ropes."""
 
 from __future__ import annotations
 
@@ -9,27 +9,58 @@ from typing import Any
 import casadi as ca
 
 from ...errors import ModelError
-from ..bodies import ground
+from ..bodies import ground, markers_on_two
 from ..element import BEYOND_COORDINATES, Element, owners, refuse_kinds
-from ..quantities import function_of, quantity
+from ..expressions import distance, fmax
+from ..quantities import Quantities, function_of, quantity
 from ..rates import time_derivative
-from ..smoothing import Smoothing
-from .laws import pushing_force, stored_energy
+from ..validity import Smoothing
+from .laws import continuous_force, pushing_force, stored_energy
 
 
-class EndStop(Element):
-    """Stop that acts where a gap is closed: ``F = law(-gap, -gap rate)``, ``δW = F δgap``.
+class _OneSided(Element):
+    """Base class of forces that act if a gap is closed, and open it."""
+
+    #: name of the force, for messages
+    _effort = "force"
+    gap: ca.SX
+    law: Any
+
+    @cached_property
+    def rate(self) -> ca.SX:
+        """Rate of the gap, m/s or rad/s."""
+        return time_derivative(self.gap)
+
+    @cached_property
+    def force(self) -> ca.SX:
+        """Force that opens the gap, N or N m."""
+        return pushing_force(self.law, self.gap, self.rate, self.description)
+
+    @cached_property
+    def smoothings(self) -> tuple[Smoothing, ...]:
+        """Quantities that change within a short time: the force."""
+        course = continuous_force(self.law, self.gap, self.force, self.description)
+        return (Smoothing(course, 1.0, f"{self.description}: its {self._effort}", "or soften the law", course),)
+
+    @cached_property
+    def potential(self) -> ca.SX:
+        """Elastic energy, J; zero for a law that has no ``potential(penetration)``."""
+        return stored_energy(self.law, -self.gap)
+
+
+class EndStop(_OneSided):
+    """Stop that acts if a gap is closed: ``F = law(-gap, -gap rate)``, ``δW = F δgap``.
 
     Parameters
     ----------
     name : str
         Its name.
     gap : casadi.SX
-        What is left until the stop, in coordinates, parameters and time: m, or rad for a
+        Distance from the stop, in coordinates, parameters and time: m, or rad for a
         stop on an angle; ``guide.displacement - 0.1``, ``1.2 - hinge.angle``.
     law : callable
         ``law(penetration, rate)`` returns the force (N, or N m on an angle), as
-        :class:`HuntCrossley` does. Where the gap is open the force is zero in any case.
+        :class:`HuntCrossley` does. While the gap is open the force is zero in any case.
 
     Attributes
     ----------
@@ -48,32 +79,102 @@ class EndStop(Element):
     def __init__(self, name: str, gap: Any, law: Callable[[ca.SX, ca.SX], Any]):
         super().__init__(name)
         self.gap = ca.SX(quantity(gap, self.description, "gap"))
-        refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap is one of coordinates")
+        refuse_kinds(self.gap, BEYOND_COORDINATES, self.description, "a gap depends on coordinates only")
         if not owners(self.gap):
             raise ModelError(f"{self.description}: the gap {gap} depends on no coordinate of a body")
         self.law = function_of(law, self.description, "law", "penetration", "rate")
         self.limits = tuple(getattr(law, "limits", ()))
-        # what a stop leans on is the ground, where its gap does not say otherwise
-        found = owners(self.gap)
-        self.__dict__["bodies"] = found if len(found) > 1 else (*found, ground)
+        # the gap of one body is a distance to the ground
+        bodies = owners(self.gap)
+        self.__dict__["bodies"] = bodies if len(bodies) > 1 else (*bodies, ground)
         self.virtual_work = ((self.gap, self.force),)
 
-    @cached_property
-    def rate(self) -> ca.SX:
-        """Rate of the gap, m/s or rad/s."""
-        return time_derivative(self.gap)
 
-    @cached_property
-    def force(self) -> ca.SX:
-        """Force that opens the gap, N or N m."""
-        return pushing_force(self.law, self.gap, self.rate, self.description)
+class _Elongation:
+    """Law of a rope: elastic and damped while it is stretched, never pushing."""
 
-    @cached_property
-    def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps."""
-        return (Smoothing(self.force, 1.0, f"{self.description}: its force", "or soften the law", self.force),)
+    def __init__(self, stiffness: Any, damping: Any):
+        self.stiffness, self.damping = stiffness, damping
 
-    @cached_property
-    def potential(self) -> ca.SX:
-        """Elastic energy, J, where the law knows it."""
-        return stored_energy(self.law, -self.gap)
+    def __call__(self, elongation: ca.SX, rate: ca.SX) -> ca.SX:
+        return fmax(self.stiffness * elongation + self.damping * rate, 0)
+
+    def potential(self, elongation: ca.SX) -> ca.SX:
+        """Energy of the stretched rope, J."""
+        return 0.5 * self.stiffness * fmax(elongation, 0) ** 2
+
+
+class Rope(_OneSided):
+    """Elastic rope, cable or chain between two points: it pulls while it is stretched, and never pushes.
+
+    With the elongation ``e = d - L``, d the distance of the points:
+    ``T = max(k e + c ė, 0)`` if ``e > 0``, else 0; ``δW = -T δe``. The rope has no mass.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Points on two bodies.
+    length : float or expression in coordinates, time and parameters
+        Length L without force, m. With ``length=5 - drum.radius * drum_joint.angle`` the rope is wound up, and its
+        tension acts on the drum too.
+    stiffness : float or expression
+        k, N/m; of a wire of modulus E and cross-section A, ``E A / L``.
+    damping : float or expression, default 0
+        c, N s/m.
+
+    Attributes
+    ----------
+    distance, elongation, rate : casadi.SX
+        Distance d of the points and elongation e, m; the rate of :attr:`gap`, m/s.
+    gap : casadi.SX
+        Slack ``-e``, m; negative while the rope is stretched.
+    tension : casadi.SX
+        T, N.
+
+    Raises
+    ------
+    ModelError
+        For a length or stiffness that is not positive, or a negative damping.
+
+    See Also
+    --------
+    Distance : a massless rod of constant length, which pushes as well as pulls.
+
+    Notes
+    -----
+    ``simulate`` does not step over a rope that is taut for a short time, and warns if its steps did not resolve the
+    tension. With damping, the tension jumps to ``c ė`` when the rope becomes taut.
+
+    Examples
+    --------
+    A bungee jump::
+
+        cord = mbd.Rope("cord", bridge.at(0, 0), jumper.at(0, 1), length=20, stiffness=120, damping=15)
+        motion[cord.tension].max()
+    """
+
+    kind = "rope"
+    _effort = "tension"
+
+    def __init__(self, name: str, a: Any, b: Any, length: Any, stiffness: Any, damping: Any = 0.0):
+        super().__init__(name)
+        self.markers = self.a, self.b = markers_on_two(a, b, self.description)
+        read = Quantities(self.description)
+        self.length = read(length, "length", above=0.0)
+        refuse_kinds(self.length, BEYOND_COORDINATES, self.description, "a length depends on coordinates and time only")
+        self.stiffness = read(stiffness, "stiffness", above=0.0)
+        self.damping = read(damping, "damping", at_least=0.0)
+        self.limits = read.limits
+        self.law = _Elongation(self.stiffness, self.damping)
+        self.distance = distance(self.a, self.b)
+        self.elongation = self.distance - self.length
+        self.gap = -self.elongation
+        self.virtual_work = ((self.gap, self.tension),)
+        self.__dict__["bodies"] = tuple(dict.fromkeys((self.a.body, self.b.body, *owners(self.length))))
+
+    @property
+    def tension(self) -> ca.SX:
+        """Force with which the rope pulls its ends together, N; never negative."""
+        return self.force

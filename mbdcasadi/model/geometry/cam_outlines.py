@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ...errors import ModelError
-from ..quantities import quantity, yes_or_no
-from ..symbols import number
-from .closed_splines import closed_spline
+from ...errors import ExpressionError, ModelError
+from ..quantities import function_of, quantity, yes_or_no
+from ..symbols import describe, number, varying_in
 from .curves import SAMPLES, Curve, checked_points, chord_lengths, crossing, values_over
-from .periodic_functions import TURN, lift_law, polar_law
+from .motion_programs import MotionProgram
+from .splines import closed_spline
+
+TURN = 2 * np.pi
 
 
 class CamOutline(Curve):
@@ -23,9 +26,9 @@ class CamOutline(Curve):
     radius : float, callable or sequence of float
         Polar radius, m, above 0: a number (a disc about the marker), ``radius(angle)``
         of an angle from 0 to 2π, or values that a periodic spline of degree five joins (C4). Numbers and
-        functions may hold parameters.
+        functions may contain parameters.
     angles : sequence of float, optional
-        Angles (rad) of the values, increasing, within one turn; evenly spread from 0 where none are given.
+        Angles (rad) of the values, increasing, within one turn; evenly spread from 0 by default.
 
     Raises
     ------
@@ -65,7 +68,7 @@ class CamOutline(Curve):
             raise ModelError(f"CamOutline: radius must be above 0, got {smallest:.6g} at {place:.4g} rad")
 
     def radius(self, parameter: Any) -> ca.SX:
-        """Distance of the outline from the marker, m; the radius itself, with its sign, where that was given."""
+        """Return the distance of the outline from the marker, m; if the radius was given, that radius with its sign."""
         return ca.norm_2(self.point(parameter)) if self._radius is None else self._at(self._radius, parameter)
 
     @classmethod
@@ -78,7 +81,7 @@ class CamOutline(Curve):
             (k, 2), m, at least five in order, in either sense; the first one is not repeated. The
             parameter runs from 0 to 2π in proportion to the length of the chords.
         closed : bool, default True
-            An outline closes; False is refused.
+            Must be True: an outline is closed.
         """
         if not yes_or_no(closed, "CamOutline.through", "closed"):
             raise ModelError("CamOutline.through: an outline closes; an open curve is Curve.through(points)")
@@ -103,7 +106,7 @@ class CamOutline(Curve):
         Raises
         ------
         ModelError
-            Where the profile would be undercut: the base radius that is needed at least.
+            If the profile would be undercut; the message gives the least base radius.
         """
         return _FlatProfile(program, base_radius, direction)
 
@@ -123,7 +126,7 @@ class CamOutline(Curve):
         program : MotionProgram or callable
             Lift (m) over the angle by which the cam has turned counter-clockwise, from 0 to 2π.
         base_radius : float or expression in parameters
-            Smallest radius of the cam, m (of an offset follower: where the roller sits at no lift).
+            Smallest radius of the cam, m (with an offset: distance of the roller surface from the marker at no lift).
         roller_radius : float, default 0
             m; zero for a knife edge.
         offset : float, default 0
@@ -134,7 +137,7 @@ class CamOutline(Curve):
         Raises
         ------
         ModelError
-            Where the profile would be undercut, with the angle of the cam.
+            If the profile would be undercut; the message gives the angle of the cam.
         """
         return _RollerProfile(program, base_radius, roller_radius, offset, direction)
 
@@ -150,18 +153,18 @@ class _Splined(CamOutline):
         knots, points = chord_lengths(points, closed=True)
         knots = knots * (TURN / knots[-1])
         symbol = ca.SX.sym("alpha")
-        place = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
-        self._define(symbol, place, ca.jacobian(place, symbol), 0.0, TURN, True)
-        found = crossing(self.points_and_normals(self.samples[::2])[0].T)
-        if found is not None:
+        point = ca.vertcat(*[closed_spline(symbol, knots, c) for c in points.T])
+        self._define(symbol, point, ca.jacobian(point, symbol), 0.0, TURN, True)
+        place = crossing(self.points_and_normals(self.samples[::2])[0].T)
+        if place is not None:
             raise ModelError(
-                f"CamOutline.through: the outline crosses itself near ({found[0]:.4g}, {found[1]:.4g}) m; give the "
+                f"CamOutline.through: the outline crosses itself near ({place[0]:.4g}, {place[1]:.4g}) m; give the "
                 "points in the order in which the outline runs through them"
             )
 
 
 class _FlatProfile(CamOutline):
-    """Profile for a flat face: the lift gives the support function of the outline, the parameter is its normal."""
+    """Profile for a flat face: the lift gives the support function, and the parameter is the angle of the normal."""
 
     def __init__(self, program: Any, base_radius: Any, direction: float):
         lift, alpha = lift_law(program), ca.SX.sym("alpha")
@@ -182,7 +185,7 @@ class _FlatProfile(CamOutline):
         self._define(alpha, point, self._bend * self._along, 0.0, TURN, True)
 
     def _direction_at_symbol(self) -> ca.SX:
-        # of unit length: the second derivative of the lift, which may have kinks, is left out
+        # a unit vector, without the second derivative of the lift, which may have kinks
         return self._along
 
     def _normal_at_symbol(self) -> ca.SX:
@@ -193,7 +196,7 @@ class _FlatProfile(CamOutline):
 
 
 class _RollerProfile(CamOutline):
-    """Profile for a roller: a curve at the roller's radius inside the path of its centre."""
+    """Profile for a roller: the curve parallel to the path of its centre, inside it at the roller radius."""
 
     def __init__(self, program: Any, base_radius: Any, roller_radius: float, offset: float, direction: float):
         what = "CamOutline"
@@ -235,14 +238,80 @@ class _RollerProfile(CamOutline):
         return of_path / (1 - self.roller_radius * of_path)
 
     def beside(self, parameter: Any, distance: Any) -> ca.SX:
-        """Point at a distance: on the path of the roller's centre where that is the roller's radius."""
+        """Return the point at a distance from the outline: on the path of the centre for the roller radius."""
         if not isinstance(distance, ca.SX):
             return self._path.beside(parameter, distance - self.roller_radius)
         return super().beside(parameter, distance)
 
 
+def polar_law(radius: Any, angles: Any) -> Callable[[ca.SX], Any]:
+    if callable(radius):
+        if angles is not None:
+            raise ModelError("CamOutline: angles= goes with values of the radius, not with a function")
+        return every_turn(radius, "radius")
+    if isinstance(radius, ca.SX) or np.ndim(radius) == 0:
+        value = quantity(radius, "CamOutline", "radius", above=0.0)
+        return lambda _angle: value
+    try:
+        radii = np.array(radius, dtype=float)
+        places = np.linspace(0, TURN, len(radii), endpoint=False) if angles is None else np.array(angles, float)
+    except (TypeError, ValueError, RuntimeError):
+        raise ModelError(f"CamOutline: radius and angles must be numbers, got {radius!r}") from None
+    if places.shape != radii.shape:
+        raise ModelError(f"CamOutline: {radii.size} radii do not go with {places.size} angles")
+    if places.size and places[-1] - places[0] >= TURN * (1 - 1e-9):
+        raise ModelError("CamOutline: the angles go round once or more; leave out the point that repeats the first")
+    xs, ys = np.r_[places, places[:1] + TURN], np.r_[radii, radii[:1]]
+    _check_data(xs, ys)
+    return lambda angle: closed_spline(angle, xs, ys)
+
+
+def _check_data(xs: np.ndarray, ys: np.ndarray) -> None:
+    """Raise an error if values over angles do not give a closed curve."""
+    if len(xs) < 6:
+        raise ModelError(f"CamOutline: takes at least 5 values of the radius, got {len(xs) - 1}")
+    if not np.all(np.isfinite(np.r_[xs, ys])):
+        raise ModelError("CamOutline: radii and angles must be finite")
+    if np.any(np.diff(xs) <= 0):
+        k = int(np.argmax(np.diff(xs) <= 0))
+        raise ModelError(f"CamOutline: the angles must increase, got {xs[k]:.6g} and {xs[k + 1]:.6g}")
+
+
+def lift_law(program: Any) -> Callable[[ca.SX], ca.SX]:
+    """Return the lift as a function of the angle of the cam, repeated every turn."""
+    if isinstance(program, MotionProgram):
+        if abs(program.duration - TURN) > 1e-9:
+            raise ModelError(
+                f"CamOutline: the program of a cam goes over one turn, 2π = {TURN:.9g} rad, and this one over "
+                f"{program.duration:.9g}"
+            )
+        return program
+    if not callable(program):
+        raise ModelError(f"CamOutline: program must be a MotionProgram or a function of the angle, got {program!r}")
+    return every_turn(program, "program")
+
+
+def every_turn(law: Callable[[ca.SX], Any], name: str) -> Callable[[ca.SX], ca.SX]:
+    """Return a function of an angle from 0 to 2π, repeated every turn; unchanged if it is periodic itself."""
+    symbol = ca.SX.sym("angle")
+    value = ca.SX(quantity(function_of(law, "CamOutline", name, "the angle")(symbol), "CamOutline", name))
+    if varying := varying_in(value, besides=symbol):
+        raise ExpressionError(f"CamOutline: {name} may contain parameters only, not {describe(varying[0])}")
+    places = np.linspace(0, TURN, 37)
+    first_turn, later_turn = (values_over(value, symbol, places + turn) for turn in (0.0, 3 * TURN))
+    if np.allclose(first_turn, later_turn, rtol=1e-11, atol=0):
+        return lambda angle: ca.substitute(value, symbol, angle)
+    ends = values_over(ca.vertcat(value, ca.jacobian(value, symbol)), symbol, np.array([0.0, TURN]))
+    if not np.allclose(ends[:, 0], ends[:, 1], rtol=0, atol=1e-6 * np.max(np.abs(first_turn))):
+        raise ModelError(
+            f"CamOutline: the {name} does not close: it is {ends[0, 0]:.6g} m with the slope {ends[1, 0]:.4g} m/rad "
+            f"at 0 and {ends[0, 1]:.6g} m with {ends[1, 1]:.4g} m/rad at 2π"
+        )
+    return lambda angle: ca.substitute(value, symbol, angle - TURN * ca.floor(angle / TURN))
+
+
 def _least(expression: ca.SX, symbol: ca.SX) -> tuple[float, float]:
-    """Least value of an expression over one turn, and the angle at which it is found."""
+    """Return the least value of an expression over one turn, and the angle of it."""
     places = np.linspace(0, TURN, SAMPLES, endpoint=False)
     values = values_over(expression, symbol, places).ravel()
     k = int(np.argmin(values))

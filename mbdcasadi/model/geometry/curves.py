@@ -1,4 +1,4 @@
-"""Plane curves in a marker's frame, as expressions of one parameter."""
+"""Plane curves in the frame of a marker, as expressions in one parameter."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from ...errors import ExpressionError, ModelError
 from ..immutable import Immutable
 from ..quantities import column, function_of, yes_or_no
 from ..symbols import describe, number, symbols_of, values_of, varying_in
-from .closed_splines import closed_spline
-from .splines import spline
+from .splines import closed_spline, spline
 
-#: Places at which a curve is looked at when it is made.
+#: Number of samples at which a curve is checked when it is made.
 SAMPLES = 1440
 
 
@@ -26,17 +25,17 @@ class Curve(Immutable):
     ----------
     point : callable
         ``point(alpha)`` returns the coordinates (x, y), m; alpha is a ``casadi.SX``.
-        They may hold parameters. Twice differentiable.
+        They may contain parameters of the model, and are twice differentiable.
     lower, upper : float
         First and last parameter.
     closed : bool, default False
-        Whether it closes, with the period ``upper - lower``; `point` must then be periodic.
+        True if it closes, with the period ``upper - lower``; `point` must then be periodic.
 
     Raises
     ------
     ModelError
-        For limits out of order, a curve with a cusp (no tangent), and one that is said
-        to close and does not.
+        For limits out of order, a curve with a cusp (no tangent), and a closed curve that
+        does not close.
     ExpressionError
         For symbols other than parameters.
 
@@ -48,6 +47,7 @@ class Curve(Immutable):
     """
 
     _called = "Curve"
+    _symbolic = True
 
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
         what = self._called
@@ -65,7 +65,7 @@ class Curve(Immutable):
             raise ModelError(f"{what}: upper must be above lower, got {lower} and {upper}")
         self.closed = yes_or_no(closed, what, "closed")
         if varying := varying_in(ca.vertcat(point, tangent), besides=symbol):
-            raise ExpressionError(f"{what}: a curve may hold parameters only, not {describe(varying[0])}")
+            raise ExpressionError(f"{what}: a curve may contain parameters only, not {describe(varying[0])}")
         self._symbol, self._point, self._tangent = symbol, ca.densify(point), ca.densify(tangent)
         self._check(what)
 
@@ -103,7 +103,7 @@ class Curve(Immutable):
         points : sequence of (float, float)
             (k, 2), m; at least four, five for a closed curve. The parameter is the length along the chords, m.
         closed : bool, default False
-            Whether it goes on from the last point to the first (not to be repeated).
+            If True, the curve continues from the last point to the first, which is not repeated.
         """
         closed = yes_or_no(closed, cls.__name__, "closed")
         points = checked_points(points, cls.__name__, least_points=5 if closed else 4)
@@ -121,22 +121,22 @@ class Curve(Immutable):
         return ca.substitute(expression, self._symbol, ca.SX(parameter))
 
     def point(self, parameter: Any) -> ca.SX:
-        """Point (2,) in the marker's frame, m."""
+        """Return the point (2,) in the frame of the marker, m."""
         return self._at(self._point, parameter)
 
     def tangent(self, parameter: Any) -> ca.SX:
-        """Derivative of the point by the parameter (2,), not of unit length."""
+        """Return the derivative of the point by the parameter (2,), not of unit length."""
         return self._at(self._tangent, parameter)
 
     def direction(self, parameter: Any) -> ca.SX:
-        """Vector along the tangent (2,), of a length that is as smooth as can be: for rows that ask for parallels."""
+        """Return the smoothest vector along the tangent (2,), for constraints on its direction."""
         return self._at(self._direction_at_symbol(), parameter)
 
     def _direction_at_symbol(self) -> ca.SX:
         return self._tangent
 
     def normal(self, parameter: Any) -> ca.SX:
-        """Unit normal (2,) to the right of the tangent: outward, on an outline that runs counter-clockwise."""
+        """Return the unit normal (2,) to the right of the tangent: outward for a counter-clockwise outline."""
         return self._at(self._normal_at_symbol(), parameter)
 
     def _normal_at_symbol(self) -> ca.SX:
@@ -144,7 +144,7 @@ class Curve(Immutable):
         return ca.vertcat(g[1], -g[0]) / ca.norm_2(g)
 
     def curvature(self, parameter: Any) -> ca.SX:
-        """Curvature, 1/m; positive where the curve turns to the left (an outline is convex there)."""
+        """Return the curvature, 1/m; positive if the curve turns left (an outline is then convex)."""
         return self._at(self._curvature_at_symbol(), parameter)
 
     def _curvature_at_symbol(self) -> ca.SX:
@@ -152,7 +152,7 @@ class Curve(Immutable):
         return (g[0] * bend[1] - g[1] * bend[0]) / ca.norm_2(g) ** 3
 
     def beside(self, parameter: Any, distance: Any) -> ca.SX:
-        """Point (2,) at a distance from the curve along its normal: the centre of a roller on it, m."""
+        """Return the point (2,) at a distance from the curve along its normal, m: the centre of a roller."""
         if not isinstance(distance, ca.SX) and distance == 0:
             return self.point(parameter)
         return self.point(parameter) + distance * self.normal(parameter)
@@ -160,25 +160,25 @@ class Curve(Immutable):
     # --- numbers ------------------------------------------------------------------------------
     @property
     def samples(self) -> np.ndarray:
-        """Parameters over the whole curve, spread evenly."""
+        """Evenly spaced parameters over the whole curve."""
         return np.linspace(self.lower, self.upper, SAMPLES, endpoint=not self.closed)
 
     def sampled(self, expression: ca.SX, parameters: np.ndarray) -> np.ndarray:
-        """Values (k, n) of an expression in the curve's symbol, the model's parameters at their own values."""
+        """Return the values (k, n) of an expression along the curve, with the parameters' own values."""
         return values_over(expression, self._symbol, parameters)
 
     def points_and_normals(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points and normals (2, n) at parameters."""
-        found = self.sampled(ca.vertcat(self._point, self._normal_at_symbol()), parameters)
-        return found[:2], found[2:]
+        """Return points and normals (2, n) at parameters."""
+        values = self.sampled(ca.vertcat(self._point, self._normal_at_symbol()), parameters)
+        return values[:2], values[2:]
 
     def curvatures(self, parameters: np.ndarray) -> np.ndarray:
-        """Curvatures (n,) at parameters, 1/m."""
+        """Return the curvatures (n,) at parameters, 1/m."""
         return self.sampled(self._curvature_at_symbol(), parameters).ravel()
 
 
 def values_over(expression: ca.SX, symbol: ca.SX, places: np.ndarray) -> np.ndarray:
-    """Values (k, n) of a column in one symbol over places (n,), the model's parameters at their own values."""
+    """Return the values (k, n) of a column in one symbol at places (n,), with the parameters' own values."""
     others = [s for s in symbols_of(expression) if not ca.is_equal(s, symbol)]
     function = ca.Function("curve", [symbol, *others], [ca.densify(expression)])
     values = function(places[None, :], *[float(values_of(other)[0, 0]) for other in others]).full()
@@ -186,7 +186,7 @@ def values_over(expression: ca.SX, symbol: ca.SX, places: np.ndarray) -> np.ndar
 
 
 def checked_points(points: Any, what: str, least_points: int = 4) -> np.ndarray:
-    """Points of a curve as an array (k, 2)."""
+    """Return the points of a curve as an array (k, 2)."""
     try:
         result = np.array(points, dtype=float)
     except (TypeError, ValueError, RuntimeError):
@@ -199,7 +199,7 @@ def checked_points(points: Any, what: str, least_points: int = 4) -> np.ndarray:
 
 
 def chord_lengths(points: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Length along the chords at each point (k,), and the points, the first repeated at the end where it closes."""
+    """Return the chord length up to each point (k,), and the points, with the first repeated at the end if closed."""
     if closed:
         points = np.vstack([points, points[:1]])
     chords = np.hypot(*np.diff(points, axis=0).T)
@@ -210,11 +210,11 @@ def chord_lengths(points: np.ndarray, closed: bool) -> tuple[np.ndarray, np.ndar
 
 
 def crossing(points: np.ndarray) -> np.ndarray | None:
-    """Point (2,) near which the closed polygon through points (k, 2) crosses itself; None where it does not."""
+    """Return a point (2,) at which the closed polygon through points (k, 2) crosses itself, or None."""
     sides = np.roll(points, -1, axis=0) - points
 
     def side_of(targets: np.ndarray) -> np.ndarray:
-        """Whether each target (j) lies to the left of each side (i)."""
+        """Return True for each target (j) to the left of each side (i)."""
         off = targets[None, :, :] - points[:, None, :]
         return sides[:, None, 0] * off[..., 1] - sides[:, None, 1] * off[..., 0] > 0
 
@@ -228,7 +228,10 @@ def crossing(points: np.ndarray) -> np.ndarray | None:
 
 
 def least(function: Callable[[np.ndarray], np.ndarray], curve: Curve) -> float:
-    """Parameter of a curve at which a function of parameters is least, by grids that close in on it."""
+    """Return the parameter of a curve at which a function is least, by successively finer grids.
+
+    The function may have many local minima, at which SciPy's minimisers would stop.
+    """
     grid = curve.samples
     step = grid[1] - grid[0]
     best = float(grid[np.argmin(function(grid))])

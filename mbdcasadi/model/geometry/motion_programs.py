@@ -1,4 +1,7 @@
-"""Follower motions: rises, dwells and returns one after the other, for cams and drivers."""
+"""Follower motions: rises, dwells and returns one after the other, for cams and drivers.
+
+The laws are sines and polynomials, which SciPy's piecewise polynomials cannot represent.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ def cycloidal(s: ca.SX) -> ca.SX:
 
 
 def harmonic(s: ca.SX) -> ca.SX:
-    """``(1 - cos π s) / 2``: the acceleration jumps where a dwell follows."""
+    """``(1 - cos π s) / 2``: the acceleration jumps at a dwell."""
     return (1 - ca.cos(np.pi * s)) / 2
 
 
@@ -41,6 +44,8 @@ def modified_trapezoidal(s: ca.SX) -> ca.SX:
     peak, w = TRAPEZOIDAL_PEAK, 4 * np.pi
     late = s > 0.5
     x = ca.if_else(late, 1 - s, s)  # the second half mirrors the first
+    # comparisons with s itself, so that an integrator can find the breakpoints in the expression
+    at_ends, outer = ca.logic_or(s < 1 / 8, s > 7 / 8), ca.logic_or(s < 3 / 8, s > 5 / 8)
 
     begin = peak * (x / w - ca.sin(w * x) / w**2)
     s1, v1 = peak * (1 / (8 * w) - 1 / w**2), peak / w
@@ -49,7 +54,7 @@ def modified_trapezoidal(s: ca.SX) -> ca.SX:
     s2, v2 = s1 + v1 / 4 + peak / 32, v1 + peak / 4
     y = x - 3 / 8
     end = s2 + v2 * y + peak * (1 - ca.cos(w * y)) / w**2
-    half = ca.if_else(x < 1 / 8, begin, ca.if_else(x < 3 / 8, constant, end))
+    half = ca.if_else(at_ends, begin, ca.if_else(outer, constant, end))
     return ca.if_else(late, 1 - half, half)
 
 
@@ -64,14 +69,14 @@ LAWS: dict[str, Callable[[ca.SX], ca.SX]] = {
 
 @dataclass(frozen=True)
 class Segment:
-    """A piece of a motion program.
+    """A segment of a motion program.
 
     Attributes
     ----------
     duration : float
-        Its length in the program's argument: an angle of the cam (rad) or a time (s).
+        Its length in the argument of the program: an angle of the cam (rad) or a time (s).
     level : float or None
-        Where it ends, m or rad; None for a dwell.
+        Position at its end, m or rad; None for a dwell.
     law : str
         One of ``"cycloidal"``, ``"modified trapezoidal"``, ``"3-4-5"``, ``"harmonic"``.
     """
@@ -92,17 +97,17 @@ class Segment:
 
 
 def rise(duration: float, level: float, law: str = "cycloidal") -> Segment:
-    """Move to a level (m or rad) by a law; also downwards."""
+    """Return a segment that moves to a level (m or rad), up or down, by a law."""
     return Segment(duration, level, law)
 
 
 def fall(duration: float, law: str = "cycloidal", level: float = 0.0) -> Segment:
-    """Return to a level, zero where none is given, by a law."""
+    """Return a segment that moves back to a level (m or rad), zero by default, by a law."""
     return Segment(duration, level, law)
 
 
 def dwell(duration: float) -> Segment:
-    """Rest where the segment before it has ended."""
+    """Return a segment at rest, at the end position of the segment before."""
     return Segment(duration)
 
 
@@ -127,7 +132,7 @@ class MotionProgram(Immutable):
     Raises
     ------
     ModelError
-        For no segments, and a program that does not end where it began.
+        For no segments, and a program that does not end at its start position.
 
     References
     ----------
@@ -149,8 +154,8 @@ class MotionProgram(Immutable):
         end = self._levels()[-1]
         if abs(end - self.start) > 1e-12 * max(1.0, abs(end)):
             raise ModelError(
-                f"MotionProgram: it begins at {self.start:g} and ends at {end:g}; it is repeated and must end where "
-                "it began"
+                f"MotionProgram: it begins at {self.start:g} and ends at {end:g}; it is repeated and must end at its "
+                "start position"
             )
 
     def _levels(self) -> list[float]:
@@ -176,14 +181,14 @@ class MotionProgram(Immutable):
         x = x - self.duration * ca.floor(x / self.duration)
         levels = self._levels()
         begin = self.duration
-        found = None
+        course = None
         for segment, before, after in list(zip(self.segments, levels, levels[1:], strict=False))[::-1]:
             begin -= segment.duration
             share = (x - begin) / segment.duration
             piece = ca.SX(before) if after == before else before + (after - before) * LAWS[segment.law](share)
             end = begin + segment.duration
-            found = piece if found is None else ca.if_else(x < end, piece, found)
-        return found
+            course = piece if course is None else ca.if_else(x < end, piece, course)
+        return course
 
     def __repr__(self) -> str:
         return f"MotionProgram({', '.join(map(repr, self.segments))}, start={self.start:g})"

@@ -1,4 +1,4 @@
-"""Points and weights over homogeneous shapes: integrals of smooth fields."""
+"""Quadrature points and weights over homogeneous shapes, for integrals of smooth fields."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Rule = tuple[np.ndarray, np.ndarray]
 
 @singledispatch
 def quadrature(shape: Shape, order: int) -> Rule:
-    """Gauss rule over a shape.
+    """Return a Gauss rule over a shape.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def quadrature(shape: Shape, order: int) -> Rule:
 
 
 def _line(order: int) -> Rule:
-    """Gauss–Legendre rule on 0 … 1."""
+    """Return the Gauss–Legendre rule on 0 … 1."""
     points, weights = np.polynomial.legendre.leggauss(order)
     return (points + 1) / 2, weights / 2
 
@@ -84,7 +84,7 @@ def _(shape: Composite, order: int) -> Rule:
 
 
 def _triangle(corners: np.ndarray, order: int) -> Rule:
-    """Gauss rule on a triangle, a square with one side drawn together to a corner."""
+    """Return a Gauss rule on a triangle: that of a square with one side collapsed to a corner."""
     x, w = _line(order)
     u, v = (part.ravel() for part in np.meshgrid(x, x, indexing="ij"))
     first, second = corners[1] - corners[0], corners[2] - corners[0]
@@ -93,30 +93,33 @@ def _triangle(corners: np.ndarray, order: int) -> Rule:
 
 
 def triangles(corners: np.ndarray) -> list[np.ndarray]:
-    """Triangles (3, 2) that make up a polygon with corners (k, 2) in counter-clockwise order, by cutting off ears."""
-    left, found = list(range(len(corners))), []
+    """Return a triangulation (3, 2) of a polygon with corners (k, 2) in counter-clockwise order, by ear clipping.
+
+    SciPy triangulates the convex hull only.
+    """
+    left, ears = list(range(len(corners))), []
     while len(left) > 3:
         for k in range(len(left)):
             i, j, m = left[k - 1], left[k], left[(k + 1) % len(left)]
             ear = corners[[i, j, m]]
             others = corners[[n for n in left if n not in (i, j, m)]]
             if _area(*ear) > 0 and not any(_inside(ear, point) for point in others):
-                found.append(ear)
+                ears.append(ear)
                 left.pop(k)
                 break
         else:  # only straight corners are left, or the edges touch: the thinnest one adds nothing
             k = int(np.argmin([abs(_area(*corners[[left[n - 1], left[n], left[(n + 1) % len(left)]]])) for n in
                                range(len(left))]))  # fmt: skip
             left.pop(k)
-    return [*found, corners[left]]
+    return [*ears, corners[left]]
 
 
 def _area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    """Twice the area of a triangle, positive counter-clockwise."""
+    """Return twice the area of a triangle, positive if counter-clockwise."""
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _inside(ear: np.ndarray, point: np.ndarray) -> bool:
-    """Whether a point lies inside a triangle or on its border, and is no corner of it."""
+    """Return True if a point lies inside a triangle or on its border, and is not a corner."""
     sides = [_area(ear[k], ear[(k + 1) % 3], point) for k in range(3)]
     return min(sides) >= 0 and not any(np.array_equal(point, corner) for corner in ear)

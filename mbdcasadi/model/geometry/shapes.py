@@ -59,12 +59,12 @@ class Outline:
 
 
 class Shape:
-    """A homogeneous planar shape that does not change after it is made.
+    """An immutable homogeneous planar shape.
 
     ``a + b`` joins parts that do not overlap, and ``a - b`` cuts out ``b``, which must lie inside ``a``.
     """
 
-    #: Whether it is made of rods, whose density is by length instead of area.
+    #: True if it is made of rods, whose density is by length instead of area.
     is_line: bool = False
 
     def _moments(self) -> Moments:
@@ -139,7 +139,7 @@ class Shape:
 
     def __sub__(self, other: Shape) -> Composite:
         (parts, holes), (other_parts, other_holes) = _parts_and_holes(self), _parts_and_holes(other)
-        # where the shape that is cut out has a hole itself, material is left
+        # if the shape that is cut out has a hole itself, material is left there
         return Composite(parts + other_holes, holes + other_parts)
 
 
@@ -262,7 +262,7 @@ class Polygon(Shape):
 class Composite(Shape):
     """Parts that do not overlap, and holes inside them; made by ``+`` and ``-`` of shapes.
 
-    With holes counted negative (and lengths for areas where the parts are rods): ``A = Σ A_i``,
+    With holes counted negative (and lengths in place of areas for rods): ``A = Σ A_i``,
     ``c = Σ A_i c_i/A`` and, by the parallel axis theorem, ``∫ |r - c|² dA = Σ (J_i + A_i |c_i - c|²)``.
     """
 

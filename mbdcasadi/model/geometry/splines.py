@@ -1,18 +1,22 @@
 """Data as an expression: piecewise polynomials in ``casadi.SX``.
 
-CasADi's own B-spline is 0 outside its data when it is expanded to ``SX``, and
-has no monotone kind. Here the coefficients are computed by NumPy, and the
-expression picks those of the piece in which its argument lies.
+SciPy finds the coefficients; the expression picks those of the piece in which
+its argument lies. (CasADi's own B-spline is 0 outside its data when it is
+expanded to ``SX``, and has no monotone kind.) Each point is a comparison with
+the argument in the expression, from which an integrator can find it.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 _LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
 _OUTSIDE = ("error", "constant", "linear", "periodic")
@@ -22,28 +26,28 @@ _ROUNDING = 1e-9
 
 
 def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> Any:
-    """Curve through data points, as an expression in `x`.
+    """Return a curve through data points, as an expression in `x`.
 
-    The curve meets the points exactly. Where its first, second or third
-    derivative jumps, at a point, the one to the right is taken (to the left at
-    the last point). The cost of an evaluation grows with the number of
-    points: some hundreds are fine, several thousands are slow.
+    The curve meets the points exactly. At a point at which its first, second or third
+    derivative jumps, the right-hand one is taken (at the last point the left-hand one).
+    The cost of an evaluation is proportional to the number of points, about 0.1 µs each:
+    hundreds are cheap, thousands are slow.
 
     Parameters
     ----------
     x : casadi.SX, float or array
-        Argument, mostly time, an angle or a displacement; any shape.
+        Argument of any shape, such as time, an angle or a displacement.
     xs, ys : sequence of float, (n,)
         The points; `xs` increases strictly.
     kind : {"cubic", "monotone", "linear"}, default "cubic"
         - ``"cubic"``: C2, not-a-knot ends; for motions (at least 4 points).
-        - ``"monotone"``: C1, rises and falls only where the data do; for forces and
+        - ``"monotone"``: C1, monotone between the points; for forces and
           characteristic curves, which a cubic would overshoot (at least 2 points).
         - ``"linear"``: straight lines (at least 2 points).
     outside : {"error", "constant", "linear", "periodic"}, default "error"
         - ``"error"``: the value and its derivatives are NaN outside the data; results
-          report it. Numbers for `x` raise at once. The curve goes on for 1e-9 of the
-          data's width, for the rounding of an argument that ends where the data end.
+          report it. Numbers for `x` raise an error at once. The curve extends by 1e-9 of the
+          width of the data, to allow for rounding of the argument.
         - ``"constant"``: the value of the nearest end.
         - ``"linear"``: the tangent at the nearest end.
         - ``"periodic"``: the data repeat with period ``xs[-1] - xs[0]``; the first and last of
@@ -58,7 +62,7 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
     ------
     ModelError
         For points that are not finite, not increasing, too few or not periodic, for
-        an unknown choice, and for a number outside the data where that is an error.
+        an unknown choice, and for a number outside the data if ``outside="error"``.
 
     References
     ----------
@@ -85,16 +89,31 @@ def spline(x: Any, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error"
 
 
 def spline_integral(x: ca.SX, xs: Any, ys: Any, kind: str = "cubic", outside: str = "error") -> ca.SX:
-    """Integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
+    """Return the integral of a :func:`spline` from its first point to `x`, as an expression; not for periodic data."""
     xs, ys = _points(xs, ys, kind, outside)
     if outside == "periodic":
         raise ModelError("spline_integral: the integral of periodic data is not periodic")
-    anchors, coefficients = _pieces(xs, ys, kind, outside)
-    rising = coefficients / np.array([[1.0], [2.0], [3.0], [4.0]])
-    widths = np.diff(anchors)
-    pieces = widths * (rising[0, :-1] + widths * (rising[1, :-1] + widths * (rising[2, :-1] + widths * rising[3, :-1])))
-    before = np.concatenate([[0.0], np.cumsum(pieces)])
-    return piecewise(x, xs, anchors, np.vstack([before, rising]), outside)
+    curve = _polynomials(xs, ys, kind, periodic=False).antiderivative()
+    return piecewise(x, xs, *_with_ends(curve, outside, order=1), outside)
+
+
+def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
+    """Return a closed curve of degree five through points, as an expression with four continuous derivatives.
+
+    For outlines of cams: the rows of a follower hold the tangent or the normal of the outline, and
+    ``gamma`` their second derivatives, which with cubic splines would jump at every point.
+
+    Parameters
+    ----------
+    x : casadi.SX
+        Scalar; the curve repeats with the period ``xs[-1] - xs[0]``.
+    xs, ys : numpy.ndarray
+        (n,), `xs` increasing, the last of `ys` the same as the first; at least five points.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    coefficients = _taylor(make_interp_spline(xs, ys, k=5, bc_type="periodic"), xs[:-1], 6)
+    return piecewise(x, xs, xs, np.column_stack([coefficients, coefficients[:, :1]]), "periodic")
 
 
 def _numbers(values: Any, name: str) -> np.ndarray:
@@ -137,13 +156,13 @@ def _points(xs: Any, ys: Any, kind: str, outside: str) -> tuple[np.ndarray, np.n
 
 
 def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> Any:
-    """Value at numbers: a float or an array like `x`."""
+    """Return the values at numbers: a float or an array like `x`."""
     numbers = np.asarray(x.full() if isinstance(x, ca.DM) else x, dtype=float)
     slack = _ROUNDING * (xs[-1] - xs[0])
     if outside == "error" and np.any(bad := (numbers < xs[0] - slack) | (numbers > xs[-1] + slack)):
         raise ModelError(
             f"spline: x = {numbers[bad].flat[0]} is outside the data, {xs[0]} … {xs[-1]}; "
-            "say outside='constant', 'linear' or 'periodic' if they are to go on"
+            "say outside='constant', 'linear' or 'periodic' to extend them"
         )
     symbol = ca.SX.sym("x")
     curve = ca.Function("spline", [symbol], [_curve(symbol, xs, ys, kind, outside)])
@@ -155,12 +174,14 @@ def _values(x: Any, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> 
 
 def _curve(x: ca.SX, xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> ca.SX:
     """Return the curve as an expression in a scalar."""
-    anchors, coefficients = _pieces(xs, ys, kind, outside)
+    anchors, coefficients = _with_ends(_polynomials(xs, ys, kind, outside == "periodic"), outside)
+    # met exactly, not up to the rounding of a polynomial's end
+    coefficients[0, anchors == xs[-1]] = ys[-1]
     return piecewise(x, xs, anchors, coefficients, outside)
 
 
 def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.ndarray, outside: str) -> ca.SX:
-    """Polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
+    """Return the polynomial ``c0 + c1 d + c2 d² + …`` of the piece in which a scalar `x` lies, d from its anchor.
 
     Parameters
     ----------
@@ -170,14 +191,14 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
         The points (n,) between which the pieces lie.
     anchors, coefficients : numpy.ndarray
         Of the pieces, (p,) and (k, p): one from each point on, and first and last
-        those outside, where `outside` is "constant" or "linear".
+        those outside, if `outside` is "constant" or "linear".
     outside : str
         As for :func:`spline`.
     """
     if outside == "periodic":
         period = xs[-1] - xs[0]
         x = x - period * ca.floor((x - xs[0]) / period)
-    # passed[k] is 1 where x has reached piece k; the piece is the last one that is reached. Multiplying
+    # passed[k] is 1 if x has reached piece k; the piece is the last one that is reached. Multiplying
     # by these ones and zeros is exact, and a comparison has the derivative zero, so that the
     # derivatives are those of the polynomial that is picked.
     passed = [x >= start for start in xs[1:]]
@@ -198,79 +219,39 @@ def piecewise(x: ca.SX, xs: np.ndarray, anchors: np.ndarray, coefficients: np.nd
     return value
 
 
-def _pieces(xs: np.ndarray, ys: np.ndarray, kind: str, outside: str) -> tuple[np.ndarray, np.ndarray]:
-    """Anchors (p,) and coefficients (4, p) of the pieces ``c0 + c1 d + c2 d² + c3 d³``, d from the anchor.
+def _polynomials(xs: np.ndarray, ys: np.ndarray, kind: str, periodic: bool) -> PPoly:
+    """Return the curve as SciPy's piecewise polynomial, one piece from each point but the last."""
+    from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly
 
-    There is one for each interval and one that begins at the last point, where the
-    polynomial before it would meet the data up to rounding only; then the two outside, where they differ.
-    """
-    h, rise = np.diff(xs), np.diff(ys) / np.diff(xs)
     if kind == "linear":
-        slopes = np.append(rise, rise[-1])
-        c2 = c3 = np.zeros_like(h)
-    else:
-        find = {"cubic": _cubic_slopes, "monotone": _monotone_slopes}[kind]
-        slopes = find(h, rise, outside == "periodic")
-        c2 = (3 * rise - 2 * slopes[:-1] - slopes[1:]) / h
-        c3 = (slopes[:-1] + slopes[1:] - 2 * rise) / h**2
-    c2, c3 = np.append(c2, c2[-1] + 3 * c3[-1] * h[-1]), np.append(c3, c3[-1])
-    anchors, coefficients = xs, np.vstack([ys, slopes, c2, c3])
+        return PPoly(np.vstack([np.diff(ys) / np.diff(xs), ys[:-1]]), xs)
+    if kind == "cubic":
+        return CubicSpline(xs, ys, bc_type="periodic" if periodic else "not-a-knot")
+    if not periodic:
+        return PchipInterpolator(xs, ys)
+    # the slope at a point follows from its neighbours: one more on either side closes the curve
+    around = np.r_[xs[0] - (xs[-1] - xs[-2]), xs, xs[-1] + (xs[1] - xs[0])]
+    curve = PchipInterpolator(around, np.r_[ys[-2], ys, ys[1]])
+    return PPoly(curve.c[:, 1:-1], xs)
+
+
+def _with_ends(curve: PPoly, outside: str, order: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return anchors (p,) and coefficients (k, p) of the pieces ``c0 + c1 d + c2 d² + …``, d from the anchor.
+
+    There is one for each interval, one that begins at the last point, and one on either side if these differ; for
+    a curve that was integrated `order` times the latter have as many terms more.
+    """
+    anchors = curve.x
+    coefficients = np.column_stack([curve.c[::-1], _taylor(curve, anchors[-1:], len(curve.c))])
     if outside in ("constant", "linear"):
         ends = coefficients[:, [0, -1]].copy()
-        ends[2 if outside == "linear" else 1 :] = 0
+        ends[(2 if outside == "linear" else 1) + order :] = 0
         coefficients = np.column_stack([ends[:, 0], coefficients, ends[:, 1]])
-        anchors = np.concatenate([xs[:1], xs, xs[-1:]])
+        anchors = np.concatenate([anchors[:1], anchors, anchors[-1:]])
     return anchors, coefficients
 
 
-def _cubic_slopes(h: np.ndarray, rise: np.ndarray, periodic: bool) -> np.ndarray:
-    """Slopes (n,) at the points that make the second derivative continuous."""
-    n = len(h) + 1
-    matrix, right = np.zeros((n, n)), np.zeros(n)
-    for k in range(1, n - 1):
-        matrix[k, k - 1 : k + 2] = h[k], 2 * (h[k - 1] + h[k]), h[k - 1]
-        right[k] = 3 * (h[k] * rise[k - 1] + h[k - 1] * rise[k])
-    if periodic:
-        # The first and last point are one: the same slope, and the row above across the seam.
-        matrix[0, [0, -1]] = 1, -1
-        matrix[-1, [-2, -1, 1]] = h[0], 2 * (h[-1] + h[0]), h[-1]
-        right[-1] = 3 * (h[0] * rise[-1] + h[-1] * rise[0])
-        return np.linalg.solve(matrix, right)
-    # Not-a-knot: the third derivative is continuous at the second and the last but one point.
-    width = h[0] + h[1]
-    matrix[0, :2] = h[1], width
-    right[0] = ((h[0] + 2 * width) * h[1] * rise[0] + h[0] ** 2 * rise[1]) / width
-    width = h[-1] + h[-2]
-    matrix[-1, -2:] = width, h[-2]
-    right[-1] = ((h[-1] + 2 * width) * h[-2] * rise[-1] + h[-1] ** 2 * rise[-2]) / width
-    return np.linalg.solve(matrix, right)
-
-
-def _monotone_slopes(h: np.ndarray, rise: np.ndarray, periodic: bool) -> np.ndarray:
-    """Slopes (n,) by Fritsch and Butland: the weighted harmonic mean, 0 at an extremum of the data."""
-    if periodic:
-        h, rise = np.append(h[-1], np.append(h, h[0])), np.append(rise[-1], np.append(rise, rise[0]))
-        return _inner_slopes(h, rise)
-    if len(h) == 1:
-        return np.array([rise[0], rise[0]])
-    first, last = _end_slope(h[:2], rise[:2]), _end_slope(h[:-3:-1], rise[:-3:-1])
-    return np.concatenate([[first], _inner_slopes(h, rise), [last]])
-
-
-def _inner_slopes(h: np.ndarray, rise: np.ndarray) -> np.ndarray:
-    slopes = np.zeros(len(h) - 1)
-    same = np.sign(rise[:-1]) * np.sign(rise[1:]) > 0
-    before, after = h[1:] + 2 * h[:-1], 2 * h[1:] + h[:-1]
-    # `after` weighs the rise before the point: the nearer neighbour counts more.
-    slopes[same] = (before + after)[same] / (after[same] / rise[:-1][same] + before[same] / rise[1:][same])
-    return slopes
-
-
-def _end_slope(h: np.ndarray, rise: np.ndarray) -> float:
-    """Slope at an end by the parabola through three points, held back where it would overshoot."""
-    slope = ((2 * h[0] + h[1]) * rise[0] - h[0] * rise[1]) / (h[0] + h[1])
-    if np.sign(slope) != np.sign(rise[0]):
-        return 0.0
-    if np.sign(rise[0]) != np.sign(rise[1]) and abs(slope) > 3 * abs(rise[0]):
-        return 3 * rise[0]
-    return slope
+def _taylor(curve: Any, places: np.ndarray, count: int) -> np.ndarray:
+    """Return the coefficients (count, n) of a SciPy curve in powers of the distance from places (n,)."""
+    factorials = np.cumprod(np.r_[1.0, np.arange(1, count)])
+    return np.array([curve(places, nu) for nu in range(count)]) / factorials[:, None]

@@ -1,4 +1,4 @@
-"""What joints between two markers share."""
+"""Base classes and checks of joints between two markers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..symbols import symbols_of
 
 
 class Joint(ConstraintElement):
-    """A constraint between a marker on a first and a marker on a second body.
+    """A constraint between a marker on one body and a marker on another.
 
     Attributes
     ----------
@@ -30,14 +30,22 @@ class Joint(ConstraintElement):
         self.a, self.b = a, b
         super().__init__(name, rows, row_labels, (a, b))
 
+    @staticmethod
+    def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
+        """Return the two markers of a joint; raise an error if they are not markers, or are on one body.
 
-def pair(name: str, a: Any, b: Any) -> tuple[Marker, Marker]:
-    """Check the two markers of a joint: they must sit on two bodies."""
-    return markers_on_two(a, b, f"joint '{name}'")
+        Parameters
+        ----------
+        name : str
+            Name of the joint, for the message.
+        a, b : Marker
+            The markers.
+        """
+        return markers_on_two(a, b, f"joint '{name}'")
 
 
 def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
-    """Check the body that carries two shafts: a third one."""
+    """Return the body that carries two shafts; raise an error if it is one of the two that turn."""
     carrier = as_body(value, what, "carrier")
     if not carrier.is_ground and (carrier is a.body or carrier is b.body):
         raise ModelError(
@@ -48,10 +56,10 @@ def as_carrier(value: Any, a: Marker, b: Marker, what: str) -> Body:
 
 
 def relative_angle(a: Marker, b: Marker) -> ca.SX:
-    """Angle of b relative to a, less the whole turns that the estimated poses are apart.
+    """Return the angle of b relative to a, less the whole turns between the estimated poses.
 
-    Joints hold angles up to whole turns: a block whose pose says 2π on a guide
-    whose pose says 0 is aligned, and must not be turned back by the assembly.
+    Joints constrain angles up to whole turns: a block at 2π on a guide at 0 is aligned,
+    and the assembly must not turn it back.
     """
     angle = b.angle - a.angle
     estimate = at_poses(angle, [a.body, b.body])
@@ -60,7 +68,7 @@ def relative_angle(a: Marker, b: Marker) -> ca.SX:
 
 
 class AlongLine:
-    """Natural coordinate, and its rate, of joints in which b moves along a's x axis."""
+    """Natural coordinate and its rate, for joints in which b moves along a's x axis."""
 
     a: Marker
     b: Marker

@@ -1,6 +1,6 @@
-"""Cams and their followers, and points on curves: contact where it is, solved with the rest.
+"""Cams with their followers, and points on curves.
 
-Each contact brings its place on the outline as a coordinate without inertia.
+The parameter of the contact point on the outline is a coordinate without inertia, solved with the others.
 """
 
 from __future__ import annotations
@@ -16,34 +16,42 @@ from ..element import cross
 from ..events import Event
 from ..geometry.cam_outlines import CamOutline
 from ..geometry.curves import Curve
-from ..quantities import Limit, quantity
+from ..quantities import Quantities
 from ..symbols import Coordinate, values_of
-from ..validity import Monitor
-from .base import Joint, pair
-from .contact_places import nearest_place, touching_place, touching_places
-from .outline_checks import as_outline, convex, fitting, positive_radius, wide_enough
+from ..validity import ValidityCondition
+from .base import Joint
+from .outline_contact import (
+    as_outline,
+    convex,
+    fitting,
+    nearest_place,
+    positive_radius,
+    touching_place,
+    touching_places,
+    wide_enough,
+)
 
 
 class _Contact(Joint):
-    """What contacts along an outline share: their place, their force, and what must hold for both."""
+    """Base class of contacts along an outline: the parameter of the contact, its force, and its lift-off."""
 
     parameter: Coordinate
 
     def __init__(self, name: str, a: Marker, b: Marker, rows: ca.SX, row_labels: tuple[str, ...]):
         super().__init__(name, a, b, rows, row_labels)
         lifted = (
-            "the contact force is negative: the follower would lift off, and the joint pulled it; "
-            "press it on by a spring, or stop at the event that lift_off() makes"
+            "the contact force is negative: the follower would lift off, but the joint pulls it; "
+            "press it on by a spring, or stop at the event that lift_off() returns"
         )
-        self.monitors = (Monitor(self.normal_force, f"{self.description}: {lifted}"),)
+        self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {lifted}"),)
 
     @property
     def normal_force(self) -> ca.SX:
-        """Force that presses the two together, N; negative where they would part."""
+        """Force that presses the two together, N; negative if they would separate."""
         raise NotImplementedError
 
     def lift_off(self, terminal: bool = True) -> Event:
-        """Event at which the contact would part: its force passes through zero."""
+        """Return the event at which the contact would open: its force passes through zero."""
         return Event(f"lift-off at {self.name}", self.normal_force, direction=-1, terminal=terminal)
 
 
@@ -52,8 +60,8 @@ class CamFlatFollower(_Contact):
 
     ``Phi = [y_b · (r^c - r^b), y_b · A_a g']`` (2 rows, m and m/rad): the contact
     point ``r^c = r^a + A_a s'(alpha)`` lies on the face, and the tangent
-    ``g' = ds'/dalpha`` of the outline goes along it (of a profile made for a flat face
-    its direction). One coordinate ``alpha``.
+    ``g' = ds'/dalpha`` of the outline (for a profile made for a flat face,
+    its unit direction) is parallel to it. One coordinate ``alpha``.
 
     Parameters
     ----------
@@ -63,21 +71,21 @@ class CamFlatFollower(_Contact):
         Frame of the outline on the cam.
     face : Marker
         Point and x axis of the face on the follower. The cam may lie on either side;
-        it touches where it is nearer to the face at the estimated poses.
+        it touches at the point nearer to the face at the estimated poses.
     outline : CamOutline
-        Convex everywhere: a flat face cannot reach into a hollow.
+        Convex outline: a flat face cannot reach into a hollow.
 
     Attributes
     ----------
     parameter : Coordinate
-        Place of the contact on the outline.
+        Parameter of the contact point on the outline.
     contact_point : casadi.SX
-        The same as a point (2,), global, m.
+        The contact point (2,), global, m.
 
     Raises
     ------
     ModelError
-        For an outline with a hollow or a straight piece: the place and its curvature.
+        For an outline with a hollow or a straight piece; the message gives the point and its curvature.
 
     References
     ----------
@@ -85,7 +93,7 @@ class CamFlatFollower(_Contact):
     """
 
     def __init__(self, name: str, cam: Any, face: Any, outline: CamOutline):
-        a, b = pair(name, cam, face)
+        a, b = self.pair(name, cam, face)
         what = f"joint '{name}'"
         self.outline = as_outline(outline, what)
         self.limits = (*positive_radius(what, self.outline), *convex(what, self.outline))
@@ -98,7 +106,7 @@ class CamFlatFollower(_Contact):
 
     @cached_property
     def normal_force(self) -> ca.SX:
-        """Force that presses cam and face together, N; negative where they would part."""
+        """Force that presses cam and face together, N; negative if they would separate."""
         outward = self.a.axes @ self.outline.normal(self.parameter)
         return self.multipliers[0] * ca.dot(self.b.y_axis, outward)
 
@@ -107,7 +115,7 @@ class CamPointFollower(_Contact):
     """Cam against a point (a knife edge) or a roller.
 
     ``Phi = r^a + A_a (s'(alpha) + R n'(alpha)) - r^b`` (2 rows, m): the centre of
-    the roller of radius R sits at that distance outside the outline, along its
+    the roller of radius R lies at that distance outside the outline, along its
     normal n'. One coordinate ``alpha``. The roller has no mass and turns freely.
 
     Parameters
@@ -117,33 +125,33 @@ class CamPointFollower(_Contact):
     cam : Marker
         Frame of the outline on the cam.
     point : Marker
-        The edge, or the centre of the roller, on the follower.
+        Knife edge, or centre of the roller, on the follower.
     outline : CamOutline
-        Its hollows must be wider than the roller.
+        Outline, with hollows wider than the roller.
     roller_radius : float or expression in parameters, default 0
         R, m; zero for a knife edge.
 
     Attributes
     ----------
     parameter : Coordinate
-        Place of the contact on the outline.
+        Parameter of the contact point on the outline.
     contact_point : casadi.SX
-        The same as a point (2,), global, m.
+        The contact point (2,), global, m.
 
     Raises
     ------
     ModelError
-        For a hollow that is too narrow for the roller: the place and its radius of curvature.
+        For a hollow too narrow for the roller; the message gives the point and its radius of curvature.
     """
 
     def __init__(self, name: str, cam: Any, point: Any, outline: CamOutline, roller_radius: Any = 0.0):
-        a, b = pair(name, cam, point)
+        a, b = self.pair(name, cam, point)
         what = f"joint '{name}'"
         self.outline = as_outline(outline, what)
-        limits: list[Limit] = []
-        self.roller_radius = quantity(roller_radius, what, "roller_radius", at_least=0.0, limits=limits, fixed=True)
-        limits += (*positive_radius(what, self.outline), *wide_enough(what, self.outline, self.roller_radius))
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.roller_radius = read(roller_radius, "roller_radius", at_least=0.0, fixed=True)
+        wide = wide_enough(what, self.outline, self.roller_radius)
+        self.limits = (*read.limits, *positive_radius(what, self.outline), *wide)
         radius = float(values_of(self.roller_radius)[0, 0])
         start = nearest_place(self.outline, a, b, radius)
         self.parameter = Coordinate(f"{name}.parameter", start)
@@ -154,7 +162,7 @@ class CamPointFollower(_Contact):
 
     @cached_property
     def normal_force(self) -> ca.SX:
-        """Force that presses cam and follower together, N; negative where they would part."""
+        """Force that presses cam and follower together, N; negative if they would separate."""
         return ca.dot(self.multipliers, self.a.axes @ self.outline.normal(self.parameter))
 
     @cached_property
@@ -169,7 +177,7 @@ class CamCam(_Contact):
 
     ``Phi = [r^a + A_a s'_a - r^b - A_b s'_b, (R A_a g'_a) · A_b g'_b / c]`` (3 rows, m): one
     point of each coincide, and the tangents are parallel. Two coordinates, the
-    places on both; c is the size of outline b, a constant.
+    parameters on both; c is the size of outline b, a constant.
 
     Parameters
     ----------
@@ -178,12 +186,12 @@ class CamCam(_Contact):
     a, b : Marker
         Frames of the outlines on two bodies.
     outline_a, outline_b : CamOutline
-        A hollow of one must be wider than some part of the other.
+        Outlines; a hollow of one must be wider than some part of the other.
 
     Attributes
     ----------
     parameter, parameter_b : Coordinate
-        Places of the contact on the outlines.
+        Parameters of the contact point on the outlines.
     contact_point : casadi.SX
         (2,), global, m.
 
@@ -194,7 +202,7 @@ class CamCam(_Contact):
     """
 
     def __init__(self, name: str, a: Any, b: Any, outline_a: CamOutline, outline_b: CamOutline):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
         self.outline, self.outline_b = as_outline(outline_a, what), as_outline(outline_b, what)
         fitting(what, self.outline, self.outline_b)
@@ -210,19 +218,22 @@ class CamCam(_Contact):
         rows = ca.vertcat(self.contact_point - other, parallel)
         super().__init__(name, a, b, rows, ("x", "y", "tangent"))
         gap = self.outline.curvature(self.parameter) + self.outline_b.curvature(self.parameter_b)
-        crossing = "the outlines cross at the contact, a hollow of one being narrower than the other"
-        self.monitors = (*self.monitors, Monitor(gap, f"{self.description}: {crossing}"))
+        crossing = "the outlines cross at the contact: a hollow of one is narrower than the other"
+        self.validity_conditions = (
+            *self.validity_conditions,
+            ValidityCondition(gap, f"{self.description}: {crossing}"),
+        )
 
     @cached_property
     def normal_force(self) -> ca.SX:
-        """Force that presses the outlines together, N; negative where they would part."""
+        """Force that presses the outlines together, N; negative if they would separate."""
         return ca.dot(self.multipliers[:2], self.a.axes @ self.outline.normal(self.parameter))
 
 
 class PointOnCurve(Joint):
     """Pin in a curved slot, or a point on a rail: a point of b stays on a curve of a.
 
-    ``Phi = r^a + A_a s'(alpha) - r^b`` (2 rows, m), held in both directions. One
+    ``Phi = r^a + A_a s'(alpha) - r^b`` (2 rows, m), in both directions. One
     coordinate ``alpha`` without inertia.
 
     Parameters
@@ -234,16 +245,16 @@ class PointOnCurve(Joint):
     b : Marker
         The point.
     curve : Curve
-        Open or closed. Where the point leaves the ends of an open one, analyses warn.
+        Open or closed curve. Analyses warn if the point leaves the ends of an open one.
 
     Attributes
     ----------
     parameter : Coordinate
-        Place of the point on the curve.
+        Parameter of the point on the curve.
     """
 
     def __init__(self, name: str, a: Any, b: Any, curve: Curve):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         if not isinstance(curve, Curve):
             raise ModelError(f"joint '{name}': curve must be a Curve, got {curve!r}")
         self.curve = curve
@@ -253,9 +264,11 @@ class PointOnCurve(Joint):
         super().__init__(name, a, b, rows, ("x", "y"))
         if not curve.closed:
             left = ca.fmin(self.parameter - curve.lower, curve.upper - self.parameter)
-            self.monitors = (Monitor(left, f"{self.description}: the point has left the curve at one of its ends"),)
+            self.validity_conditions = (
+                ValidityCondition(left, f"{self.description}: the point has left the curve at one of its ends"),
+            )
 
     @cached_property
     def normal_force(self) -> ca.SX:
-        """Force of the curve on the point along the curve's normal, to the right of its tangent, N."""
+        """Force of the curve on the point along the normal, to the right of the tangent, N."""
         return ca.dot(self.multipliers, self.a.axes @ self.curve.normal(self.parameter))

@@ -8,20 +8,23 @@ import casadi as ca
 
 from ..bodies import as_marker
 from ..element import ConstraintElement
-from ..quantities import quantity, vector2
-from .base import Joint, pair
-from .composite import distance_row
+from ..quantities import in_radians, quantity, vector2
+from .base import Joint
+from .lower_pairs import distance_row
 
 
 class _Absolute(ConstraintElement):
-    """One coordinate of a marker has a given value."""
+    """Base class: one coordinate of a marker has a given value."""
 
     kind = "constraint"
+    _is_angle = False
 
     def __init__(self, name: str, marker: Any, value: Any = 0.0):
         what = f"constraint '{name}'"
         self.marker = as_marker(marker, what, "marker")
         self.value = quantity(value, what, "value")
+        if self._is_angle:
+            in_radians(self.value, what, "value", stacklevel=3)
         super().__init__(name, self._coordinate() - self.value, (), (self.marker,))
 
     def _coordinate(self) -> ca.SX:
@@ -59,6 +62,8 @@ class AbsoluteY(_Absolute):
 class AbsoluteAngle(_Absolute):
     """``Phi = phi - C`` with the angle of the marker's x axis (1 row, rad); as :class:`AbsoluteX`."""
 
+    _is_angle = True
+
     def _coordinate(self) -> ca.SX:
         return self.marker.angle
 
@@ -94,11 +99,16 @@ class AbsoluteDistance(ConstraintElement):
 
 
 class _Relative(Joint):
-    """One coordinate of b less that of a has a given value."""
+    """Base class: one coordinate of b less that of a has a given value."""
+
+    _is_angle = False
 
     def __init__(self, name: str, a: Any, b: Any, value: Any):
-        a, b = pair(name, a, b)
-        self.value = quantity(value, f"constraint '{name}'", "value")
+        a, b = self.pair(name, a, b)
+        what = f"constraint '{name}'"
+        self.value = quantity(value, what, "value")
+        if self._is_angle:
+            in_radians(self.value, what, "value", stacklevel=3)
         super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
 
     @staticmethod
@@ -109,9 +119,8 @@ class _Relative(Joint):
 class RelativeX(_Relative):
     """``Phi = x^b - x^a - C``, global axes (1 row, m).
 
-    The forces on the points are opposite and along the global x axis, whatever
-    line joins the points: the couple that is left over is taken by the ground,
-    from whose axis the distance is measured.
+    The forces on the points are opposite and along the global x axis, not along the line
+    that joins the points. The ground, whose axis defines the direction, takes the remaining couple.
 
     Parameters
     ----------
@@ -135,7 +144,7 @@ class RelativeX(_Relative):
 
 
 class RelativeY(_Relative):
-    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and the ground's part as for :class:`RelativeX`."""
+    """``Phi = y^b - y^a - C``, global axes (1 row, m); parameters and couple as for :class:`RelativeX`."""
 
     leans_on_ground = True
 
@@ -146,6 +155,8 @@ class RelativeY(_Relative):
 
 class RelativeAngle(_Relative):
     """``Phi = phi_b - phi_a - C`` with the markers' angles (1 row, rad); as :class:`RelativeX`."""
+
+    _is_angle = True
 
     @staticmethod
     def _coordinate(marker: Any) -> ca.SX:

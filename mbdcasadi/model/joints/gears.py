@@ -1,4 +1,4 @@
-"""Toothed elements: gears on any carrier, rack and pinion."""
+"""Transmissions: gears on any carrier, rack and pinion, rolling wheels, belts and couplers."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ import numpy as np
 from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
-from ..quantities import Limit, known_value, quantity, yes_or_no
+from ..quantities import Quantities, known_value, quantity, yes_or_no
 from ..symbols import values_of
-from ..validity import Monitor
-from .base import Joint, as_carrier, pair
+from ..validity import ValidityCondition
+from .base import AlongLine, Joint, as_carrier
 
-#: Part of the centre distance by which it may differ from what the pitch radii make, in an assembled pose.
+#: Relative tolerance of the centre distance against that of the pitch radii, in an assembled pose.
 _CENTRES = 1e-3
 
 
 class Gear(Joint):
-    """Two gears in mesh, their centres held on the ground or on a moving carrier.
+    """Two gears in mesh, with their centres on the ground or on a moving carrier.
 
     ``Phi = R_a (phi_a - psi) ± R_b (phi_b - psi) - C0`` (1 row, m): the arcs
-    that roll off on each other, seen from the line of centres, whose angle is
+    that roll on each other, relative to the line of centres at the angle
     ``psi``; + for an external, - for an internal pair. Its virtual work is
-    that of one force at the pitch point, so that the bearings get their load.
-    The row is linear in the angles of the gears; ``psi`` is measured against
-    the carrier, where it stands still, and so has no branch cut after many
-    turns. C0 is what the expression has at the estimated poses: these set the
-    phase, once and for all when the gear is made.
+    that of a force at the pitch point, which loads the bearings.
+    The row is linear in the angles of the gears; ``psi`` is measured relative to
+    the carrier, on which it is constant, and so has no branch cut after many
+    turns. C0 is the value of the expression at the estimated poses, which set the
+    phase when the gear is made.
 
-    Other joints hold the centres at the distance that the radii make.
+    Other joints must hold the centres at the distance given by the radii.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class Gear(Joint):
     radius_a, radius_b : float or expression in parameters
         Pitch radii, m, both positive.
     internal : bool, default False
-        Whether the smaller gear runs inside the larger one, a ring.
+        True if the smaller gear runs inside the larger one, a ring.
     carrier : Body, default ground
         Body that carries both centres: an arm, in a planetary train.
 
@@ -55,8 +55,8 @@ class Gear(Joint):
 
     Notes
     -----
-    Haug's row ``n(theta)·d = 0`` has the same Jacobian and ``gamma`` where it
-    holds, and a second, wrong root with the line of centres turned over.
+    Haug's row ``n(theta)·d = 0`` has the same Jacobian and ``gamma`` on the
+    constraint, and a second, wrong root with the line of centres reversed.
 
     References
     ----------
@@ -79,12 +79,12 @@ class Gear(Joint):
         internal: bool = False,
         carrier: Body = ground,
     ):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
-        limits: list[Limit] = []
-        self.radius_a = quantity(radius_a, what, "radius_a", above=0.0, limits=limits, fixed=True)
-        self.radius_b = quantity(radius_b, what, "radius_b", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        read = Quantities(what)
+        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
+        self.limits = read.limits
         self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
@@ -96,19 +96,19 @@ class Gear(Joint):
         rolled += sign * self.radius_b * (b.angle - carrier.phi - beyond)
         super().__init__(name, a, b, rolled - at_poses(rolled, bodies))
         off = ca.norm_2(along) / distance - 1
-        self.monitors = (
-            Monitor(
+        self.validity_conditions = (
+            ValidityCondition(
                 _CENTRES - ca.fabs(off),
-                f"{self.description}: the centres are not at the distance that the pitch radii make "
+                f"{self.description}: the centres are not at the distance given by the pitch radii "
                 "(the sum of both, for an internal pair the difference)",
                 shown=ca.norm_2(along) - distance,
                 unit="m",
             ),
-            Monitor(
+            ValidityCondition(
                 along[0] / distance,
-                f"{self.description}: the line of centres turns against carrier '{carrier.name}'; "
+                f"{self.description}: the line of centres turns relative to carrier '{carrier.name}'; "
                 "name the body that carries both centres as carrier=",
-                still=beyond,
+                fixed_angle=beyond,
             ),
         )
 
@@ -119,19 +119,19 @@ class Gear(Joint):
 
 
 def _pitch_distance(what: str, total: ca.SX) -> ca.SX:
-    """Distance of the centres."""
+    """Return the distance of the centres."""
     if known_value(total) == 0:
         raise ModelError(f"{what}: an internal pair needs two different radii, a gear and a larger ring")
     return ca.fabs(total)
 
 
 def _line_of_centres(what: str, a: Marker, b: Marker, carrier: Body, bodies: list[Body]) -> ca.SX:
-    """Vector from a to b (2,) in axes that turn with the carrier, the first along it at the estimated poses."""
+    """Return the vector from a to b (2,) in axes on the carrier, the first along it at the estimated poses."""
     d = b.position - a.position
     estimate = values_of(at_poses(rotation(-carrier.phi) @ d, bodies)).ravel()
     if np.hypot(*estimate) <= 1e-12:
         raise ModelError(
-            f"{what}: the centres coincide at the estimated poses, and the phase cannot be read off them; "
+            f"{what}: the centres coincide at the estimated poses, which then do not give the phase; "
             "give the bodies a pose= in which the gears mesh"
         )
     return rotation(-carrier.phi - float(np.arctan2(estimate[1], estimate[0]))) @ d
@@ -141,9 +141,9 @@ class RackAndPinion(Joint):
     """Pinion that rolls on a rack without slip.
 
     ``Phi = x_a · d + R (phi_b - phi_a) - C0`` (1 row, m) with ``d = r^b - r^a``;
-    C0 is what the expression has at the estimated poses. The pinion sits above
+    C0 is the value of the expression at the estimated poses. The pinion is above
     the rack's x axis: a counter-clockwise turn of a fixed pinion moves the rack
-    towards +x. The distance of the pinion from the rack is held by other joints.
+    towards +x. Other joints must hold the distance of the pinion from the rack.
 
     Parameters
     ----------
@@ -162,10 +162,10 @@ class RackAndPinion(Joint):
     """
 
     def __init__(self, name: str, rack: Any, pinion: Any, radius: Any):
-        a, b = pair(name, rack, pinion)
-        limits: list[Limit] = []
-        self.radius = quantity(radius, f"joint '{name}'", "radius", above=0.0, limits=limits, fixed=True)
-        self.limits = tuple(limits)
+        a, b = self.pair(name, rack, pinion)
+        read = Quantities(f"joint '{name}'")
+        self.radius = read(radius, "radius", above=0.0, fixed=True)
+        self.limits = read.limits
         rolled = ca.dot(a.x_axis, b.position - a.position) + self.radius * (b.angle - a.angle)
         super().__init__(name, a, b, rolled - at_poses(rolled, [a.body, b.body]))
 
@@ -173,3 +173,145 @@ class RackAndPinion(Joint):
     def tooth_force(self) -> ca.SX:
         """Force of the pinion on the rack along the rack's x axis, N."""
         return ca.dot(self.reaction_on(self.a.body).force, self.a.x_axis)
+
+
+class Rolling(AlongLine, Joint):
+    """Wheel that rolls on a straight track without slip and without leaving it.
+
+    ``Phi = [y_a · d - R, x_a · d + R (phi_b - phi_a) - C0]`` (2 rows, m) with
+    ``d = r^b - r^a``, a on the surface and b the wheel: the wheel stays above the track's x axis at the distance
+    of its radius, and advances by the arc that it rolls. C0 is the value of the
+    expression at the estimated poses.
+
+    The contact holds the wheel in both directions. Analyses warn if it would have to pull;
+    compare ``friction_force`` with the available friction. For a circular track use a
+    :class:`Gear` whose carrier is an arm between the centres; the arm needs no mass.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    wheel : Marker
+        Centre of the wheel.
+    surface : Marker
+        Point and x axis of the track.
+    radius : float or expression in parameters
+        Radius R, m.
+
+    References
+    ----------
+    Haug 1989, section 3.4 (rack and pinion, with the distance held).
+    """
+
+    def __init__(self, name: str, wheel: Any, surface: Any, radius: Any):
+        a, b = self.pair(name, surface, wheel)
+        read = Quantities(f"joint '{name}'")
+        self.radius = read(radius, "radius", above=0.0, fixed=True)
+        self.limits = read.limits
+        d = b.position - a.position
+        rolled = ca.dot(a.x_axis, d) + self.radius * (b.angle - a.angle)
+        above = ca.dot(a.y_axis, d) - self.radius
+        rows = ca.vertcat(above, rolled - at_poses(rolled, [a.body, b.body]))
+        super().__init__(name, a, b, rows, ("contact", "rolling"))
+        leaving = "the normal force is negative: the wheel would leave the track, but the joint pulls it"
+        self.validity_conditions = (ValidityCondition(self.normal_force, f"{self.description}: {leaving}"),)
+
+    @property
+    def normal_force(self) -> ca.SX:
+        """Force of the track on the wheel along the track's y axis, N; negative if the track would have to pull."""
+        return -self.multipliers[0]
+
+    @property
+    def friction_force(self) -> ca.SX:
+        """Force of the track on the wheel along the track's x axis, N; it must not exceed the available friction."""
+        return -self.multipliers[1]
+
+
+class Coupler(Joint):
+    """Angle of b in a fixed ratio to the angle of a, both measured against a carrier.
+
+    ``Phi = (phi_b - phi_c) - n (phi_a - phi_c) - C0`` (1 row, rad); C0 is the value of
+    the expression at the estimated poses. It transmits couples only; the carrier supports
+    the gearbox or synchronous drive between the shafts.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        On the two bodies that turn.
+    ratio : float or expression in parameters
+        n, speed of b over speed of a; negative if the sense is reversed, not zero.
+    carrier : Body, default ground
+        Body that carries both shafts, and takes the rest of the couples.
+
+    Attributes
+    ----------
+    torque : casadi.SX
+        Couple on b, N m; on a it is ``-n`` times that.
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, ratio: Any, carrier: Body = ground):
+        a, b = self.pair(name, a, b)
+        what = f"joint '{name}'"
+        self.ratio = quantity(ratio, what, "ratio", fixed=True)
+        if known_value(self.ratio) == 0:
+            raise ModelError(f"{what}: the ratio is zero, so that b would not turn; use a RelativeAngle")
+        self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
+        turned = (b.angle - carrier.phi) - self.ratio * (a.angle - carrier.phi)
+        super().__init__(name, a, b, turned - at_poses(turned, [a.body, b.body, carrier]))
+
+    @cached_property
+    def torque(self) -> ca.SX:
+        """Couple on b, N m."""
+        return -self.multipliers
+
+
+class Belt(Joint):
+    """Belt or chain over two pulleys, without slip.
+
+    ``Phi = R_a (phi_a - phi_c) - R_b (phi_b - phi_c) - C0`` (1 row, m); + for a
+    crossed belt. C0 is the value of the expression at the estimated poses. The belt
+    transmits couples; the load of its tension on the bearings depends on the
+    preload, which is not part of the model: add it as a force if it matters.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Centres of the pulleys on their bodies.
+    radius_a, radius_b : float or expression in parameters
+        Radii, m.
+    crossed : bool, default False
+        True if the belt crosses, so that the pulleys turn in opposite directions.
+    carrier : Body, default ground
+        Body on which both pulleys are mounted, and which takes the rest of the couples.
+
+    Attributes
+    ----------
+    tension_difference : casadi.SX
+        Difference of the tensions of the two strands, N; positive turns a counter-clockwise.
+    """
+
+    def __init__(
+        self, name: str, a: Any, b: Any, radius_a: Any, radius_b: Any, crossed: bool = False, carrier: Body = ground
+    ):
+        a, b = self.pair(name, a, b)
+        what = f"joint '{name}'"
+        read = Quantities(what)
+        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
+        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
+        self.limits = read.limits
+        self.crossed = yes_or_no(crossed, what, "crossed")
+        self.carrier = as_carrier(carrier, a, b, what)
+        self.leans_on_ground = self.carrier.is_ground
+        sign = 1 if self.crossed else -1
+        wound = self.radius_a * (a.angle - carrier.phi) + sign * self.radius_b * (b.angle - carrier.phi)
+        super().__init__(name, a, b, wound - at_poses(wound, [a.body, b.body, carrier]))
+
+    @cached_property
+    def tension_difference(self) -> ca.SX:
+        """Difference of the tensions of the strands, N."""
+        return -self.multipliers

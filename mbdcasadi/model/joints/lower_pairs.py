@@ -1,4 +1,4 @@
-"""Revolute, translational and rigid joints."""
+"""Revolute, translational and rigid joints, and composite joints in place of a massless link."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ from typing import Any
 
 import casadi as ca
 
+from ...errors import ModelError
+from ..quantities import Limit, Quantities, known_value, quantity
 from ..rates import time_derivative
-from .base import AlongLine, Joint, pair, relative_angle
+from .base import AlongLine, Joint, relative_angle
 
 
 class Revolute(Joint):
@@ -31,7 +33,7 @@ class Revolute(Joint):
     is_lower_pair = True
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         super().__init__(name, a, b, a.position - b.position, ("x", "y"))
 
     @cached_property
@@ -50,7 +52,7 @@ class Translational(AlongLine, Joint):
 
     ``Phi = [y_a · d, phi_b - phi_a - 2πk]`` with ``d = r^b - r^a`` (2 rows, m
     and rad). The second row is linear, so the block cannot flip over as it can
-    with the textbook's ``y_a · x_b``; the whole number k is the one at the
+    with the textbook's ``y_a · x_b``; the integer k is that of the
     estimated poses.
 
     Parameters
@@ -70,7 +72,7 @@ class Translational(AlongLine, Joint):
     is_lower_pair = True
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         across = ca.dot(a.y_axis, b.position - a.position)
         super().__init__(name, a, b, ca.vertcat(across, relative_angle(a, b)), ("normal", "angle"))
 
@@ -89,6 +91,89 @@ class Weld(Joint):
     is_lower_pair = True
 
     def __init__(self, name: str, a: Any, b: Any):
-        a, b = pair(name, a, b)
+        a, b = self.pair(name, a, b)
         rows = ca.vertcat(a.position - b.position, relative_angle(a, b))
         super().__init__(name, a, b, rows, ("x", "y", "angle"))
+
+
+def distance_row(what: str, d: ca.SX, distance: Any) -> tuple[ca.SX, tuple[Limit, ...]]:
+    """Return the row ``(d·d - C²) / (2 C)``, m with a multiplier in N, smooth at any pose, and the limits of C."""
+    read = Quantities(what)
+    length = quantity(distance, what, "distance")
+    if known_value(length) == 0:
+        raise ModelError(f"{what}: the distance is zero, at which the constraint is singular; use a Revolute")
+    read(length, "distance", above=0.0)
+    return (ca.sumsqr(d) - ca.SX(length) ** 2) / (2 * ca.SX(length)), read.limits
+
+
+class Distance(Joint):
+    """Revolute–revolute composite: a massless rod of a given length between two points.
+
+    ``Phi = (d·d - C²) / (2 C)`` with ``d = r^b - r^a`` (1 row, m). The rod pushes as well as it pulls.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        Points on two bodies.
+    distance : float or expression in time and parameters
+        Length C of the rod, m; not zero.
+
+    Attributes
+    ----------
+    tension : casadi.SX
+        Force of the rod, N: positive if it pulls its ends together, negative if it pushes them apart.
+
+    Raises
+    ------
+    ModelError
+        For a zero or negative distance.
+
+    See Also
+    --------
+    Rope : elastic, and slack instead of pushing.
+
+    References
+    ----------
+    Haug 1989, sections 3.3 and 3.3.2 (composite joints).
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, distance: Any):
+        a, b = self.pair(name, a, b)
+        self.distance = distance
+        row, self.limits = distance_row(f"joint '{name}'", b.position - a.position, distance)
+        super().__init__(name, a, b, row)
+
+    @cached_property
+    def tension(self) -> ca.SX:
+        """Force with which the rod pulls its ends together, N; negative if it pushes."""
+        return self.multipliers
+
+
+class PointOnLine(AlongLine, Joint):
+    """Revolute–translational composite: a point of b stays on a line of a, at an offset.
+
+    ``Phi = y_a · d - offset`` with ``d = r^b - r^a`` (1 row, m).
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a : Marker
+        Point and x axis of the line.
+    b : Marker
+        The point.
+    offset : float or expression, default 0
+        Distance of the point from the line, towards a's y axis, m.
+
+    References
+    ----------
+    Haug 1989, section 3.3.2 (composite joints).
+    """
+
+    def __init__(self, name: str, a: Any, b: Any, offset: Any = 0.0):
+        a, b = self.pair(name, a, b)
+        self.offset = quantity(offset, f"joint '{name}'", "offset")
+        row = ca.dot(a.y_axis, b.position - a.position) - self.offset
+        super().__init__(name, a, b, row)

@@ -149,7 +149,7 @@ def _inputs_and_states(
         span = max((abs(x) for x in (symbol.lower, symbol.upper) if np.isfinite(x)), default=0.0)
         rates = eom.function(ca.jacobian(eom.z_rate[k], ca.vertcat(eom.v, eom.u)))(*at).full().ravel()
         reached = np.abs(rates[np.isfinite(rates)]) @ np.r_[v, u][np.isfinite(rates)] * duration
-        z[k] = span or max(abs(symbol.initial), float(reached)) or 1.0
+        z[k] = span or max(abs(symbol.value), float(reached)) or 1.0
     return u, z
 
 

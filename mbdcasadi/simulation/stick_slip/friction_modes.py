@@ -65,8 +65,8 @@ def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
     frictions = switching(mechanism)
 
     def make() -> Mechanism:
-        place = {id(f): f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
-        return mechanism.replace(forces=[place.get(id(f), f) for f in mechanism.forces])
+        place = {f: f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
+        return mechanism.replace(forces=[place.get(f, f) for f in mechanism.forces])
 
     return mechanism.cache.get_or_create(("stick and slip", senses), make)
 

@@ -12,12 +12,11 @@ import numpy as np
 from ...model.drivers import Driver
 from ...model.expressions import norm
 from ...model.forces.applied import Force, Torque
-from ...model.forces.bushing import Bushing
 from ...model.forces.contact.contact import Contact
-from ...model.forces.field import FieldForce
-from ...model.forces.gravity import Gravity
+from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.motors import DCMotor
-from ...model.forces.springs import RSDA, TSDA
+from ...model.forces.springs import RSDA, TSDA, Bushing
+from ...model.forces.stops import Rope
 from ...results.columns import effort_unit, reaction_body
 from ..symbols.constraints import pivot_of
 from . import lines, scene
@@ -76,8 +75,9 @@ def _torque(element: Any, pen: Pen) -> list[Load]:
     return [Load(pivot_of(pen, element.body, element.bodies), ca.SX(element.torque), "force")]
 
 
-@loads.register
-def _spring(element: TSDA, pen: Pen) -> list[Load]:
+@loads.register(TSDA)
+@loads.register(Rope)
+def _spring(element: Any, pen: Pen) -> list[Load]:
     way = element.b.position - element.a.position
     tension = element.force * way / norm(way)
     ends = ((element.a, tension), (element.b, -tension))

@@ -13,6 +13,7 @@ from ...model.forces.applied import Force, Torque
 from ...model.forces.contact.contact import Contact
 from ...model.forces.motors import DCMotor
 from ...model.forces.springs import RSDA, TSDA
+from ...model.forces.stops import Rope
 from ...results.columns import effort_unit, reaction_body
 
 
@@ -61,6 +62,11 @@ def _torque(thing: Any, multipliers: bool) -> dict[str, ca.SX]:
 @readings.register
 def _spring(thing: TSDA, multipliers: bool) -> dict[str, ca.SX]:
     return {"length, m": thing.length, "tension, N": ca.SX(thing.force)}
+
+
+@readings.register
+def _rope(thing: Rope, multipliers: bool) -> dict[str, ca.SX]:
+    return {"slack, m": thing.gap, "tension, N": thing.tension}
 
 
 @readings.register

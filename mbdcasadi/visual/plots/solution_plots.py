@@ -9,8 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import MechanismError
-from ...model.joints.composite import PointOnLine
-from ...model.joints.lower_pairs import Revolute, Translational
+from ...model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ...model.rates import time_derivative
 from ...results.columns import columns, read_lines
 from .plot import COLOURS, dress, reaction_sizes

@@ -10,9 +10,9 @@ import numpy as np
 from ...model.drivers import Driver
 from ...model.forces.applied import GeneralizedForce
 from ...model.forces.friction.joint_friction import FrictionInJoint
+from ...model.joints.constraints import KnifeEdge
 from ...model.joints.coordinates import AbsoluteAngle, AbsoluteDistance, AbsoluteX, AbsoluteY
 from ...model.joints.lower_pairs import Revolute
-from ...model.joints.nonholonomic import KnifeEdge
 from ...model.symbols import t
 from ..drawing import lines, scene
 from ..drawing.pen import Pen

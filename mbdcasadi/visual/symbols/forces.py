@@ -9,12 +9,11 @@ import numpy as np
 
 from ...model.bodies import Marker
 from ...model.forces.applied import Force, Torque
-from ...model.forces.bushing import Bushing
 from ...model.forces.cylinders import Cylinder, GasSpring
-from ...model.forces.field import FieldForce
-from ...model.forces.gravity import Gravity
+from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.motors import DCMotor
-from ...model.forces.springs import RSDA, TSDA
+from ...model.forces.springs import RSDA, TSDA, Bushing
+from ...model.forces.stops import Rope
 from ..drawing import lines, scene
 from ..drawing.pen import Frame, Pen
 from .base import nothing, symbol
@@ -120,6 +119,13 @@ def cylinder(element: Cylinder, pen: Pen) -> None:
 def gas_spring(element: GasSpring, pen: Pen) -> None:
     """A slender barrel with a piston rod."""
     _cylinder(pen, _beside_others(element, pen), element.length, 0.6)
+
+
+@symbol.register
+def rope(element: Rope, pen: Pen) -> None:
+    """A straight line."""
+    _anchors(element, pen)
+    pen.between(element.a.position, element.b.position).draw("link", lines.along([0, 1], 0))
 
 
 def _anchors(element: Any, pen: Pen) -> None:

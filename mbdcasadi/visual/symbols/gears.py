@@ -8,9 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ...model.bodies import Marker
-from ...model.joints.belts import Belt, Coupler
-from ...model.joints.gears import Gear, RackAndPinion
-from ...model.joints.rolling import Rolling
+from ...model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
 from .base import symbol, tie

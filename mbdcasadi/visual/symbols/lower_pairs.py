@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...model.bodies import Marker
-from ...model.joints.composite import Distance, PointOnLine
-from ...model.joints.lower_pairs import Revolute, Translational, Weld
+from ...model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
 from ..drawing import lines, scene
 from ..drawing.outlines import local_outlines, sections
 from ..drawing.pen import Frame, Pen

@@ -1,1 +1,1 @@
-"""Unilateral contact: outlines, where they touch, and the force there."""
+"""Unilateral contact: outlines, the places at which they touch, and the forces there."""

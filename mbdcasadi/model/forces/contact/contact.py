@@ -9,24 +9,23 @@ from typing import Any
 import casadi as ca
 
 from ....errors import ModelError
+from ...bodies import Marker
 from ...element import Element, cross
 from ...expressions import if_else
-from ...markers import Marker
 from ...quantities import function_of
-from ...smoothing import Smoothing
-from ..friction.base import FrictionLaw, as_law
-from ..laws import pushing_force, stored_energy
+from ...validity import Smoothing, ValidityCondition
+from ..friction.laws import FrictionLaw, as_law
+from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import Outline
-from .places import Touch
-from .touching import touches
+from .touching import Touch, touches
 
 
 class Contact(Element):
-    """Two outlines that push each other apart where they touch, and rub.
+    """Two outlines that push each other apart at their points of contact, with friction.
 
     ``F = law(δ, δ̇)`` along the normal, with the penetration ``δ = -gap``, and friction
-    along the tangent by the sliding speed there and the normal force as the load. Both
-    act at the place of touch, with opposite forces on the two bodies.
+    along the tangent as a function of the sliding speed, with the normal force as the load. Both
+    act at the point of contact, with opposite forces on the two bodies.
 
     Parameters
     ----------
@@ -42,32 +41,35 @@ class Contact(Element):
     Attributes
     ----------
     gap : casadi.SX
-        Distance of the surfaces, m, negative where they penetrate; the least one where
+        Distance of the surfaces, m, negative if they penetrate; the least one if
         the outlines may touch at several places.
     normal_force, friction_force : casadi.SX
-        N, sums over those places: the force that pushes them apart, and the force on `a`
+        Sums over these places, N: the force that pushes the bodies apart, and the force on `a`
         along the tangent (the normal on `a`, turned clockwise by a right angle).
     normal : casadi.SX
         Unit vector (2,) from b to a, at the first place.
     gaps, normal_forces, friction_forces, sliding_speeds : casadi.SX
-        The same by place (k,).
+        The same for each place (k,): m, N, N, m/s.
     power : casadi.SX
         Power of the friction, W.
 
     Raises
     ------
     ModelError
-        For outlines on one body, and pairs of outlines that there is no rule for.
+        For outlines on one body, and pairs of outlines without a rule of contact.
 
     Notes
     -----
-    Two polygons touch by the edges that face each other, with a place at each of their four
-    ends: a block on an equal one stands on two corners. Where the edges change, as when a
-    corner slips off, the forces jump; so they do where the centre of a circle is deep inside.
+    Two polygons touch along the edges that face each other, with a place at each of their four
+    ends: a block on an equal one stands on two corners. When these edges change, as when a
+    corner slips off, the forces jump; so they do when the centre of a circle is deep inside.
 
-    The stiffer the contact, the smaller the steps. ``simulate`` does not pass over a contact that is
-    closed for a short time, and warns where its steps did not resolve the forces. Where exact stick or impact without
-    a stiffness is wanted, see ``DryFriction`` and ``Event(reset=)``.
+    A law that is too soft for an impact lets the outlines pass through each other: analyses warn if they penetrate
+    by more than half the depth at which their middles meet, or by their whole thickness into a half-plane or a hole.
+
+    The stiffer the contact, the smaller the steps. ``simulate`` does not step over a contact that is
+    closed for a short time, and warns if its steps did not resolve the forces. For exact stiction, and impacts
+    without a stiffness, see ``DryFriction`` and ``Event(reset=)``.
 
     Examples
     --------
@@ -85,22 +87,22 @@ class Contact(Element):
         super().__init__(name)
         for outline in (a, b):
             if not isinstance(outline, Outline):
-                raise ModelError(f"{self.description}: takes outlines as Circle(marker, radius), got {outline!r}")
+                raise ModelError(f"{self.description}: takes outlines such as Circle(marker, radius), got {outline!r}")
         if a.marker.body is b.marker.body:
             raise ModelError(
                 f"{self.description}: both outlines are on body '{a.marker.body.name}'; they must be on two bodies"
             )
         if isinstance(law, FrictionLaw):
             raise ModelError(
-                f"{self.description}: law must be a function of penetration and rate, got {law!r}; friction= is it"
+                f"{self.description}: law must be a function of penetration and rate, got {law!r}; give it as friction="
             )
         self.a, self.b, self.law = a, b, function_of(law, self.description, "law", "penetration", "rate")
         self.markers = (a.marker, b.marker)
         self.friction = None if friction is None else as_law(friction, self.description)
         if self.friction is not None and self.friction.exact:
             raise ModelError(
-                f"{self.description}: DryFriction switches a row of a joint, and a compliant contact has none; "
-                "take Coulomb, Stribeck or LuGre"
+                f"{self.description}: DryFriction switches a row of a joint, which a compliant contact does not have; "
+                "use Coulomb, Stribeck or LuGre"
             )
         rubs = () if self.friction is None else self.friction.limits
         self.limits = (*a.limits, *b.limits, *getattr(law, "limits", ()), *rubs)
@@ -115,42 +117,61 @@ class Contact(Element):
 
     @cached_property
     def gaps(self) -> ca.SX:
-        """Distances by place (k,), m."""
+        """Distances at each place (k,), m."""
         return ca.vertcat(*[place.touch.gap for place in self._places])
 
     @cached_property
     def normal_forces(self) -> ca.SX:
-        """Normal forces by place (k,), N."""
+        """Normal forces at each place (k,), N."""
         return ca.vertcat(*[place.normal_force for place in self._places])
 
     @cached_property
     def friction_forces(self) -> ca.SX:
-        """Friction on a along the tangent by place (k,), N."""
+        """Friction on a along the tangent at each place (k,), N."""
         return ca.vertcat(*[place.friction_force for place in self._places])
 
     @cached_property
     def sliding_speeds(self) -> ca.SX:
-        """Speeds of a's surface on b's along the tangent by place (k,), m/s."""
+        """Speeds of a's surface relative to b's along the tangent at each place (k,), m/s."""
         return ca.vertcat(*[place.sliding_speed for place in self._places])
 
     @cached_property
     def forces(self) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """By place the point (2,), m, and the force on a there (2,), N; b gets the opposite."""
+        """For each place the point (2,), m, and the force on a (2,), N; that on b is opposite."""
         return tuple((place.touch.point, place.force) for place in self._places)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps: the normal force, and what smooths the friction, times that.
+        """Quantities that change within a short time: the normal force, and that times the smoothed sign of friction.
 
-        Sums over the places, since places hand over to each other.
+        Sums over the places, since the contact moves from one to the other.
         """
-        load = self.normal_force
-        found = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
+        loads = [
+            continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self._places
+        ]
+        load = sum(loads, ca.SX(0))
+        smoothings = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
         if self.friction is not None:
             turn = f"{self.description}: its friction's change of direction"
-            for parts in zip(*[[p.normal_force * e for e in p.smoothed] for p in self._places], strict=True):
-                found.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
-        return tuple(found)
+            each = zip(loads, self._places, strict=True)
+            for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
+                smoothings.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
+        return tuple(smoothings)
+
+    @cached_property
+    def validity_conditions(self) -> tuple[ValidityCondition, ...]:  # type: ignore[override]
+        """A limit of the penetration, beyond which the outlines could leave each other on the far side."""
+        within = [touch.gap + touch.reach for touch in (p.touch for p in self._places) if touch.reach is not None]
+        if not within:
+            return ()
+        message = (
+            f"{self.description}: its law is too soft: the surfaces penetrate deeper than the thickness of the "
+            "outlines allows; take a stiffer law, or thicker outlines"
+        )
+        condition = ValidityCondition(
+            ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True
+        )
+        return (condition,)
 
     @property
     def gap(self) -> ca.SX:
@@ -179,12 +200,12 @@ class Contact(Element):
 
     @cached_property
     def potential(self) -> ca.SX:
-        """Elastic energy, J, where the law knows it."""
+        """Elastic energy, J; zero for a law without ``potential(penetration)``."""
         return sum((stored_energy(self.law, -place.touch.gap) for place in self._places), ca.SX(0))
 
 
 class Place:
-    """What happens at one place of touch."""
+    """Forces at one place of contact."""
 
     def __init__(
         self, touch: Touch, a: Marker, b: Marker, law: Any, friction: FrictionLaw | None, name: str, what: str
@@ -197,9 +218,9 @@ class Place:
         self.friction_force, self.rates = ca.SX(0), {}
         self.smoothed: tuple[ca.SX, ...] = ()
         if friction is not None:
-            found = friction.resistance(name, self.sliding_speed, self.normal_force)
-            self.friction_force, self.rates = if_else(touch.gap < 0, found.force, 0), dict(found.rates)
-            self.smoothed = found.smoothed
+            resistance = friction.resistance(name, self.sliding_speed, self.normal_force)
+            self.friction_force, self.rates = if_else(touch.gap < 0, resistance.force, 0), dict(resistance.rates)
+            self.smoothed = resistance.smoothed
         self.force = force = self.normal_force * touch.normal + self.friction_force * tangent
         self.virtual_work = tuple(
             pair
@@ -210,7 +231,7 @@ class Place:
 
 
 def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
-    """Velocity of the point of a body that is at a place now (2,), m/s."""
+    """Return the velocity of the material point of a body at a place (2,), m/s."""
     body = marker.body
     if body.is_ground:
         return ca.SX(2, 1)
@@ -219,6 +240,6 @@ def _speed_at(marker: Marker, point: ca.SX) -> ca.SX:
 
 
 def _work(marker: Marker, point: ca.SX, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
-    """Virtual work of a force on a body at a place."""
+    """Return the virtual work of a force on a body at a place."""
     body = marker.body
     return (body.position, force), (body.phi, cross(point - body.position, force))

@@ -1,4 +1,4 @@
-"""Outlines that touch each other."""
+"""Outlines of bodies, for contact."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from ....errors import ModelError
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
-from ...quantities import Limit, number_pairs, quantity
+from ...quantities import Limit, Quantities, number_pairs
 
 
 class Outline(Immutable):
@@ -31,9 +31,9 @@ class _Round(Outline):
 
     def __init__(self, marker: Any, radius: Any):
         super().__init__(marker)
-        limits: list[Limit] = []
-        self.radius = quantity(radius, repr(self), "radius", above=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(repr(self))
+        self.radius = read(radius, "radius", above=0.0)
+        self.limits = read.limits
 
 
 class Circle(_Round):
@@ -66,14 +66,14 @@ class Point(Outline):
     Parameters
     ----------
     marker : Marker
-        Where it is.
+        Its position.
     """
 
     radius = 0.0
 
 
 class Segment(Outline):
-    """A straight bar with round ends, along the marker's x axis, its middle at the marker; touched from all sides.
+    """A straight bar with round ends along the marker's x axis, centred at the marker; touched from all sides.
 
     Parameters
     ----------
@@ -87,14 +87,14 @@ class Segment(Outline):
 
     def __init__(self, marker: Any, length: Any, radius: Any = 0.0):
         super().__init__(marker)
-        limits: list[Limit] = []
-        self.length = quantity(length, repr(self), "length", above=0.0, limits=limits)
-        self.radius = quantity(radius, repr(self), "radius", at_least=0.0, limits=limits)
-        self.limits = tuple(limits)
+        read = Quantities(repr(self))
+        self.length = read(length, "length", above=0.0)
+        self.radius = read(radius, "radius", at_least=0.0)
+        self.limits = read.limits
 
     @property
     def thin(self) -> bool:
-        """Whether it is a line, which points and corners pass through."""
+        """True if it has no thickness, so that points and corners pass through it."""
         return bool(ca.SX(self.radius).is_zero())
 
     @property
@@ -143,6 +143,14 @@ class PolygonEdges(Outline):
                 f"({corner[0]:g}, {corner[1]:g}); split it into convex ones"
             )
         self.points.setflags(write=False)
+
+    @property
+    def half_width(self) -> float:
+        """Half of the least width of the polygon (between two parallel lines), m."""
+        sides = np.roll(self.points, -1, axis=0) - self.points
+        outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
+        heights = outward @ self.points.T
+        return float(np.min(np.ptp(heights, axis=1))) / 2
 
     @property
     def corners(self) -> list[ca.SX]:

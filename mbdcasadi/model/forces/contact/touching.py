@@ -1,28 +1,196 @@
-"""Where two outlines touch: gap, normal and point, for each pair of kinds."""
+"""Places at which two outlines touch: gap, normal and point, for each pair of kinds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ....errors import ModelError
+from ...expressions import if_else, norm
 from ...quantities import known_value
-from .edges import disc_beside_polygon, polygon_polygon, segment_polygon, segment_segment
 from .outlines import Circle, HalfPlane, HollowCircle, Outline, Point, PolygonEdges, Segment
-from .places import Touch, between_discs, nearest_point
 
 
-def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane) -> Touch:
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """One place at which two outlines may touch.
+
+    Attributes
+    ----------
+    gap : casadi.SX
+        Distance of the surfaces, m; negative if they penetrate.
+    normal : casadi.SX
+        Unit vector (2,) from the second to the first outline.
+    point : casadi.SX
+        Point at which the force acts (2,), m.
+    reach : casadi.SX, optional
+        Largest valid depth, m: half of the depth at which the middles of the outlines meet; for a half-plane or a
+        hole that at which the other outline is inside the solid; None if there is no limit.
+    """
+
+    gap: ca.SX
+    normal: ca.SX
+    point: ca.SX
+    reach: ca.SX | None = None
+
+    def reversed(self) -> Touch:
+        """Return the same place with the outlines exchanged."""
+        return replace(self, normal=-self.normal)
+
+
+def between_discs(centre: ca.SX, radius: Any, other: ca.SX, other_radius: Any) -> Touch:
+    """Return the place of contact of two discs."""
+    apart = centre - other
+    distance = norm(apart)
+    # concentric discs have no normal: take any, and do not divide by zero
+    together = distance == 0
+    normal = if_else(together, ca.DM([0, 1]), apart / if_else(together, 1, distance))
+    reach = (ca.SX(radius) + other_radius) / 2
+    return Touch(distance - radius - other_radius, normal, other + normal * other_radius, reach)
+
+
+def share_along(point: ca.SX, first: ca.SX, along: ca.SX) -> ca.SX:
+    """Return the projection of a point onto a segment: 0 at its first end and 1 at the other."""
+    return ca.dot(point - first, along) / ca.sumsqr(along)
+
+
+def nearest_point(point: ca.SX, first: ca.SX, second: ca.SX) -> ca.SX:
+    """Return the nearest point of a segment."""
+    along = second - first
+    share = share_along(point, first, along)
+    share = if_else(share > 0, if_else(share < 1, share, 1), 0)
+    return first + share * along
+
+
+def segment_segment(a: Segment, b: Segment) -> list[Touch]:
+    """Ends of each bar against the other one."""
+    if a.thin and b.thin:
+        raise ModelError("two bars without thickness pass through each other; give one of them radius=")
+    ends = [between_discs(end, a.radius, nearest_point(end, *b.ends), b.radius) for end in a.ends]
+    return ends + [_beside(end, b.radius, a).reversed() for end in b.ends]
+
+
+def segment_polygon(a: Segment, b: PolygonEdges) -> list[Touch]:
+    """Ends of a bar against a polygon, and corners of the polygon against the bar."""
+    if a.thin:
+        raise ModelError("a corner passes through a bar without thickness; give Segment(…, radius=)")
+    ends = [disc_beside_polygon(end, a.radius, b) for end in a.ends]
+    return ends + [_beside(corner, 0.0, a).reversed() for corner in b.corners]
+
+
+def _beside(centre: ca.SX, radius: ca.SX | float, bar: Segment) -> Touch:
+    """Return the contact of a disc with the straight part of a bar; that with its round ends is one of these ends."""
+    first, second = bar.ends
+    share = share_along(centre, first, second - first)
+    touch = between_discs(centre, radius, nearest_point(centre, first, second), bar.radius)
+    straight = ca.logic_and(share > 0, share < 1)
+    return replace(touch, gap=if_else(straight, touch.gap, ca.fabs(touch.gap)))
+
+
+def disc_beside_polygon(centre: ca.SX, radius: ca.SX | float, b: PolygonEdges) -> Touch:
+    """Return the contact of a disc or point with a polygon: the nearest edge or corner; inside, the nearest edge."""
+    corners = b.corners
+    outward = b.normals
+    heights = [ca.dot(n, centre - c) for n, c in zip(outward, corners, strict=True)]
+    # the edge with the largest height of the centre above it: inside the polygon, that of the least depth
+    height, edge_normal = heights[0], outward[0]
+    for other, normal in zip(heights[1:], outward[1:], strict=True):
+        more = other > height
+        height, edge_normal = if_else(more, other, height), if_else(more, normal, edge_normal)
+    nearest = nearest_point(centre, corners[0], corners[1])
+    for first, second in zip(corners[1:], [*corners[2:], corners[0]], strict=True):
+        point = nearest_point(centre, first, second)
+        closer = ca.sumsqr(centre - point) < ca.sumsqr(centre - nearest)
+        nearest = if_else(closer, point, nearest)
+    outside = between_discs(centre, radius, nearest, 0.0)
+    inside = height <= 0
+    gap = if_else(inside, height - radius, outside.gap)
+    normal = if_else(inside, edge_normal, outside.normal)
+    point = if_else(inside, centre - height * edge_normal, nearest)
+    return Touch(gap, normal, point, (ca.SX(radius) + b.half_width) / 2)
+
+
+def polygon_polygon(a: PolygonEdges, b: PolygonEdges) -> list[Touch]:
+    """Corners of either polygon on an edge of the other, for the two edges that face each other.
+
+    The edges are those of the axis that separates the polygons most, or along which they
+    penetrate least, and the edge of the other polygon that faces it (Gottschalk, Lin,
+    Manocha, "OBBTree", SIGGRAPH 1996; Catto, "Iterative dynamics with temporal
+    coherence", GDC 2005). Both ends of both edges are places of contact, so that a
+    block on an equal block stands on two corners at any offset.
+    """
+    faces_a, faces_b = _faces(a), _faces(b)
+    first = _least_deep(faces_a, b.corners)
+    second = _least_deep(faces_b, a.corners)
+    by_a = first[0] > second[0]
+    on_a = if_else(by_a, first[1], _facing(faces_a, second[1][:2]))
+    on_b = if_else(by_a, _facing(faces_b, first[1][:2]), second[1])
+    places = [_corner_on_edge(corner, on_b, closed=True) for corner in (on_a[2:4], on_a[4:6])]
+    places += [_corner_on_edge(corner, on_a, closed=False).reversed() for corner in (on_b[2:4], on_b[4:6])]
+    return [replace(touch, reach=ca.SX((a.half_width + b.half_width) / 2)) for touch in places]
+
+
+def _faces(polygon: PolygonEdges) -> list[ca.SX]:
+    """Return the outward normal and the ends of each edge, as one vector (6,) each."""
+    corners = polygon.corners
+    return [
+        ca.vertcat(normal, start, end)
+        for normal, start, end in zip(polygon.normals, corners, [*corners[1:], corners[0]], strict=True)
+    ]
+
+
+def _least_deep(faces: list[ca.SX], corners: list[ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """Return the largest separation of some corners from an edge (their least height above it), and that edge."""
+    best, edge = ca.SX(-np.inf), faces[0]
+    for face in faces:
+        heights = [ca.dot(face[:2], corner - face[2:4]) for corner in corners]
+        lowest = heights[0]
+        for height in heights[1:]:
+            lowest = ca.fmin(lowest, height)
+        more = lowest > best
+        best, edge = if_else(more, lowest, best), if_else(more, face, edge)
+    return best, edge
+
+
+def _facing(faces: list[ca.SX], normal: ca.SX) -> ca.SX:
+    """Return the edge whose normal is most opposed to a direction."""
+    best, edge = ca.dot(faces[0][:2], normal), faces[0]
+    for face in faces[1:]:
+        turned = ca.dot(face[:2], normal)
+        more = turned < best
+        best, edge = if_else(more, turned, best), if_else(more, face, edge)
+    return edge
+
+
+def _corner_on_edge(corner: ca.SX, face: ca.SX, *, closed: bool) -> Touch:
+    """Return the contact of a corner with an edge, between the ends of the edge; if `closed`, at the ends too."""
+    normal, start, end = face[:2], face[2:4], face[4:6]
+    share = share_along(corner, start, end - start)
+    height = ca.dot(normal, corner - start)
+    on = ca.logic_and(share >= 0, share <= 1) if closed else ca.logic_and(share > 0, share < 1)
+    distance = norm(corner - nearest_point(corner, start, end))
+    return Touch(if_else(on, height, distance), normal, corner)
+
+
+def _disc_on_plane(centre: ca.SX, radius: Any, plane: HalfPlane, reach: Any) -> Touch:
     normal = plane.marker.y_axis
     height = ca.dot(normal, centre - plane.marker.position)
-    return Touch(height - radius, normal, centre - radius * normal)
+    return Touch(height - radius, normal, centre - radius * normal, _reach(reach))
+
+
+def _reach(size: Any) -> ca.SX | None:
+    """Return the depth at which an outline with a half-thickness is inside a half-plane; None for a point."""
+    size = ca.SX(size)
+    return None if size.is_zero() else 2 * size
 
 
 def disc_plane(a: Any, b: HalfPlane) -> list[Touch]:
-    """A circle or a point above a half-plane."""
-    return [_disc_on_plane(a.marker.position, a.radius, b)]
+    """Circle or point above a half-plane."""
+    return [_disc_on_plane(a.marker.position, a.radius, b, a.radius)]
 
 
 def disc_disc(a: Any, b: Any) -> list[Touch]:
@@ -33,50 +201,50 @@ def disc_disc(a: Any, b: Any) -> list[Touch]:
 
 
 def disc_segment(a: Any, b: Segment) -> list[Touch]:
-    """A circle or a point beside a bar."""
+    """Circle or point against a bar."""
     if isinstance(a, Point) and b.thin:
-        raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or take a Circle")
+        raise ModelError("a point passes through a bar without thickness; give Segment(…, radius=), or use a Circle")
     centre = a.marker.position
     return [between_discs(centre, a.radius, nearest_point(centre, *b.ends), b.radius)]
 
 
 def segment_plane(a: Segment, b: HalfPlane) -> list[Touch]:
     """Both ends of a bar above a half-plane."""
-    return [_disc_on_plane(end, a.radius, b) for end in a.ends]
+    return [_disc_on_plane(end, a.radius, b, a.radius) for end in a.ends]
 
 
 def polygon_plane(a: PolygonEdges, b: HalfPlane) -> list[Touch]:
     """Each corner of a polygon above a half-plane."""
-    return [_disc_on_plane(corner, 0.0, b) for corner in a.corners]
+    return [_disc_on_plane(corner, 0.0, b, a.half_width) for corner in a.corners]
 
 
 def disc_polygon(a: Any, b: PolygonEdges) -> list[Touch]:
-    """A circle or a point beside a polygon."""
+    """Circle or point against a polygon."""
     return [disc_beside_polygon(a.marker.position, a.radius, b)]
 
 
 def disc_hollow(a: Any, b: HollowCircle) -> list[Touch]:
-    """A circle or a point in a hole."""
-    return [_disc_in_hole(a.marker.position, a.radius, b)]
+    """Circle or point in a hole."""
+    return [_disc_in_hole(a.marker.position, a.radius, b, a.radius)]
 
 
 def segment_hollow(a: Segment, b: HollowCircle) -> list[Touch]:
     """Both ends of a bar in a hole."""
-    return [_disc_in_hole(end, a.radius, b) for end in a.ends]
+    return [_disc_in_hole(end, a.radius, b, a.radius) for end in a.ends]
 
 
 def polygon_hollow(a: PolygonEdges, b: HollowCircle) -> list[Touch]:
     """Each corner of a polygon in a hole."""
-    return [_disc_in_hole(corner, 0.0, b) for corner in a.corners]
+    return [_disc_in_hole(corner, 0.0, b, a.half_width) for corner in a.corners]
 
 
-def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle) -> Touch:
+def _disc_in_hole(centre: ca.SX, radius: Any, hole: HollowCircle, reach: Any) -> Touch:
     middle = hole.marker.position
     known, disc = known_value(hole.radius), known_value(radius)
     if known is not None and disc is not None and disc >= known:
         raise ModelError(f"a circle of radius {disc:g} m does not go into a hole of radius {known:g} m")
     inward = between_discs(middle, 0.0, centre, 0.0)
-    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal)
+    return Touch(hole.radius - radius - inward.gap, inward.normal, centre - radius * inward.normal, _reach(reach))
 
 
 _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], list[Touch]]]] = (
@@ -96,12 +264,12 @@ _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], 
 
 
 def touches(a: Outline, b: Outline, what: str) -> list[Touch]:
-    """Places where two outlines may touch.
+    """Return the places at which two outlines may touch.
 
     Raises
     ------
     ModelError
-        For a pair that there is no rule for.
+        For a pair without a rule.
     """
     try:
         for first, second, rule in _KINDS:

@@ -1,1 +1,1 @@
-"""Friction: laws, and where they act."""
+"""Friction: its laws, and friction in joints."""

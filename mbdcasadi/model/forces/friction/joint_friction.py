@@ -12,34 +12,34 @@ from ....errors import ModelError
 from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
-from ...quantities import Limit, quantity
-from ...smoothing import Smoothing
+from ...quantities import Quantities
 from ...symbols import register
-from .base import FrictionLaw, Resistance, as_law
+from ...validity import Smoothing
+from .laws import FrictionLaw, Resistance, as_law
 
-#: Modes of exact friction: at rest, sliding along the speed's positive and negative sense, and none.
+#: Modes of exact friction: at rest, sliding in the positive and in the negative direction, and none.
 MODES = ("sticks", "forth", "back", "free")
 
 
 class FrictionInJoint(Element):
-    """Base class of friction in a revolute or translational joint; a subclass says what the load is.
+    """Base class of friction in a revolute or translational joint; a subclass defines the load.
 
     Parameters
     ----------
     name : str
         Its name.
     joint : Revolute or Translational
-        Where it acts, on the second body against the first.
+        The joint; the friction acts on its second body, and its opposite on the first.
     law : FrictionLaw
-        Over the sliding speed of the surfaces, m/s, and their load, N.
+        Law, as a function of the sliding speed of the surfaces, m/s, and their load, N.
     radius : float or expression, optional
-        Of the pin, m; for a revolute joint.
+        Radius of the pin, m; for a revolute joint.
     length : float or expression, optional
-        Of the guide, m; for a translational joint.
+        Length of the guide, m; for a translational joint.
     """
 
     kind = "friction"
-    #: what exact friction switches between
+    #: modes between which exact friction switches
     modes: tuple[str, ...] = ()
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, radius: Any = None, length: Any = None):
@@ -48,12 +48,12 @@ class FrictionInJoint(Element):
             raise ModelError(f"{self.description}: takes a Revolute or a Translational joint, got {joint!r}")
         self.joint, self.law = joint, as_law(law, self.description)
         self.markers = (joint.a, joint.b)
-        limits: list[Limit] = [*law.limits]
+        read = Quantities(self.description, law.limits)
         self._check_sizes(radius, length)
-        self.radius = None if radius is None else quantity(radius, self.description, "radius", above=0.0, limits=limits)
-        self.length = None if length is None else quantity(length, self.description, "length", above=0.0, limits=limits)
-        self._prepare(limits)
-        self.limits = tuple(limits)
+        self.radius = None if radius is None else read(radius, "radius", above=0.0)
+        self.length = None if length is None else read(length, "length", above=0.0)
+        self._prepare(read)
+        self.limits = read.limits
         if law.exact:
             self._switch()
             return
@@ -61,7 +61,7 @@ class FrictionInJoint(Element):
         self.virtual_work = self.work_of(self.resistance.force)
 
     def _switch(self) -> None:
-        """Offer the row that holds while it sticks; its multiplier is the friction in every mode."""
+        """Define the row that is active while it sticks; its multiplier is the friction in every mode."""
         self.modes = MODES
         self.velocity_rows = self.sliding_speed
         self.multipliers = ca.SX.sym(f"{self.name}.lam")
@@ -69,17 +69,17 @@ class FrictionInJoint(Element):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Name of the row that holds while it sticks."""
+        """Name of the row that is active while it sticks."""
         return (self.name,) if self.modes else ()
 
     def work_of(self, force: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ...]:
-        """Virtual work of a force between the surfaces."""
+        """Return the virtual work of a force between the surfaces."""
         if isinstance(self.joint, Revolute):
             return ((self.joint.angle, self.radius * force),)
         return ((self.joint.displacement, force),)
 
     def in_mode(self, mode: str) -> Element:
-        """The element of a mechanism in one mode: a row where it sticks, a force where it slides."""
+        """Return the element in one mode: a row if it sticks, a force if it slides."""
         if mode == "sticks":
             row = self.sliding_speed
             return ConstraintElement(self.name, ca.SX(0, 1), (), self.markers, velocity_rows=row)
@@ -101,8 +101,8 @@ class FrictionInJoint(Element):
                 f"{self.description}: radius= belongs to a revolute joint, and {self.joint.description} slides"
             )
 
-    def _prepare(self, limits: list[Limit]) -> None:
-        """Read what a subclass needs before the load is asked for."""
+    def _prepare(self, read: Quantities) -> None:
+        """Read the arguments of a subclass on which the load depends."""
 
     @property
     def load(self) -> ca.SX:
@@ -111,33 +111,33 @@ class FrictionInJoint(Element):
 
     @property
     def velocity_tolerance(self) -> Any:
-        """Speed over which the jump at rest is spread, m/s; None where the law has none."""
+        """Speed over which the jump at rest is smoothed, m/s; None if the law has none."""
         return self.law.velocity_tolerance
 
     @property
     def deflection_tolerance(self) -> Any:
-        """Way over which the law's bristles bend, m; None where it has none."""
+        """Largest deflection of the bristles, m; None if the law has none."""
         return self.law.deflection_tolerance
 
     @cached_property
     def sliding_speed(self) -> ca.SX:
-        """Speed of the second body's surface on the first one's, m/s."""
+        """Speed of the second body's surface relative to the first one's, m/s."""
         if isinstance(self.joint, Revolute):
             return self.radius * self.joint.angular_velocity
         return self.joint.speed
 
     @cached_property
     def resistance(self) -> Resistance:
-        """What the law exerts."""
+        """Friction by the law."""
         if self.modes:
             return Resistance(-self.multipliers)
         return self.law.resistance(self.name, self.sliding_speed, self.load)
 
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
-        """What a run must follow in several steps."""
+        """Quantities that change within a short time: the smoothed sign of the friction."""
         subject = f"{self.description}: its change of direction"
-        remedy = f"{self.law.remedy}, or take DryFriction, which needs no smoothing"
+        remedy = f"{self.law.remedy}, or use DryFriction, which needs no smoothing"
         return tuple(Smoothing(s, 2.0, subject, remedy) for s in self.resistance.smoothed)
 
     @property
@@ -150,7 +150,7 @@ class FrictionInJoint(Element):
         """Force on the second body along the first one's x axis, N; of a translational joint."""
         if isinstance(self.joint, Revolute):
             raise ModelError(
-                f"{self.description} acts by a couple: ask for .torque (or .friction_force at the pin's surface)"
+                f"{self.description} acts by a couple: use .torque (or .friction_force at the surface of the pin)"
             )
         return self.resistance.force
 
@@ -158,17 +158,17 @@ class FrictionInJoint(Element):
     def torque(self) -> ca.SX:
         """Couple on the second body, N m; of a revolute joint."""
         if isinstance(self.joint, Translational):
-            raise ModelError(f"{self.description} acts by a force along the guide: ask for .force")
+            raise ModelError(f"{self.description} acts by a force along the guide: use .force")
         return self.radius * self.resistance.force
 
     @property
     def power(self) -> ca.SX:
-        """Power of the friction, W; negative where it takes energy."""
+        """Power of the friction, W; negative if it dissipates energy."""
         return self.resistance.force * self.sliding_speed
 
 
 class SlidingFriction(Element):
-    """Exact friction while it slides in a given direction: ``F = -σ μ N``; without force in none."""
+    """Exact friction while it slides in the direction σ: ``F = -σ μ N``; no force for σ = 0."""
 
     kind = "friction"
 
@@ -193,33 +193,32 @@ class JointFriction(FrictionInJoint):
     name : str
         Its name.
     joint : Revolute or Translational
-        Where it acts.
+        The joint.
     law : FrictionLaw
         ``Coulomb, Stribeck, LuGre, Viscous``, a sum of them, or ``DryFriction``.
     radius : float or expression
-        Of the pin, m; for a revolute joint.
+        Radius of the pin, m; for a revolute joint.
     length : float or expression, optional
-        Of the guide, m; for a translational joint.
+        Length of the guide, m; for a translational joint.
     preload : float or expression, default 0
-        Load that is there without any reaction (a fit, a spring), N.
+        Load in addition to the reaction (of a fit, a spring), N.
 
     Attributes
     ----------
     force, torque : casadi.SX
-        On the second body: along the guide, N, or about the pin, N m.
+        Friction on the second body: along the guide, N, or about the pin, N m.
     load : casadi.SX
-        N.
+        Load of the surfaces, N.
 
     Raises
     ------
     ModelError
-        For a joint of another kind, a radius that is missing, numbers out of their limits.
+        For a joint of another kind, a missing radius, numbers out of their limits.
 
     Notes
     -----
-    The reactions then depend on friction and the other way round. Where friction is
-    large more than one set of reactions, or none, meets the equations (jamming):
-    ``simulate`` stops there and says so.
+    Reactions and friction then depend on each other. If friction is large, more than one set of
+    reactions, or none, satisfies the equations (jamming): ``simulate`` stops there with an error.
 
     References
     ----------
@@ -240,8 +239,8 @@ class JointFriction(FrictionInJoint):
         self._preload = preload
         super().__init__(name, joint, law, radius, length)
 
-    def _prepare(self, limits: list[Limit]) -> None:
-        self.preload = quantity(self._preload, self.description, "preload", at_least=0.0, limits=limits)
+    def _prepare(self, read: Quantities) -> None:
+        self.preload = read(self._preload, "preload", at_least=0.0)
 
     @cached_property
     def load(self) -> ca.SX:
@@ -257,28 +256,28 @@ class JointFriction(FrictionInJoint):
 
 
 class LoadIndependentFriction(FrictionInJoint):
-    """Friction in a joint under a load that is given, whatever the joint carries: a seal, a spring-loaded brake.
+    """Friction in a joint under a given load, independent of its reaction: a seal, a spring-loaded brake.
 
     Parameters
     ----------
     name : str
         Its name.
     joint : Revolute or Translational
-        Where it acts.
+        The joint.
     law : FrictionLaw
-        The law.
+        Law of friction.
     load : float or expression
-        N, at least 0.
+        Load, N, at least 0.
     radius : float or expression
-        Of the pin, m; for a revolute joint.
+        Radius of the pin, m; for a revolute joint.
     """
 
     def __init__(self, name: str, joint: Any, law: FrictionLaw, load: Any, radius: Any = None):
         self._load = load
         super().__init__(name, joint, law, radius)
 
-    def _prepare(self, limits: list[Limit]) -> None:
-        self._load = quantity(self._load, self.description, "load", at_least=0.0, limits=limits)
+    def _prepare(self, read: Quantities) -> None:
+        self._load = read(self._load, "load", at_least=0.0)
 
     @property
     def load(self) -> ca.SX:

@@ -1,4 +1,4 @@
-"""Constraints at velocity level that no position constraint implies."""
+"""Constraints given as expressions, on positions or velocities."""
 
 from __future__ import annotations
 
@@ -10,16 +10,57 @@ import casadi as ca
 from ...errors import ModelError
 from ...printing import to_text
 from ..bodies import as_marker
-from ..element import ConstraintElement, refuse_kinds
+from ..element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from ..quantities import column, is_relation
 from ..symbols import role_of, symbols_of
-from .general import held_at_zero
+
+
+class Constraint(ConstraintElement):
+    """Any holonomic constraint: ``Phi = expression``.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    expression : casadi.SX
+        (k,) in coordinates, parameters and time, or a list of scalars, constrained to zero. Scale it
+        to metres or radians, the units of the tolerances.
+
+    Raises
+    ------
+    ModelError
+        For an expression that depends on no coordinate.
+    ExpressionError
+        For one that depends on velocities, accelerations, multipliers, inputs or states.
+    """
+
+    kind = "constraint"
+
+    def __init__(self, name: str, expression: Any):
+        what = f"constraint '{name}'"
+        rows = held_at_zero(expression, what)
+        refuse_kinds(rows, BEYOND_COORDINATES, what, "a Constraint contains coordinates, parameters and time only")
+        if rows.numel() == 0 or not holds_coordinates(rows):
+            raise ModelError(f"{what} depends on no coordinate: {expression}")
+        super().__init__(name, rows)
+
+
+def held_at_zero(expression: Any, what: str) -> ca.SX:
+    """Return the rows (k,) of a constraint; raise an error for a relation."""
+    rows = column(expression, what)
+    for row in ca.vertsplit(rows):
+        if is_relation(row):
+            raise ModelError(
+                f"{what} is the relation {to_text(row)}; give the expression that is zero, left side less right side"
+            )
+    return rows
 
 
 class NonholonomicConstraint(ConstraintElement):
-    """Any expression linear in velocities, held at zero: a blade, a wheel, a skate.
+    """Any expression linear in velocities, constrained to zero: a blade, a wheel, a skate.
 
-    ``J(q, t) v + c(q, t) = 0`` (k rows, m/s or rad/s). It restricts where the
-    mechanism can go from a pose, not which poses it can reach.
+    ``J(q, t) v + c(q, t) = 0`` (k rows, m/s or rad/s). It restricts the
+    velocities in a pose, not the poses that the mechanism can reach.
 
     Parameters
     ----------
@@ -77,13 +118,15 @@ def _velocity_rows(name: str, expression: Any) -> ca.SX:
     what = f"constraint '{name}'"
     rows = held_at_zero(expression, what)
     others = ("acceleration", "multiplier", "input", "state")
-    refuse_kinds(rows, others, what, "a velocity-level constraint holds velocities, coordinates, parameters and time")
+    refuse_kinds(
+        rows, others, what, "a velocity-level constraint contains velocities, coordinates, parameters and time"
+    )
     roles = [(symbol, role_of(symbol)) for symbol in symbols_of(rows)]
     speeds = ca.vertcat(ca.SX(0, 1), *[s for s, role in roles if role is not None and role.kind == "velocity"])
     slope = ca.jacobian(rows, speeds)
     for k, row in enumerate(ca.vertsplit(rows)):
         if slope[k, :].nnz() == 0:
-            raise ModelError(f"{what} holds no velocity in {to_text(row)}; a constraint on positions is a Constraint")
+            raise ModelError(f"{what} contains no velocity in {to_text(row)}; for positions use Constraint")
         if ca.depends_on(slope[k, :], speeds):
             raise ModelError(f"{what} is not linear in the velocities: {to_text(row)}")
     return rows
