@@ -22,7 +22,7 @@ from ..integrators.compiled import MAX_STEPS, CompiledIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
-from ..simulation.resolution import has_gaps
+from ..simulation.gap_closings import has_gaps
 from ..simulation.schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from ..simulation.stepping import DECAY, perturbed
 

@@ -25,7 +25,8 @@ from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
 from .modes import Modes
 from .outputs import Outputs
-from .resolution import Path, Resolution
+from .path import Path
+from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular_passage import Passage, Regularity, SingularPassage, Trail
 from .stepping import Stepper
@@ -120,7 +121,7 @@ class Run:
         self._builder = TrajectoryBuilder(modes, setup.p)
         self._builder.statistics.notes += timed.notes
         self._x = np.zeros(0)
-        self._trail = Trail()
+        self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
 
     # --- the loop ------------------------------------------------------------------------
@@ -206,15 +207,17 @@ class Run:
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
         arc = self._arc
-        piece = self._schedule.piece(self._time, self._index, last)
+        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
+        self._extra_stops = np.zeros(0)
         path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.resolution.first_pass(path) if failure is None else None
-        if touch is not None and touch - piece.start >= NEW_START * piece.length:
-            piece = piece.until(touch)
+        touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
+        if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
+            piece = piece.until(touch[0])
             path, failure = self._integrated(piece)
+            self._extra_stops = touch[1]
         return self._finish(piece, path, failure)
 
     def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
