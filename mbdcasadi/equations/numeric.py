@@ -15,6 +15,7 @@ from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from ..numerics.tolerances import EPSILON, RANK
+from .augmentation import effective_masses
 from .derivation import Equations
 from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
 from .scale import Scale, scale_of
@@ -64,30 +65,45 @@ class NumericEquations:
 
         Masses that count for nothing beside others are raised until they count for something.
         """
-        return self._metric(np.where(self.mass > 0, self.mass, 1.0), SMALLEST_WEIGHT)
+        sizes = self.scale.coordinates
+        return self._raised(np.where(self.mass > 0, self.mass, 1.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
 
     @cached_property
     def projection_weights(self) -> np.ndarray:
-        """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike."""
-        return self._metric(self.mass, SMALLEST_PROJECTION_WEIGHT)
+        """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike.
 
-    def _metric(self, mass: np.ndarray, least: float) -> np.ndarray:
-        """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        What has no mass counts as much as other parts: in singular poses a light part would take all of a correction.
+        """
         sizes = self.scale.coordinates
-        alike = mass * sizes**2
-        parts = np.split(alike, range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
-        bodies = [part for part in parts if part.size]
-        most = max((float(np.max(part)) for part in bodies), default=0.0) or 1.0
-        for part in bodies:
-            own = float(np.max(part))
-            part *= max(1.0, least * most / own) if own > 0 else 1.0
-            np.maximum(part, least * max(own, least * most), out=part)
-        return np.concatenate(bodies) / sizes**2
+        alike = self.mass * sizes**2
+        there = alike[alike > 0]
+        typical = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
+        return self._raised(np.where(alike > 0, alike, typical), SMALLEST_PROJECTION_WEIGHT) / sizes**2
+
+    def _raised(self, alike: np.ndarray, least: float) -> np.ndarray:
+        """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        bodies = np.split(alike.copy(), range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
+        most = float(np.max(alike))
+        for body in bodies:
+            own = float(np.max(body, initial=0.0))
+            body *= max(1.0, least * most / own) if own > 0 else 1.0
+            np.maximum(body, least * max(own, least * most), out=body)
+        return np.concatenate(bodies)
 
     @property
     def massless(self) -> bool:
         """Whether a coordinate has no inertia."""
         return bool(np.any(self.mass == 0))
+
+    @cached_property
+    def augmentation(self) -> np.ndarray | None:
+        """Effective masses of the rows (m,), if bodies are light or have no mass; else None."""
+        return effective_masses(self.eom, self.p, self.mass, self.scale)
+
+    @property
+    def light_key(self) -> bytes | None:
+        """Key of what is compiled with these effective masses."""
+        return None if self.augmentation is None else self.augmentation.tobytes()
 
     @cached_property
     def _position(self) -> Evaluator:
@@ -103,7 +119,7 @@ class NumericEquations:
     @cached_property
     def _velocity(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("velocity", lambda: ([eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)]))
+        return eom.mechanism.cache.get_or_create("velocity", lambda: Evaluator(eom.jacobian))
 
     @cached_property
     def _acceleration(self) -> Evaluator:
@@ -142,7 +158,7 @@ class NumericEquations:
     @cached_property
     def scale(self) -> Scale:
         """Characteristic sizes of the mechanism."""
-        return scale_of(self.eom, self.velocity_function, self.p, self.mass)
+        return scale_of(self.eom, self.p, self.mass)
 
     @property
     def column_scale(self) -> np.ndarray:
@@ -188,15 +204,17 @@ class NumericEquations:
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
-        choice: dict[str, Any] = {"massless": self.massless, "redundant": redundant, "refinements": refinements}
-        key = ("forward dynamics", *choice.values())
-        return self.eom.mechanism.cache.get_or_create(key, lambda: forward_dynamics(self.eom, **choice))
+        choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
+        key = ("forward dynamics", self.light_key, *choice.values())
+        return self.eom.mechanism.cache.get_or_create(
+            key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
+        )
 
     def stabilised_dynamics(self) -> ca.Function:
         """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
-        key = ("stabilised dynamics", self.massless)
+        key = ("stabilised dynamics", self.light_key)
         return self.eom.mechanism.cache.get_or_create(
-            key, lambda: stabilised_dynamics(self.eom, massless=self.massless)
+            key, lambda: stabilised_dynamics(self.eom, augmentation=self.augmentation)
         )
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:

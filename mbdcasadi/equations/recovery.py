@@ -57,7 +57,7 @@ class Recovery:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
-        p, weights = self.numeric.p, self.numeric.weights
+        p, weights = self.numeric.p, self.numeric.projection_weights
         self.left_over = 0.0
         columns, before = q.T, np.inf
         for _ in range(iterations):
@@ -78,7 +78,8 @@ class Recovery:
             return v
         columns = v.T
         for _ in range(2):  # the second step removes the rounding of the first
-            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, self.numeric.weights).full()
+            weights = self.numeric.projection_weights
+            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, weights).full()
         return columns.T
 
     def accelerations(
@@ -120,7 +121,7 @@ def _velocity_step(eom: Equations) -> ca.Function:
 
 
 def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:
-    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
+    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
 
     The shift keeps the step short where the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another

@@ -195,7 +195,7 @@ def refine_root(
     residual, jacobian = equations(x)
     terms = _Terms(sizes)
     size = terms.relative(x, residual, jacobian)
-    for _ in range(5):
+    for _ in range(5 if size > 0 else 0):
         trial = x + least_norm_step(jacobian, residual, weights, 0.0)
         new_residual, new_jacobian = equations(trial)
         new_size = terms.relative(x, new_residual, new_jacobian)

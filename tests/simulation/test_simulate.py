@@ -531,7 +531,7 @@ def test_massless_body_that_moves_freely_is_refused():
 
 
 # --- forces of the user's own -------------------------------------------------------------------------------
-class Drag(mbd.model.elements.Element):
+class Drag(mbd.model.element.Element):
     """Quadratic drag on a body: an element from outside the package."""
 
     kind = "force"
