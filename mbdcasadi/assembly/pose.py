@@ -18,6 +18,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
+from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
 from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
 from ..numerics.newton import Equations, Outcome, refine_root, solve
@@ -202,19 +203,16 @@ class PoseProblem:
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""
         first = self.values(conditions, start)
-        q, done, step = start, 0.0, 1.0
-        while done < 1.0:
-            share = min(done + step, 1.0)
-            outcome = self._solve(self.rows_with(conditions, (1 - share) * first), q, iterations=15)
+
+        def moved(q: np.ndarray, _: float, to: float) -> Step[np.ndarray] | None:
+            outcome = self._solve(self.rows_with(conditions, (1 - to) * first), q, iterations=15)
             turned = largest((outcome.x - q)[self.numeric.eom.angles])
-            if outcome.converged and turned <= LARGEST_TURN:
-                q, done = outcome.x, share
-                step *= 2.0 if turned < LARGEST_TURN / 3 else 1.0
-            else:
-                step /= 2
-                if step < 1e-5:
-                    return None
-        return q
+            if not outcome.converged or turned > LARGEST_TURN:
+                return None
+            return Step(outcome.x, easily=turned < LARGEST_TURN / 3)
+
+        path = follow(start, moved)
+        return path.point if path.complete else None
 
     def _without_continuation(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         target = self.rows_with(conditions)

@@ -12,9 +12,10 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
-from ..numerics.least_squares import largest, least_norm
+from ..numerics.least_squares import largest
 from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
 from ..numerics.newton import Equations, refine_root, solve
+from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
 from .optimised import nearest_by_ipopt
 
@@ -59,10 +60,7 @@ class VelocityProblem:
     def _consistent(self, estimate: np.ndarray) -> np.ndarray:
         """Nearest velocity with ``Phi_q v = nu``."""
         jacobian, nu = self._jacobian, self._nu
-        missing = nu - jacobian @ estimate
-        if largest(missing) <= 1e-15 * (1 + largest(estimate)):
-            return estimate.copy()
-        v = estimate + least_norm(jacobian, missing, self.numeric.weights)
+        v = project_velocity(jacobian, nu, estimate, self.numeric.weights)
         left_over = jacobian @ v - nu
         if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):
             eom = self.numeric.eom

@@ -12,9 +12,10 @@ from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, MechanismWarning
 from ..numerics.console import interruptible, quiet
-from ..numerics.least_squares import largest, least_norm
+from ..numerics.homotopy import Step, follow
+from ..numerics.least_squares import largest
 from ..numerics.newton import solve
-from ..numerics.progress import time_bar
+from ..numerics.projection import project_velocity
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Points that are solved by one call of the compiled recursion.
@@ -28,7 +29,7 @@ LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
 #: Residual of redundant rows (m or rad, and per unit of speed) from which they contradict each other.
 APART = 1e-8
 #: Steps are divided down to this share of the span.
-SMALLEST = 1e-12
+SMALLEST_STEP = 1e-12
 
 
 class Continuation(MotionFollower):
@@ -52,7 +53,7 @@ class Continuation(MotionFollower):
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
-        with interruptible() as interruption, time_bar(grid.size - 1, self._progress) as bar:
+        with interruptible() as interruption, self._bar(grid) as bar:
             while done < grid.size:
                 try:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))
@@ -128,22 +129,22 @@ class Continuation(MotionFollower):
         """Reach the next time in divided steps, or raise where the mechanism locks."""
         q, v, a = (x[-1] for x in blocks[-1])
         now, goal = float(grid[done - 1]), float(grid[done])
-        step, smallest = (goal - now) / 2, SMALLEST * max(float(grid[-1] - grid[0]), abs(goal))
-        while now < goal:
-            ahead = min(now + step, goal)
-            found = self._one(q, v, a, now, ahead)
-            if found is not None and self._on_branch(q, v, a, ahead - now, found):
-                q, v, a = found
-                now, step = ahead, 2 * step
-            else:
-                step /= 2
-                if step < smallest:
-                    motion = self._motion(grid, blocks)
-                    raise (
-                        self._not_finite(q, now, ahead, motion)
-                        or self._apart(q, now, goal, motion)
-                        or self._singular(now, q, motion)
-                    )
+        smallest = SMALLEST_STEP * max(float(grid[-1] - grid[0]), abs(goal))
+
+        def moved(state: tuple, at: float, to: float) -> Step[tuple] | None:
+            q, v, a = state
+            found = self._one(q, v, a, at, to)
+            return Step(found) if found is not None and self._on_branch(q, v, a, to - at, found) else None
+
+        path = follow((q, v, a), moved, start=now, end=goal, step=(goal - now) / 2, smallest=smallest)
+        if path.failed is not None:
+            motion, reached = self._motion(grid, blocks), path.point[0]
+            raise (
+                self._not_finite(reached, path.at, path.failed, motion)
+                or self._apart(reached, path.at, goal, motion)
+                or self._singular(path.at, reached, motion)
+            )
+        q, v, a = path.point
         return q[None, :], v[None, :], a[None, :]
 
     def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
@@ -199,7 +200,7 @@ class Continuation(MotionFollower):
         eom = self.numeric.eom
         closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
         jacobian, nu = self.numeric.velocity(now, q)
-        v = least_norm(jacobian, nu)
+        v = project_velocity(jacobian, nu, np.zeros(q.size))
         at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
         residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
         rows = [eom.row_names[eom.position_rows[k]] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > APART]

@@ -19,7 +19,6 @@ from ..equations.recovery import Recovery
 from ..errors import SingularityError
 from ..integrators.integration import Dae, IntegrationFailure, Integrator
 from ..numerics.console import interruptible
-from ..numerics.progress import time_bar
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Tolerance of the integration.
@@ -42,7 +41,7 @@ class VelocityLevelMotion(MotionFollower):
         """Follow the motion over a grid from the pose at its first time."""
         integrator = Integrator(self._system(), "idas", TOLERANCE, TOLERANCE)
         poses, done = q[None, :], 1
-        with interruptible(), time_bar(grid.size - 1, self._progress) as bar:
+        with interruptible(), self._bar(grid) as bar:
             while done < grid.size:
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]

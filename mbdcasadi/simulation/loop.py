@@ -12,7 +12,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import Interrupted, SimulationError
 from ..integrators.integration import IntegrationFailure
 from ..numerics.console import interruptible
-from ..numerics.progress import progress_bar
+from ..numerics.progress import seconds_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .chunks import Chunk, chunks_of, merged
@@ -129,7 +129,7 @@ class Run:
         waiting: Chunk | None = None
         left = list(chunks)
         self._usual_length = chunks[0].length
-        with progress_bar(chunks, self._progress) as bar:
+        with seconds_bar(sum(chunk.length for chunk in chunks), self._progress) as bar:
             while left:
                 chunk = left.pop(0)
                 goes_on = chunk is chunks[0] or any(chunk is rest for rest in self._rest)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..model.symbols import as_expression
+from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
@@ -18,7 +19,7 @@ from .statics import NEUTRAL, Statics
 #: Points of a path that is asked to go on for ever.
 MOST_POINTS = 2000
 #: Smallest step of a path, as a share of the usual one.
-SMALLEST = 1e-6
+SMALLEST_STEP = 1e-6
 #: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
 LARGEST_TURN, STRAIGHT = 0.2, 0.7
 #: Singular values below this share vanish at a critical point, where rounding would throw a step off the path.
@@ -124,13 +125,12 @@ class Follower:
             point.tangent = -point.tangent
         points, critical = [point], []
         usual = 1.0 / self.steps
-        step = usual
+        control = StepControl(usual, SMALLEST_STEP * usual, usual)
         while len(points) < MOST_POINTS:
             nearest = (self.last - point.x[-1]) * sign / abs(self.last - self.first)
-            following = self._advance(point, step)
+            following = self._advance(point, control.step)
             if following is None:
-                step /= 2
-                if step < SMALLEST * usual:
+                if not control.refuse():
                     raise EquilibriumError(
                         f"equilibrium_path: the path cannot be followed beyond {self.parameter.label} = "
                         f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
@@ -141,7 +141,8 @@ class Follower:
                 following = end if end is not None else following
             critical += self._critical_between(point, following)
             points.append(following)
-            point, step = following, min(2 * step, usual)
+            point = following
+            control.accept()
             beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
             if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
                 break

@@ -15,6 +15,7 @@ from ..arguments.values import pairs_of
 from ..errors import AssemblyError, Interrupted, MechanismError, ModelError, SimulationError, SingularityError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
+from ..numerics.progress import count_bar
 from ..sensitivity.compiled_run import Problem
 from ..sensitivity.sensitivities import named_outputs
 from .cases import read_cases
@@ -127,7 +128,7 @@ def sweep(
     batches = [left[k : k + size] for size in [_batch_size(batch, left.size)] for k in range(0, left.size, size)]
     began = clock.perf_counter()
     try:
-        with _bar(count, count - left.size, progress) as bar:
+        with count_bar(count, progress, what="sweep", unit="case", done=count - left.size) as bar:
             for block in _run(executor, parcel, batches, starts, p, shifts):
                 _enter(result, store, block)
                 bar.update(len(block[0]))
@@ -252,9 +253,3 @@ def _enter(result: Sweep, store: SweepFile | None, block: Batch) -> None:
         result.take(*block)
         if store is not None:
             store.append(*block)
-
-
-def _bar(total: int, done: int, show: bool) -> Any:
-    from tqdm.auto import tqdm
-
-    return tqdm(total=total, initial=done, unit="case", desc="sweep", disable=not show)
