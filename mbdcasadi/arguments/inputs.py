@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
 from .piecewise_polynomial import PiecewisePolynomial
@@ -18,12 +18,13 @@ from .values import pairs_of, position_in
 
 
 class SampledController(Immutable):
-    """A controller in plain Python that is asked at the start of each period; its values are held in between.
+    """A controller in plain Python that is called at the start of each period; its values are held in between.
 
     Parameters
     ----------
     function : callable
         ``function(time, state) -> {input: value}``; `state` is a ``State``.
+        Inputs that are left out have the value of the start.
     period : float
         Sampling period, s.
     """
@@ -37,32 +38,49 @@ class SampledController(Immutable):
             raise ModelError(f"SampledController: period must be positive, got {self.period}")
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Signals:
-    """Inputs as expressions in ``t, q, v, z, p`` and two symbols a sampled input: its value and slope.
+    """The inputs of an analysis as expressions.
 
     Attributes
     ----------
     expressions : casadi.SX
-        (k,), one for each input of the mechanism.
+        (n_u,) in ``t, q, v, z, p`` and the channel, with the numbers that were given.
+    parametrised : casadi.SX
+        The same with the symbols of `levels` in place of these numbers, so that what
+        is compiled serves other numbers too.
+    levels : casadi.SX
+        Symbols of the inputs that are numbers.
+    level_values : numpy.ndarray
+        Their values.
+    level_places : dict of int to int
+        Position among the levels by input.
     channel : casadi.SX
-        ``[value, slope]`` of each sampled input and the time from which they count.
+        Symbols of what changes by interval: value and slope of each sampled input
+        and the time from which they count; coefficients of polynomials.
     samples : dict of int to numpy.ndarray
         Samples (n_t,) by input.
-    controller : SampledController or None
-        Asked between intervals.
-    controlled : list of int
-        Inputs that it sets.
-    pieces : dict of int to PiecewisePolynomial
+    grid : numpy.ndarray
+        Times of the samples.
+    polynomials : dict of int to PiecewisePolynomial
         Piecewise polynomials by input.
+    controller : SampledController or None
+        Called between intervals; then every input is a level.
+    structure : tuple
+        Hashable: two with the same structure have the same `parametrised` expressions.
     """
 
     expressions: ca.SX
+    parametrised: ca.SX
+    levels: ca.SX
+    level_values: np.ndarray
+    level_places: dict[int, int]
     channel: ca.SX
     samples: dict[int, np.ndarray]
+    grid: np.ndarray
+    polynomials: dict[int, PiecewisePolynomial]
     controller: SampledController | None
-    controlled: list[int]
-    pieces: dict[int, PiecewisePolynomial] = field(default_factory=dict)
+    structure: tuple[Any, ...]
 
     @property
     def is_sampled(self) -> bool:
@@ -71,29 +89,154 @@ class Signals:
 
     @property
     def breaks(self) -> np.ndarray:
-        """Times at which a piecewise polynomial changes its piece."""
-        return np.unique(np.concatenate([np.zeros(0), *[p.breaks for p in self.pieces.values()]]))
+        """Times at which what holds by intervals changes: samples and ends of polynomials."""
+        parts = [p.breaks for p in self.polynomials.values()]
+        return np.unique(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
 
-    def piece_values(self, begins: np.ndarray) -> np.ndarray:
-        """Coefficients and starts of the pieces that hold from times on (rows, k)."""
-        rows = []
-        for piece in self.pieces.values():
-            k = piece.interval(begins)
-            rows += [piece.coefficients[k].T, piece.breaks[k][None, :]]
-        return np.vstack([np.zeros((0, begins.size)), *rows])
+    def channel_from(self, begins: np.ndarray) -> np.ndarray | None:
+        """Values of the channel that hold from some times on (rows, k); None if nothing changes by interval."""
+        if not self.is_sampled:
+            return None
+        begins = np.atleast_1d(np.asarray(begins, float))
+        rows: list[np.ndarray] = []
+        if self.samples:
+            # a time that misses its sample by rounding belongs to the interval that begins there
+            slack = 1e-12 * max(abs(self.grid[0]), abs(self.grid[-1]), self.grid[-1] - self.grid[0])
+            k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, self.grid.size - 2)
+            steps = np.diff(self.grid)
+            for values in self.samples.values():
+                rows += [values[k], (np.diff(values) / steps)[k]]
+            rows.append(self.grid[k])
+        for polynomial in self.polynomials.values():
+            k = polynomial.interval(begins)
+            rows += [*polynomial.coefficients[k].T, polynomial.breaks[k]]
+        return np.vstack(rows)
 
-    def channel_values(self, times: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Values of the channel by interval (channel, n_t - 1)."""
-        rows = []
-        for values in self.samples.values():
-            slope = np.diff(values) / np.diff(times)
-            rows += [values[:-1], slope]
-        rows += [np.full(times.size - 1, held[k]) for k in range(len(self.controlled))]
-        return np.vstack([*rows, times[:-1]])
+    def values(
+        self,
+        t: Any,
+        q: np.ndarray,
+        v: np.ndarray,
+        z: np.ndarray,
+        p: np.ndarray,
+        eom: Equations,
+        *,
+        levels: np.ndarray | None = None,
+        channel: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Values of all inputs at states, each by row (k, n_u).
+
+        Parameters
+        ----------
+        levels : numpy.ndarray, optional
+            Values of the levels; those that were given if left out.
+        channel : numpy.ndarray, optional
+            What holds in the interval of each state (rows, k); what holds from its time on if left out.
+        """
+        function = eom.mechanism.cache.get_or_create(
+            ("inputs", self.structure),
+            lambda: (
+                ca.Function(
+                    "inputs",
+                    [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel],
+                    [ca.densify(self.parametrised)],
+                ),
+                self.parametrised,  # kept beside its function: a hash is unique only while the node lives
+            ),
+        )[0]
+        times = np.atleast_1d(np.asarray(t, float))
+        given = self.level_values if levels is None else levels
+        if channel is None:
+            channel = self.channel_from(times)
+        columns = np.zeros((0, times.size)) if channel is None else channel
+        found = function(times[None, :], np.atleast_2d(q).T, np.atleast_2d(v).T, np.atleast_2d(z).T, p, given, columns)
+        return np.broadcast_to(found.full().T, (times.size, self.expressions.numel()))
 
 
-def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -> Signals:
-    """Turn ``inputs=`` into signals.
+@dataclass
+class _Reader:
+    """Signals that are being read, input by input."""
+
+    eom: Equations
+    times: np.ndarray | None
+    expressions: list[ca.SX] = field(default_factory=list)
+    levels: list[ca.SX] = field(default_factory=list)
+    level_values: list[float] = field(default_factory=list)
+    places: dict[int, int] = field(default_factory=dict)
+    sampled: list[ca.SX] = field(default_factory=list)
+    samples: dict[int, np.ndarray] = field(default_factory=dict)
+    coefficients: list[ca.SX] = field(default_factory=list)
+    polynomials: dict[int, PiecewisePolynomial] = field(default_factory=dict)
+    structure: list[Any] = field(default_factory=list)
+
+    def symbol(self, *key: Any) -> ca.SX:
+        """A symbol that is the same whenever the mechanism is asked for it."""
+        name = " ".join(str(part) for part in key)
+        return self.eom.mechanism.cache.get_or_create(("input symbol", *key), lambda: ca.SX.sym(name))
+
+    def read(self, k: int, value: Any) -> None:
+        """Read the value of an input."""
+        description = f"input '{self.eom.mechanism.inputs[k].label}'"
+        if isinstance(value, PiecewisePolynomial):
+            self._polynomial(k, value)
+        elif isinstance(value, ca.SX) and not (value.is_scalar() and value.is_constant()):
+            _check_feedback(self.eom, value, description)
+            self.expressions.append(value)
+            self.structure.append(("expression", value.element_hash()))
+        elif isinstance(value, ca.SX) or (np.ndim(value) == 0 and not callable(value)):
+            self._level(k, number(value, description, "value"))
+        else:
+            self._sampled(k, _check_samples(value, self.times, description))
+
+    def _level(self, k: int, value: float) -> None:
+        self.places[k] = len(self.levels)
+        self.levels.append(self.symbol("level", k))
+        self.level_values.append(value)
+        self.expressions.append(self.levels[-1])
+        self.structure.append("number")
+
+    def _sampled(self, k: int, values: np.ndarray) -> None:
+        level, slope = self.symbol("sample", k), self.symbol("slope", k)
+        self.sampled += [level, slope]
+        self.samples[k] = values
+        self.expressions.append(level + slope * (self.eom.t - self.symbol("interval start")))
+        self.structure.append("samples")
+
+    def _polynomial(self, k: int, value: PiecewisePolynomial) -> None:
+        coefficients = [self.symbol("coefficient", k, power) for power in range(value.terms)]
+        begin = self.symbol("polynomial start", k)
+        self.coefficients += [*coefficients, begin]
+        self.polynomials[k] = value
+        since = self.eom.t - begin
+        self.expressions.append(sum((c * since**power for power, c in enumerate(coefficients)), ca.SX(0)))
+        self.structure.append(("polynomial", value.terms))
+
+    def signals(self, controller: SampledController | None) -> Signals:
+        """What was read."""
+        none = ca.SX(0, 1)
+        parametrised = ca.vertcat(none, *self.expressions)
+        levels = ca.vertcat(none, *self.levels)
+        expressions = ca.substitute(parametrised, levels, ca.SX(ca.DM(self.level_values)))
+        sampled = [*self.sampled, self.symbol("interval start")] if self.sampled else []
+        return Signals(
+            expressions,
+            parametrised,
+            levels,
+            np.array(self.level_values),
+            self.places,
+            ca.vertcat(none, *sampled, *self.coefficients),
+            self.samples,
+            np.zeros(0) if self.times is None else self.times,
+            self.polynomials,
+            controller,
+            tuple(self.structure),
+        )
+
+
+def read_signals(
+    eom: Equations, inputs: Any, times: np.ndarray | None = None, *, carried: Mapping[Any, float] | None = None
+) -> Signals:
+    """Read ``inputs=``.
 
     Parameters
     ----------
@@ -104,42 +247,52 @@ def read_signals(eom: Equations, inputs: Any, times: np.ndarray | None = None) -
         optimal control; or one solution or controller for all.
     times : numpy.ndarray, optional
         The output grid; without it samples are refused.
+    carried : mapping of Input to float, optional
+        Values that a start brings along, for inputs that are not given others.
     """
     mechanism = eom.mechanism
-    values: list[ca.SX] = [ca.SX(u.value) for u in mechanism.inputs]
-    channel: list[ca.SX] = []
-    samples: dict[int, np.ndarray] = {}
-    pieces: dict[int, PiecewisePolynomial] = {}
-    piece_channel: list[ca.SX] = []
-    start = ca.SX.sym("interval start")
-    if isinstance(inputs, SampledController):
-        held = [ca.SX.sym(f"{u.label} held") for u in mechanism.inputs]
-        return Signals(ca.vertcat(ca.SX(0, 1), *held), ca.vertcat(*held, start), {}, inputs, list(range(len(held))))
+    values: list[Any] = [u.value for u in mechanism.inputs]
+    for key, value in (carried or {}).items():
+        values[position_in(mechanism.inputs, key, "initial=")] = value
+    reader = _Reader(eom, times)
+    controller = inputs if isinstance(inputs, SampledController) else None
     if isinstance(getattr(inputs, "inputs", None), Mapping):  # a solution stands for all its inputs
         inputs = inputs.inputs
-    for key, value in pairs_of(inputs, "inputs="):
+    for key, value in () if controller else pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
-        what = f"input '{mechanism.inputs[k].label}'"
-        value = _of_solution(value, mechanism.inputs[k])
-        if isinstance(value, PiecewisePolynomial):
-            coefficients = [ca.SX.sym(f"{what} {power}") for power in range(value.terms)]
-            begin = ca.SX.sym(f"{what} start")
-            values[k] = sum((c * (eom.t - begin) ** power for power, c in enumerate(coefficients)), ca.SX(0))
-            piece_channel += [*coefficients, begin]
-            pieces[k] = value
-        elif isinstance(value, ca.SX):
-            _check_feedback(eom, value, what)
-            values[k] = value
-        elif np.ndim(value) == 0 and not callable(value):
-            values[k] = ca.SX(number(value, what, "value"))
-        else:
-            samples[k] = _check_samples(value, times, what)
-            level, slope = ca.SX.sym(f"{what} value"), ca.SX.sym(f"{what} slope")
-            channel += [level, slope]
-            values[k] = level + slope * (eom.t - start)
-    if channel or piece_channel:
-        channel = [*channel, start, *piece_channel]
-    return Signals(ca.vertcat(ca.SX(0, 1), *values), ca.vertcat(ca.SX(0, 1), *channel), samples, None, [], pieces)
+        values[k] = _of_solution(value, mechanism.inputs[k])
+    for k, value in enumerate(values):
+        reader.read(k, value)
+    return reader.signals(controller)
+
+
+def read_answer(controller: SampledController, state: Any, levels: np.ndarray) -> np.ndarray:
+    """Call a controller at a state: values of all inputs (n_u,).
+
+    Parameters
+    ----------
+    levels : numpy.ndarray
+        Values of the inputs that the answer leaves out.
+    """
+    inputs, values = state.mechanism.inputs, np.array(levels, float)
+    answer = controller.function(state.t, state)
+    if answer is None:
+        raise SimulationError(
+            f"the controller returned None at t = {state.t:.6g} s; it must return {{input: value}}", time=state.t
+        )
+    for key, value in pairs_of(answer, "the controller's answer"):
+        k = position_in(inputs, key, "the controller's answer")
+        try:
+            values[k] = float(value)
+        except (TypeError, ValueError):
+            values[k] = np.nan
+        if not np.isfinite(values[k]):
+            raise SimulationError(
+                f"the controller gives {value!r} for input '{inputs[k].label}' at t = {state.t:.6g} s; a finite number "
+                "is needed",
+                time=state.t,
+            )
+    return values
 
 
 def _of_solution(value: Any, symbol: Any) -> Any:
@@ -165,7 +318,7 @@ def _check_feedback(eom: Equations, expression: ca.SX, what: str) -> None:
                 if kind in ("acceleration", "multiplier", "input")
                 else "which the mechanism does not have"
             )
-            raise ExpressionError(f"{what}: the expression holds {describe(symbol)}; {reason}")
+            raise ExpressionError(f"{what}: the expression contains {describe(symbol)}; {reason}")
 
 
 def _check_samples(value: Any, times: np.ndarray | None, what: str) -> np.ndarray:

@@ -58,6 +58,18 @@ def parameter_vector(eom: Equations, parameters: Any) -> np.ndarray:
     return values
 
 
+#: Outputs if only a duration is given.
+OUTPUTS = 201
+
+
+def duration_grid(duration: Any, analysis: str) -> np.ndarray:
+    """Even output times from zero to a duration, s."""
+    length = number(duration, analysis, "duration")
+    if length <= 0:
+        raise SimulationError(f"{analysis}: duration must be positive, got {length}")
+    return np.linspace(0.0, length, OUTPUTS)
+
+
 def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
     """Check that times are finite and increase strictly.
 

@@ -42,12 +42,18 @@ def assemble_at(numeric: NumericEquations, conditions: Any, t: float, signals: S
     return complete_state(numeric, signals, t, q, v, z)
 
 
-def complete_state(numeric: NumericEquations, signals: Signals, t: float, q: Any, v: Any, z: Any) -> State:
-    """State with accelerations and multipliers from the equations of motion."""
+def complete_state(
+    numeric: NumericEquations, signals: Signals, t: float, q: Any, v: Any, z: Any, *, levels: np.ndarray | None = None
+) -> State:
+    """State with accelerations and multipliers from the equations of motion.
+
+    Parameters
+    ----------
+    levels : numpy.ndarray, optional
+        Values of the inputs that are numbers, if they are not those of `signals`.
+    """
     eom = numeric.eom
-    channel = np.zeros(signals.channel.numel())
-    value = ca.Function("u", [eom.t, eom.q, eom.v, eom.z, eom.p, signals.channel], [ca.densify(signals.expressions)])
-    u = value(t, q, v, z, numeric.p, channel).full().ravel()
+    u = signals.values(t, q, v, z, numeric.p, eom, levels=levels)[0]
     obstacle: MechanismError | None = None
     try:
         redundant = numeric.has_redundant_rows(t, q)

@@ -13,7 +13,7 @@ from ..errors import MechanismWarning, ModelError
 from ..model.lists import listed, refuse_twice
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
-from ..sensitivity.compiled_run import Problem
+from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
 from .gauss_newton import Outcome, gauss_newton
@@ -114,10 +114,18 @@ def identify(
     places = [position_in(mechanism.parameters, u, "unknowns=") for u in wanted]
     given = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
     motions = read_experiments(times, data, experiments, **given)
-    settings = {"method": method, "reltol": reltol, "abstol": abstol}
+    settings: dict[str, Any] = {"method": method, "reltol": reltol, "abstol": abstol}
     shootings = [
         Shooting(
-            Problem(mechanism, e.times, e.initial, e.inputs, e.parameters, **settings),
+            MotionSetup(
+                mechanism,
+                "identify",
+                e.times,
+                initial=e.initial,
+                inputs=e.inputs,
+                parameters=e.parameters,
+                **settings,
+            ),
             e,
             places,
             _segments(segments, e),
@@ -126,7 +134,7 @@ def identify(
     ]
     if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 0:
         raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
-    theta = shootings[0].problem.numeric.p[places]
+    theta = shootings[0].setup.numeric.p[places]
     _refuse_few(motions, wanted)
     refuse_twice(wanted, "unknowns=")
     limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])

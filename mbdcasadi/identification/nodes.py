@@ -8,19 +8,19 @@ import numpy as np
 from ..numerics.newton import solve
 from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
-from ..sensitivity.compiled_run import Problem
+from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment
 
 
-def nodes_from_data(problem: Problem, experiment: Experiment, index: int, guess: np.ndarray) -> np.ndarray:
+def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, guess: np.ndarray) -> np.ndarray:
     """State ``(q, v, z)`` at a time of the experiment.
 
     What is measured of positions moves the pose, its differences in time the
     velocity, as little as need be; the constraints hold to rounding. First-order
     states, and whatever is not seen in the data, stay as guessed.
     """
-    numeric, eom = problem.numeric, problem.eom
-    n, time = eom.q.numel(), float(problem.grid[index])
+    numeric, eom = setup.numeric, setup.eom
+    n, time = eom.q.numel(), float(setup.grid[index])
     q, v, z = guess[:n], guess[n : 2 * n], guess[2 * n :]
     outputs = ca.vertcat(*[ca.vec(e) for e in experiment.outputs])
     others = ca.vertcat(eom.v, eom.a, eom.z, eom.lam, eom.u)
@@ -45,7 +45,7 @@ def nodes_from_data(problem: Problem, experiment: Experiment, index: int, guess:
     q = closed.x
     jacobian, nu = numeric.velocity(time, q)
     _, slope, drift = function(q, time, numeric.p)
-    rates = np.array([_rate(problem.grid, experiment.samples[k], index) for k in usable])
+    rates = np.array([_rate(setup.grid, experiment.samples[k], index) for k in usable])
     seen = np.isfinite(rates)
     free = analyse_rank(jacobian).null_columns
     v = project_velocity(jacobian, nu, v)

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..numerics.console import call
-from ..sensitivity.compiled_run import Problem
+from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 from .nodes import nodes_from_data
@@ -59,7 +59,7 @@ class Shooting:
 
     Parameters
     ----------
-    problem : Problem
+    setup : MotionSetup
         Mechanism, grid, start and inputs.
     experiment : Experiment
         The data.
@@ -69,29 +69,29 @@ class Shooting:
         How many.
     """
 
-    def __init__(self, problem: Problem, experiment: Experiment, places: list[int], segments: int):
-        self.problem, self.experiment, self.places = problem, experiment, places
-        self.flow = problem.flow()
-        eom = problem.eom
-        ends = np.unique(np.round(np.linspace(0, problem.grid.size - 1, segments + 1)).astype(int))
+    def __init__(self, setup: MotionSetup, experiment: Experiment, places: list[int], segments: int):
+        self.setup, self.experiment, self.places = setup, experiment, places
+        self.motion = setup.motion()
+        eom = setup.eom
+        ends = np.unique(np.round(np.linspace(0, setup.grid.size - 1, segments + 1)).astype(int))
         self.spans = list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
         self._state = ca.vertcat(eom.q, eom.v, eom.z)
         self._segments = [self._segment(first, last) for first, last in self.spans]
         self._derivatives: dict[int, ca.Function] = {}
-        self.guess = problem.start.guess
+        self.guess = setup.differentiable_start.guess
         self.nodes = np.zeros((len(self.spans), self._state.numel()))
 
     def _segment(self, first: int, last: int) -> ca.Function:
         """``(x0, theta) -> (end on the constraints, outputs, clock)`` of a segment."""
-        flow, channel = self.flow, self.flow.channel()
+        motion, channel = self.motion, self.motion.channel()
         channel = channel[:, first:last] if channel.size else channel
         x0, theta = ca.MX.sym("x0", self._state.numel()), ca.MX.sym("theta", len(self.places))
-        p = ca.MX(ca.DM(self.problem.numeric.p))
+        p = ca.MX(ca.DM(self.setup.numeric.p))
         p[self.places] = theta
-        shifts = ca.DM.zeros(flow.shifts.numel())
-        states = flow.motion(first, last)(x0, p, shifts, channel)
+        levels = ca.DM(self.setup.signals.level_values)
+        states = motion.motion(first, last)(x0, p, levels, channel)
         wanted = [*self.experiment.outputs, self._state]
-        values = flow.outputs(wanted, first, last)(states, p, shifts, channel)
+        values = motion.outputs(wanted, first, last)(states, p, levels, channel)
         n_x = self._state.numel()
         return ca.Function("segment", [x0, theta], [values[-n_x:, -1], values[:-n_x, :], states])
 
@@ -104,7 +104,7 @@ class Shooting:
                 guess = self._run(k - 1, self.nodes[k - 1], theta)[0]
             except SimulationError:
                 guess = self.nodes[k - 1]
-            self.nodes[k] = nodes_from_data(self.problem, self.experiment, first, guess)
+            self.nodes[k] = nodes_from_data(self.setup, self.experiment, first, guess)
 
     def evaluate(self, theta: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Outputs (n_y, n_t), gaps, and the starts with the first one as the conditions ask."""
@@ -156,21 +156,21 @@ class Shooting:
 
     # --- starts and segments --------------------------------------------------------------
     def _parameters(self, theta: np.ndarray) -> np.ndarray:
-        p = self.problem.numeric.p.copy()
+        p = self.setup.numeric.p.copy()
         p[self.places] = theta
         return p
 
     def _start(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        start = self.problem.start
+        start = self.setup.differentiable_start
         p = self._parameters(theta)
-        self.problem.mechanism.check_values(p)
+        self.setup.mechanism.check_values(p)
         x, guess, residual = start.function(p, start.right, start.z_estimate, self.guess)
         if not found(float(residual)):
             raise SimulationError("identify: no start meets the constraints and initial= at the values tried")
         return x.full().ravel(), guess.full().ravel()
 
     def _start_slope(self, theta: np.ndarray) -> np.ndarray:
-        start, count = self.problem.start, len(self.places)
+        start, count = self.setup.differentiable_start, len(self.places)
         p = self._parameters(theta)
         given = [p, start.right, start.z_estimate, self.guess]
         seeds = [np.zeros((np.size(g), count)) for g in given]
@@ -183,6 +183,6 @@ class Shooting:
             end, values, states = call(self._segments[k], x0, theta)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
-        if not self.flow.reached(states.full(), self.spans[k][0]):
+        if not self.motion.reached(states.full(), self.spans[k][0]):
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}")
         return end.full().ravel(), values.full()

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import Interrupted, SingularityError
-from ..numerics.progress import count_bar
 from .singular import describe_singularity
 
 
@@ -50,9 +49,6 @@ class MotionFollower:
         self.numeric = numeric
         self._progress = progress
         self._wrap = wrap or (lambda motion: motion)
-
-    def _bar(self, grid: np.ndarray) -> Any:
-        return count_bar(grid.size - 1, self._progress, what="kinematics", unit=" times")
 
     def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
         pose = describe_singularity(self.numeric, t, q)

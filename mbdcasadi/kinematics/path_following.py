@@ -15,6 +15,7 @@ from ..numerics.console import interruptible, quiet
 from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
 from ..numerics.newton import solve
+from ..numerics.progress import progress_bar
 from ..numerics.projection import project_velocity
 from .driven_motion import DrivenMotion, MotionFollower
 
@@ -53,7 +54,10 @@ class Continuation(MotionFollower):
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
-        with interruptible() as interruption, self._bar(grid) as bar:
+        with (
+            interruptible() as interruption,
+            progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar,
+        ):
             while done < grid.size:
                 try:
                     block = self._batch(grid[done - 1], grid[done : done + BATCH], *(x[-1] for x in blocks[-1]))

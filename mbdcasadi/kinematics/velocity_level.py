@@ -17,8 +17,10 @@ from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import SingularityError
-from ..integrators.integration import Dae, IntegrationFailure, Integrator
+from ..integrators import IDAS
+from ..integrators.compiled import Clock, CompiledIntegrator, Dae, IntegrationFailure
 from ..numerics.console import interruptible
+from ..numerics.progress import progress_bar
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Tolerance of the integration.
@@ -39,9 +41,9 @@ class VelocityLevelMotion(MotionFollower):
 
     def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
-        integrator = Integrator(self._system(), "idas", TOLERANCE, TOLERANCE)
+        integrator = CompiledIntegrator(self._system(), IDAS(TOLERANCE, TOLERANCE))
         poses, done = q[None, :], 1
-        with interruptible(), self._bar(grid) as bar:
+        with interruptible(), progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar:
             while done < grid.size:
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
@@ -57,7 +59,7 @@ class VelocityLevelMotion(MotionFollower):
         return self.correct(grid, poses)
 
     def _stopped(
-        self, integrator: Integrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
+        self, integrator: CompiledIntegrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
     ) -> SingularityError:
         """Repeat a chunk output by output up to where it stops."""
         done = len(poses)
@@ -84,12 +86,11 @@ class VelocityLevelMotion(MotionFollower):
         return v, a
 
     def _system(self) -> Dae:
-        """``q̇ = v``, ``Phi_q v = nu`` in time counted from the start of a chunk."""
+        """``q̇ = v``, ``Phi_q v = nu``."""
         eom = self.numeric.eom
-        since, start = ca.SX.sym("since"), ca.SX.sym("start")
+        clock = Clock()
         rows = eom.Phi_q @ eom.v - eom.nu
         if eom.lam.numel() > eom.q.numel():
             rows = eom.Phi_q.T @ rows
-        residual = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [rows])(start + since, eom.q, eom.v, eom.p)
-        parameters = ca.vertcat(start, eom.p)
-        return Dae(since, eom.q, eom.v, parameters, ca.SX(0, 1), eom.v, residual)
+        residual = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [rows])(clock.t, eom.q, eom.v, eom.p)
+        return Dae(clock, eom.q, eom.v, eom.p, ca.SX(0, 1), eom.v, residual)

@@ -1,49 +1,45 @@
-"""Progress bars: one place that knows tqdm, which is imported when a bar is shown."""
+"""Progress bars: the one place that knows tqdm."""
 
 from __future__ import annotations
 
-import sys
 from typing import Any
 
 _SECONDS = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"
-_ITERATIONS = "{desc}: {n} iterations{postfix}"
+
+
+def progress_bar(total: float, description: str, unit: str, *, show: bool, done: float = 0, **settings: Any) -> Any:
+    """Return a bar with ``update(amount)``, as a context manager; one that does nothing unless it is shown.
+
+    Parameters
+    ----------
+    total : float
+        What there is to do.
+    description, unit : str
+        Text before the bar, and unit of its numbers.
+    show : bool
+        Whether it is shown.
+    done : float
+        What was done before.
+    """
+    if not show:
+        return _NoBar()
+    from tqdm.auto import tqdm
+
+    return tqdm(total=total, initial=done, desc=description, unit=unit, **settings)
+
+
+def simulated_time_bar(total: float, *, show: bool) -> Any:
+    """Bar over simulated seconds."""
+    # a little more than the whole, since the parts are rounded when they are added up
+    return progress_bar(total * (1 + 1e-9), "simulate", "s", show=show, bar_format=_SECONDS)
 
 
 class _NoBar:
-    """A bar that shows nothing."""
-
     def __enter__(self) -> _NoBar:
         return self
 
     def __exit__(self, *_: Any) -> None:
         return None
 
-    def update(self, _amount: float = 1) -> None:
+    def update(self, _amount: float) -> None:
         """Nothing to show."""
-
-    def close(self) -> None:
-        """Nothing to close."""
-
-
-def seconds_bar(total: float, show: bool, *, what: str = "simulate") -> Any:
-    """Progress bar over simulated time, s."""
-    # a little more than the whole, since the parts are rounded when they are added up
-    return _bar(show, total=total * (1 + 1e-9), unit="s", desc=what, bar_format=_SECONDS)
-
-
-def count_bar(total: int, show: bool, *, what: str, unit: str, done: int = 0) -> Any:
-    """Progress bar over a number of things, some of which may be done already."""
-    return _bar(show, total=total, initial=done, unit=unit, desc=what)
-
-
-def iteration_bar(show: bool, *, what: str) -> Any:
-    """Counter of iterations whose number is not known; it writes to what is standard error when it is made."""
-    return _bar(show, desc=what, unit=" iterations", bar_format=_ITERATIONS, file=sys.stderr)
-
-
-def _bar(show: bool, **options: Any) -> Any:
-    if not show:
-        return _NoBar()
-    from tqdm.auto import tqdm
-
-    return tqdm(**options)

@@ -3,83 +3,93 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import read_signals
-from ..arguments.values import pairs_of, parameter_vector, time_grid
-from ..assembly.initial_state import carried_by
-from ..equations import equations
-from ..equations.numeric import NumericEquations
+from ..assembly.setup import Setup
 from ..errors import SimulationError
-from ..integrators.plugins import last_line
+from ..integrators.compiled import last_line
 from ..model.mechanism import Mechanism
-from ..model.symbols import number
 from ..numerics.console import call
 from ..results.state import State
-from ..simulation.stiffness import is_stiff
-from .design_variables import Design
-from .differentiable_motion import Flow
-from .differentiable_start import Start, found
+from ..simulation.modes import SingleMode
+from ..simulation.simulate import chosen_integrator, suited_to_friction
+from ..simulation.time_dependence import time_dependence
+from .design_variables import DesignVariables
+from .differentiable_motion import DifferentiableMotion
+from .differentiable_start import DifferentiableStart, found
 
 
-class Problem:
-    """A mechanism with a grid, a start, inputs and parameters, ready to be compiled.
+class MotionSetup(Setup):
+    """The arguments of an analysis that differentiates or repeats a motion.
 
     Parameters
     ----------
     mechanism : Mechanism
         The model.
+    analysis : str
+        Name of the analysis, for messages.
     times : sequence of float
         Output times, s.
     initial, inputs, parameters
-        As for ``simulate``.
+        As for :func:`simulate`.
     method, reltol, abstol
-        Of the integrator; ``"auto"`` takes Runge–Kutta where the motion at the start is not stiff.
+        The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
+
+    Attributes
+    ----------
+    integrator : Integrator
+        Method and tolerances.
+    differentiable_start : DifferentiableStart
+        The start as a function.
     """
 
     def __init__(
         self,
         mechanism: Mechanism,
+        analysis: str,
         times: Any,
+        *,
         initial: Any = (),
         inputs: Any = None,
         parameters: Any = None,
-        **settings: Any,
+        method: Any = "idas",
+        reltol: float | None = None,
+        abstol: float | None = None,
     ):
-        self.mechanism, self.initial, self.settings = mechanism, initial, settings
-        for name in ("reltol", "abstol"):
-            if number(settings.get(name, 1e-8), "the integrator", name) < 0:
-                raise SimulationError(f"{name} must not be negative, got {settings[name]!r}")
-        self.eom = equations(mechanism)
-        self.grid = time_grid(times)
-        own = carried_by(initial, mechanism)
-        p = parameter_vector(self.eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
-        self.numeric = NumericEquations(self.eom, p)
-        given = own["inputs"] | dict(pairs_of(inputs, "inputs=")) if own["inputs"] else inputs
-        self.signals = read_signals(self.eom, given, self.grid)
-        self.start = Start(self.numeric, initial, float(self.grid[0]), self.signals)
-        state = self.start.state
-        _ = state[self.eom.a]  # raises where there are no accelerations
-        self.redundant = self.numeric.has_redundant_rows(state.t, state.q)
-        if settings.get("method") == "auto":
-            slow = self.eom.Q_depends_on_lam or is_stiff(self.numeric, state, self.grid, self.redundant)
-            self.settings = settings | {"method": "idas" if slow else "erk"}
+        super().__init__(mechanism, analysis, times=times, initial=initial, inputs=inputs, parameters=parameters)
+        self.differentiable_start = DifferentiableStart(self.numeric, initial, float(self.grid[0]), self.signals)
+        _ = self.start[self.eom.a]  # raises where there are no accelerations
+        integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
+        self.integrator = suited_to_friction(integrator, self.numeric)
 
-    @property
-    def state(self) -> State:
-        """The start."""
-        return self.start.state
+    @cached_property
+    def start(self) -> State:
+        return self.differentiable_start.state
 
-    def flow(self, integrands: ca.SX | None = None) -> Flow:
-        """The motion over the grid, in as many pieces as it takes to stay on the constraints."""
-        given = self.settings | {"redundant": self.redundant, "integrands": integrands}
-        given["unknowns"] = np.r_[self.state.a, self.state.lam]
-        flow = Flow(self.numeric, self.signals, self.grid, **given)
-        flow.cut_where_it_drifts(np.r_[self.state.q, self.state.v, self.state.z])
-        return flow
+    def motion(self, integrands: ca.SX | None = None) -> DifferentiableMotion:
+        """Return the motion over the grid, in as many pieces as it takes to stay on the constraints."""
+        start, timed = self.start, time_dependence(self)
+        obstacle = timed.obstacle()
+        if obstacle is not None:
+            raise obstacle
+        motion = DifferentiableMotion(
+            self.numeric,
+            self.signals,
+            self.grid,
+            self.integrator,
+            redundant=self.has_redundant_rows,
+            integrands=integrands,
+            unknowns=np.r_[start.a, start.lam],
+            stops=timed.stops,
+            jumps=timed.jumps,
+            max_step=timed.max_step,
+        )
+        motion.cut_where_it_drifts(np.r_[start.q, start.v, start.z])
+        return motion
 
 
 class CompiledRun:
@@ -87,28 +97,29 @@ class CompiledRun:
 
     Parameters
     ----------
-    problem : Problem
+    setup : MotionSetup
         What is run.
     wrt : sequence
-        See :class:`Design`.
+        See :class:`DesignVariables`.
     expressions : sequence of casadi.SX
         Outputs.
     integrands : casadi.SX, optional
         Expressions whose integrals over the run are outputs too: the last rows at the last time.
     """
 
-    def __init__(self, problem: Problem, wrt: Any, expressions: Sequence[ca.SX], integrands: ca.SX | None = None):
-        self.problem = problem
-        self.flow = problem.flow(integrands=integrands)
-        self.design = Design(wrt, problem.start, self.flow, problem.initial)
-        self.guess = problem.start.guess
+    def __init__(self, setup: MotionSetup, wrt: Any, expressions: Sequence[ca.SX], integrands: ca.SX | None = None):
+        start = setup.differentiable_start
+        self.setup = setup
+        self.motion = setup.motion(integrands=integrands)
+        self.design = DesignVariables(wrt, start, self.motion, setup.initial)
+        self.guess = start.guess
         d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
-        p, right, z, shifts, channel = self.design.arguments(d)
-        x0, solution, residual = problem.start.function(p, right, z, guess)
-        states = self.flow.motion()(x0, p, shifts, channel)
-        outputs = self.flow.outputs(expressions)(states, p, shifts, channel)
+        p, right, z, levels, channel = self.design.arguments(d)
+        x0, solution, residual = start.function(p, right, z, guess)
+        states = self.motion.motion()(x0, p, levels, channel)
+        outputs = self.motion.outputs(expressions)(states, p, levels, channel)
         self.rows = outputs.shape[0]
-        totals = states[-1 - self.flow.integrals : -1, -1]
+        totals = states[-1 - self.motion.integrals : -1, -1]
         self.function = ca.Function(
             "run",
             [d, guess],
@@ -129,14 +140,14 @@ class CompiledRun:
         SimulationError
             Where no start is found near the last one, or the integrator stops.
         """
-        self.problem.mechanism.check_values(self.design.parameters(d))
+        self.setup.mechanism.check_values(self.design.parameters(d))
         y, states, residual, solution = self._call(self.function, d, self.guess)
         if not found(float(residual)):
             raise SimulationError(
                 f"no start that meets the constraints and initial= was found at {self._where(d)}: "
                 "the linkage does not reach there, or the values are too far from the last ones"
             )
-        if not self.flow.reached(states.full()):
+        if not self.motion.reached(states.full()):
             raise SimulationError(self._stopped(d, "the step size became too small, or a value was not finite"))
         self.guess = solution.full().ravel()
         return y.full().ravel()
@@ -152,9 +163,7 @@ class CompiledRun:
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
-        remedy = (
-            'take method="erk", or larger tolerances' if self.problem.settings.get("method", "idas") == "idas" else None
-        )
+        remedy = 'take method="erk", or larger tolerances' if self.setup.integrator.is_multistep else None
         return self._call(self._derivative("reverse", 1), d, self.guess, y, weights, remedy=remedy)[0].full().ravel()
 
     def _derivative(self, kind: str, count: int) -> ca.Function:

@@ -8,9 +8,10 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
+from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
-from .compiled_run import CompiledRun, Problem
+from .compiled_run import CompiledRun, MotionSetup
 
 
 class CostFunction:
@@ -85,9 +86,9 @@ def cost_function(
     initial: Any = (),
     inputs: Any = None,
     parameters: Any = None,
-    method: str = "idas",
-    reltol: float = 1e-8,
-    abstol: float = 1e-8,
+    method: str | Integrator = "idas",
+    reltol: float | None = None,
+    abstol: float | None = None,
 ) -> CostFunction:
     """Return a cost of the motion as a function of parameters, starts and inputs, with its gradient.
 
@@ -136,6 +137,16 @@ def cost_function(
     )
     if running.numel() != 1 or terminal.numel() != 1:
         raise ModelError("cost_function: running_cost and terminal_cost must be scalars")
-    problem = Problem(mechanism, times, initial, inputs, parameters, method=method, reltol=reltol, abstol=abstol)
-    problem.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
-    return CostFunction(CompiledRun(problem, wrt, [terminal], running))
+    setup = MotionSetup(
+        mechanism,
+        "cost_function",
+        times,
+        initial=initial,
+        inputs=inputs,
+        parameters=parameters,
+        method=method,
+        reltol=reltol,
+        abstol=abstol,
+    )
+    setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
+    return CostFunction(CompiledRun(setup, wrt, [terminal], running))

@@ -15,8 +15,8 @@ from ..model.conditions import Condition, read_conditions
 from ..model.lists import entries
 from ..model.symbols import Input, Parameter, StateVariable
 from ..results.state import State
-from .differentiable_motion import Flow
-from .differentiable_start import Start
+from .differentiable_motion import DifferentiableMotion
+from .differentiable_start import DifferentiableStart
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Entry:
         return self.values.size
 
 
-class Design:
+class DesignVariables:
     """Entries in the order given, and what they set in a compiled motion.
 
     Parameters
@@ -61,16 +61,16 @@ class Design:
     wrt : sequence
         Parameters; inputs (the constant, or every sample); first-order states
         (their initial estimate); relations of ``initial=`` (their right side).
-    start : Start
+    start : DifferentiableStart
         The start.
-    flow : Flow
+    motion : DifferentiableMotion
         The motion.
     initial : relations or State
         As it was given, to recognise relations.
     """
 
-    def __init__(self, wrt: Any, start: Start, flow: Flow, initial: Any):
-        self.start, self.flow = start, flow
+    def __init__(self, wrt: Any, start: DifferentiableStart, motion: DifferentiableMotion, initial: Any):
+        self.start, self.motion = start, motion
         keys = entries(wrt, "wrt=")
         if not keys:
             raise ModelError("wrt= is empty; name parameters, inputs, states or relations of initial=")
@@ -105,7 +105,7 @@ class Design:
 
     # --- reading --------------------------------------------------------------------
     def _entry(self, key: Any, initial: Any) -> Entry:
-        mechanism, numeric = self.flow.numeric.eom.mechanism, self.flow.numeric
+        mechanism, numeric = self.motion.numeric.eom.mechanism, self.motion.numeric
         if isinstance(key, Parameter):
             k = position_in(mechanism.parameters, key, "wrt=")
             return Entry(key, f"parameter '{key.label}'", "parameter", k, numeric.p[[k]], key.lower, key.upper)
@@ -118,18 +118,18 @@ class Design:
         return self._relation(key, initial)
 
     def _input(self, key: Input, k: int) -> Entry:
-        samples = self.flow.signals.samples
+        samples = self.motion.signals.samples
         if k in samples:
             place = list(samples).index(k)
             return Entry(key, f"input '{key.label}'", "samples", place, samples[k], key.lower, key.upper)
-        expression = self.flow.signals.expressions[k] - self.flow.shifts[k]
-        value = ca.simplify(expression)
-        if not value.is_constant():
+        if k not in self.motion.signals.level_places:
             raise ModelError(
                 f"wrt= holds input '{key.label}', which is given by an expression in time or state; "
                 "put parameters into the expression and differentiate by these"
             )
-        return Entry(key, f"input '{key.label}'", "input", k, np.array([float(value)]), key.lower, key.upper)
+        place = self.motion.signals.level_places[k]
+        value = self.motion.signals.level_values[[place]]
+        return Entry(key, f"input '{key.label}'", "input", place, value, key.lower, key.upper)
 
     def _relation(self, key: Any, initial: Any) -> Entry:
         if not isinstance(key, ca.SX) or key.numel() != 1 or isinstance(initial, State):
@@ -142,12 +142,12 @@ class Design:
 
     # --- setting --------------------------------------------------------------------------
     def arguments(self, d: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
-        """``p, right sides, z estimate, shifts, channel`` as functions of the vector."""
-        numeric, flow = self.flow.numeric, self.flow
+        """``p, right sides, z estimate, levels, channel`` as functions of the vector."""
+        numeric, motion = self.motion.numeric, self.motion
         p, right = ca.MX(ca.DM(numeric.p)), ca.MX(ca.DM(self.start.right))
-        z, shifts = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM.zeros(flow.shifts.numel()))
-        channel = ca.MX(ca.DM(flow.channel()))
-        steps = ca.DM(np.diff(flow.grid)).T
+        z, levels = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM(motion.signals.level_values))
+        channel = ca.MX(ca.DM(motion.channel()))
+        steps = ca.DM(np.diff(motion.grid)).T
         for entry, low, high in zip(self.entries, self.places[:-1], self.places[1:], strict=True):
             given = d[int(low) : int(high)]
             if entry.kind == "parameter":
@@ -157,15 +157,15 @@ class Design:
             elif entry.kind == "state":
                 z[entry.index] = given
             elif entry.kind == "input":
-                shifts[entry.index] = given - entry.values[0]
+                levels[entry.index] = given
             else:
                 channel[2 * entry.index, :] = given[:-1].T
                 channel[2 * entry.index + 1, :] = (given[1:] - given[:-1]).T / steps
-        return p, right, z, shifts, channel
+        return p, right, z, levels, channel
 
     def parameters(self, d: np.ndarray) -> np.ndarray:
         """Parameter values at a vector."""
-        p = self.flow.numeric.p.copy()
+        p = self.motion.numeric.p.copy()
         for entry, low in zip(self.entries, self.places[:-1], strict=True):
             if entry.kind == "parameter":
                 p[entry.index] = d[low]

@@ -33,7 +33,7 @@ ACTIVE = -1e-7
 FOUND = 1e-9
 
 
-class Start:
+class DifferentiableStart:
     """The start of an analysis as a function ``(p, right sides, z estimate, guess) -> (x, guess, residual)``.
 
     Parameters
@@ -154,7 +154,7 @@ class _Nearest:
 
     def prepare(
         self,
-        start: Start,
+        start: DifferentiableStart,
         right: ca.SX,
         clock: ca.SX,
         time: float,

@@ -9,11 +9,12 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
+from ..integrators import Integrator
 from ..model.lists import entries
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
-from .compiled_run import CompiledRun, Problem
-from .design_variables import Design, same
+from .compiled_run import CompiledRun, MotionSetup
+from .design_variables import DesignVariables, same
 
 
 class Sensitivities:
@@ -30,7 +31,7 @@ class Sensitivities:
     """
 
     def __init__(
-        self, t: np.ndarray, outputs: list[tuple[Any, ca.SX]], design: Design, y: np.ndarray, slope: np.ndarray
+        self, t: np.ndarray, outputs: list[tuple[Any, ca.SX]], design: DesignVariables, y: np.ndarray, slope: np.ndarray
     ):
         self.t = t
         self._outputs, self._design = outputs, design
@@ -74,9 +75,9 @@ def sensitivities(
     *,
     inputs: Any = None,
     parameters: Any = None,
-    method: str = "idas",
-    reltol: float = 1e-8,
-    abstol: float = 1e-8,
+    method: str | Integrator = "idas",
+    reltol: float | None = None,
+    abstol: float | None = None,
 ) -> Sensitivities:
     """Differentiate outputs along a motion.
 
@@ -131,11 +132,21 @@ def sensitivities(
     >>> np.round(found[stone.y, g], 6)
     array([ 0. , -0.5, -2. ])
     """
-    problem = Problem(mechanism, times, initial, inputs, parameters, method=method, reltol=reltol, abstol=abstol)
+    setup = MotionSetup(
+        mechanism,
+        "sensitivities",
+        times,
+        initial=initial,
+        inputs=inputs,
+        parameters=parameters,
+        method=method,
+        reltol=reltol,
+        abstol=abstol,
+    )
     named = named_outputs(outputs)
-    run = CompiledRun(problem, wrt, [e for _, e in named])
+    run = CompiledRun(setup, wrt, [e for _, e in named])
     y, slope = run.forward(run.design.values)
-    return Sensitivities(problem.grid, named, run.design, y, slope)
+    return Sensitivities(setup.grid, named, run.design, y, slope)
 
 
 def named_outputs(outputs: Any) -> list[tuple[Any, ca.SX]]:

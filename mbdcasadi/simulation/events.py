@@ -1,7 +1,8 @@
-"""Events between two outputs, located by integrating again to trial times."""
+"""Events of a run: found between consecutive outputs, located by integrating again to trial times."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,17 +11,27 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, MechanismWarning, ModelError
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
 from ..results.state import State
 from .outputs import Outputs
 
-#: ``time -> state``: a short integration from an output to a time after it.
-Way = Callable[[float], np.ndarray]
-#: ``(start, state, channel) -> way`` from an output on.
-WayFrom = Callable[[float, np.ndarray, "np.ndarray | None"], Way]
+#: ``times -> states``: a short integration from an output to times after it.
+Way = Callable[[np.ndarray], np.ndarray]
+#: ``(start, state) -> way`` from an output on.
+WayFrom = Callable[[float, np.ndarray], Way]
+#: Size, relative to that of the coordinates, below which an expression at the start of a motion counts as zero.
+ROUNDING = 1e-12
+#: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
+AWAY = 1e-9
+#: Rate of an expression, relative to the velocities, below which it does not move.
+REST = 1e-9
+#: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
+CLOSER_POINTS = 16
+#: Fraction of the change over neighbouring intervals by which a parabola through outputs must come near to zero.
+TOUCHES = 0.1
 
 
 @dataclass(frozen=True)
@@ -30,22 +41,19 @@ class Crossing:
     Attributes
     ----------
     event : Event
-        Which one.
+        The event.
     time : float
-        When, s.
+        Its time, s.
     x : numpy.ndarray
         State there.
     interval : int
-        Output before which it took place, by index.
-    channel : numpy.ndarray or None
-        Inputs of its interval.
+        Output interval in which it took place.
     """
 
     event: Event
     time: float
     x: np.ndarray
     interval: int
-    channel: np.ndarray | None
 
 
 class EventWatch:
@@ -57,100 +65,214 @@ class EventWatch:
         Equations of the mechanism.
     events : sequence of Event
         What to look for.
+    instant : float
+        Time that counts as one instant, s.
+    resting : dict of Event to float, optional
+        Events with a reset that stand still at their zero, and the values of their expressions
+        there; several watches of a run share it. Such an event takes place again once its
+        expression has moved away by more than rounding.
     """
 
-    def __init__(self, eom: Equations, events: Sequence[Event]):
-        self.events = read_events(events)
-        names = [event.name for event in self.events]
-        if len(set(names)) < len(names):
-            raise ModelError(f"events= holds a name twice: {', '.join(names)}")
-        #: time that counts as one instant, s; the run says how long that is
-        self.instant = 1e-12
-        self._behind: dict[int, float] = {}
-        self._rates = ca.vertcat(ca.SX(0, 1), *[self._rate(eom, e) for e in self.events])
+    def __init__(
+        self,
+        eom: Equations,
+        events: Sequence[Event],
+        instant: float = 1e-12,
+        resting: dict[Event, float] | None = None,
+    ):
+        self.events, self.instant = tuple(events), instant
+        self.resting = {} if resting is None else resting
+        self._side: dict[int, float] = {}
+        self._offset: dict[int, float] = {}
+        self._not_a_number: set[int] = set()
+        rates = [_rate(eom, e.expression) for e in self.events]
+        self._rate_is_known = [rate is not None for rate in rates]
+        self._rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
+        self._accelerations = ca.vertcat(ca.SX(0, 1), *[_second_rate(eom, e.expression) for e in self.events])
         expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events])
         self._values = eom.function(expressions)
-        #: sizes of what a state need not be completed by, where no event asks for accelerations, reactions or inputs
+        #: sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
         self._left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
 
-    def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
+    # --- values ------------------------------------------------------------------------------
+    def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, since: np.ndarray | None) -> np.ndarray:
         """Expressions of all events at outputs (k, n_events)."""
         if self._left_out is None:
-            t, q, v, a, z, lam, u = outputs.block(times, x, channel)
+            t, q, v, a, z, lam, u = outputs.block(times, x, since)
         else:
             t, (q, v, z) = times, outputs.split(x)
             a, lam, u = (np.zeros((times.size, size)) for size in self._left_out)
         return self._values(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, outputs.numeric.p).full().T
 
-    @staticmethod
-    def _rate(eom: Equations, event: Event) -> ca.SX:
-        try:
-            return time_derivative(event.expression, eom.mechanism)
-        except ExpressionError:  # it holds accelerations or reactions
-            return ca.SX(0)
+    def rates(self, state: State) -> np.ndarray:
+        """Rates of the expressions at a state; 0 if the model does not know them."""
+        return self._at(self._rates, state)
+
+    def accelerations(self, state: State) -> np.ndarray:
+        """Second derivatives of the expressions at a state; 0 if the model does not know them."""
+        return self._at(self._accelerations, state)
 
     @staticmethod
-    def _crossed(event: Event, before: float, after: float) -> bool:
-        rising, falling = before < 0 <= after, before > 0 >= after
-        return rising if event.direction > 0 else falling if event.direction < 0 else rising or falling
+    def _at(expression: ca.SX, state: State) -> np.ndarray:
+        """Values of a column of expressions at a state; 0 where they have none, as the rate of a norm at zero."""
+        if not expression.numel():
+            return np.zeros(0)
+        return np.nan_to_num(state.equations.function(expression)(*state.arguments).full().ravel())
 
+    def start_at(self, state: State) -> None:
+        """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
+        self._side, self._offset = {}, {}
+        rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
+        for index in self.at_zero(state):
+            event = self.events[index]
+            if event.reset and rests[index]:
+                self.resting.setdefault(event, float(state[event.expression]))
+                continue
+            moving = abs(rates[index]) > at_rest(state)
+            # the value an instant later
+            value = rates[index] * self.instant if moving else seconds[index] * self.instant**2 / 2
+            if value != 0:
+                self._side[index] = value
+                self._offset[index] = float(state[self.events[index].expression])
+
+    def moves_through(self, state: State) -> list[bool]:
+        """Whether each expression passes zero, if it is there, in the direction in which the event counts.
+
+        One whose rate is not known, or that counts in both directions, does not by itself.
+        """
+        limit = at_rest(state)
+        return [
+            known and event.direction * rate > limit
+            for event, rate, known in zip(self.events, self.rates(state), self._rate_is_known, strict=True)
+        ]
+
+    def rests(self, state: State) -> list[bool]:
+        """Whether each expression stands still at a state; one whose rate is not known counts as moving."""
+        limit = at_rest(state)
+        return [
+            known and abs(rate) <= limit for rate, known in zip(self.rates(state), self._rate_is_known, strict=True)
+        ]
+
+    def at_zero(self, state: State) -> list[int]:
+        """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
+        if not self.events:
+            return []
+        size = ROUNDING * (1 + np.max(np.abs(state.q), initial=0.0))
+        values = np.array([float(state[event.expression]) for event in self.events])
+        limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
+        return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+    # --- finding --------------------------------------------------------------------------------
     def crossings(
-        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None, way_from: WayFrom
+        self, outputs: Outputs, times: np.ndarray, x: np.ndarray, way_from: WayFrom, decides: Callable[[Event], bool]
     ) -> list[Crossing]:
-        """Events among outputs, in order of time, up to the first that ends the run or resets velocities.
+        """Events among outputs in order of time, up to the instant of the first that decides how the run goes on.
 
         Parameters
         ----------
         outputs : Outputs
             Makes outputs of states.
         times, x : numpy.ndarray
-            Start and outputs of a chunk (k + 1,), (k + 1, n_x).
-        channel : numpy.ndarray or None
-            Inputs by interval (channel, k).
+            Start and outputs of a piece (k + 1,), (k + 1, n_x).
         way_from : callable
             Gives the way from an output on.
+        decides : callable
+            Whether the run ends, or goes on otherwise, at an event.
         """
-        columns = None if channel is None else np.hstack([channel[:, :1], channel[:, : len(times) - 1]])
-        values = self.values(outputs, times, x, columns)
-        for index, value in self._behind.items():
+        since = np.r_[times[0], times[:-1]]
+        values = self.values(outputs, times, x, since)
+        self._report_not_a_number(times, values)
+        for index, value in self._side.items():
             values[0, index] = value
-        self._behind = {}
+        for index, offset in self._offset.items():  # what is at its zero at the start is measured from there
+            values[1:, index] -= offset
+        self._wake(x, values)
+        touched = self._may_touch(times, values)
         found: list[Crossing] = []
         for k in range(len(times) - 1):
-            crossed = [i for i, e in enumerate(self.events) if self._crossed(e, values[k, i], values[k + 1, i])]
-            if not crossed:
+            crossed = [i for i, e in enumerate(self.events) if _crossed(e, values[k, i], values[k + 1, i])]
+            if not crossed and not touched[k]:
                 continue
-            column = None if channel is None else channel[:, k : k + 1]
-            way, here = way_from(times[k], x[k], column), []
-            for index in crossed:
-                at = self._located(outputs, index, times[k : k + 2], values[k : k + 2, index], column, way)
-                here.append(Crossing(self.events[index], at, way(at), k, column))
-            here.sort(key=lambda c: c.time)
-            for n, crossing in enumerate(here):
-                if crossing.event.terminal or crossing.event.reset:
-                    return found + self._at_once(here[n:])
+            way = way_from(float(times[k]), x[k])
+            located = [self._located(outputs, i, times[k : k + 2], values[k : k + 2, i], way) for i in crossed]
+            here = [(i, time) for i, time in zip(crossed, located, strict=True)]
+            here += [
+                (i, time)
+                for i in touched[k]
+                if i not in crossed
+                for time in self._closer(outputs, i, times[k : k + 2], values[k : k + 2, i], way)
+            ]
+            here.sort(key=lambda item: item[1])
+            states = way(np.array([time for _, time in here])) if here else np.zeros((0, x.shape[1]))
+            met = [Crossing(self.events[i], time, y, k) for (i, time), y in zip(here, states, strict=True)]
+            for n, crossing in enumerate(met):
+                if decides(crossing.event):
+                    return found + self._at_once(met[n:])
                 found.append(crossing)
+        self._keep_sides(values[-1])
+        self._offset = {}
         return found
 
+    def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
+        """Measure resting events from where they rest, and none of their rounding."""
+        size = AWAY * (1 + np.max(np.abs(x), initial=0.0))
+        for index, event in enumerate(self.events):
+            if event not in self.resting:
+                continue
+            moved = values[:, index] - self.resting[event]
+            away = np.abs(moved) > size
+            if np.any(away) and event.direction * moved[np.argmax(away)] < 0:
+                del self.resting[event]
+                continue
+            side = -event.direction or 1
+            values[:, index] = np.where(away, moved, side * np.finfo(float).tiny)
+
+    def _keep_sides(self, values: np.ndarray) -> None:
+        """Remember on which sides the expressions are, for the next piece: projection may move them by rounding."""
+        self._side = {k: float(value) for k, value in enumerate(values) if value != 0 and np.isfinite(value)}
+
     def _at_once(self, following: Sequence[Crossing]) -> list[Crossing]:
-        """Events at the instant of a first one that ends the run or resets velocities, the one that decides last."""
-        first = following[0]
-        same = [c for c in following if not c.event.reset and c.time - first.time <= self.instant]
-        last = ([first] + [c for c in same if c.event.terminal])[-1]
-        return [c for c in same if c is not last] + [last]
+        """Events at the instant of the first of them."""
+        return [c for c in following if c.time - following[0].time <= self.instant]
 
-    def reset_at(self, state: State) -> None:
-        """Take note of a state just after a reset: events at their zero there start on the side to which they go."""
-        self._behind = {}
-        for index, rate in enumerate(self.rates(state)):
-            value = float(state[self.events[index].expression])
-            if rate != 0 and abs(value) <= self.instant * abs(rate):
-                self._behind[index] = rate * self.instant
+    def _may_touch(self, times: np.ndarray, values: np.ndarray) -> list[list[int]]:
+        """Events by interval whose expressions may pass zero and come back between two outputs.
 
-    def rates(self, state: State) -> np.ndarray:
-        """Rates of the events' expressions at a state; 0 where the model does not know them."""
-        return np.atleast_1d(state[self._rates]) if self.events else np.zeros(0)
+        Parabolas through three neighbouring outputs estimate the extremum inside.
+        """
+        found: list[list[int]] = [[] for _ in range(times.size - 1)]
+        if times.size < 3:
+            return found
+        h = np.diff(times)[:, None]
+        slopes = np.diff(values, axis=0) / h
+        curvature = (slopes[1:] - slopes[:-1]) / (h[1:] + h[:-1])
+        same = (np.sign(values[:-1]) == np.sign(values[1:])) & (values[:-1] != 0)
+        for first, bend in ((slice(0, -1), curvature), (slice(1, None), curvature)):
+            # value at the interval's start, slope there, and the curvature of a triple that the interval belongs to
+            f0, f1, length = values[:-1][first], values[1:][first], h[first]
+            rise = (f1 - f0) / length - bend * length
+            with np.errstate(divide="ignore", invalid="ignore"):
+                place = -rise / (2 * bend)
+                extreme = f0 + rise * place / 2
+            change = np.abs(f1 - f0) + np.abs(bend) * length**2
+            near = (place > 0) & (place < length) & (extreme * np.sign(f0) < TOUCHES * change)
+            offset = first.start or 0
+            for k, i in np.argwhere(near & same[first]):
+                if int(i) not in found[int(k) + offset]:
+                    found[int(k) + offset].append(int(i))
+        return found
+
+    def _closer(self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, way: Way) -> list[float]:
+        """Times inside an interval at which an event takes place whose expression returns to its side by the end."""
+        times = np.linspace(ends[0], ends[1], CLOSER_POINTS + 2)
+        inner = self.values(outputs, times[1:-1], way(times[1:-1]), np.full(CLOSER_POINTS, ends[0]))[:, index]
+        course = np.r_[values[0], inner, values[1]]
+        found = []
+        for k in range(course.size - 1):
+            if _crossed(self.events[index], course[k], course[k + 1]):
+                found.append(self._located(outputs, index, times[k : k + 2], course[k : k + 2], way, ends[0]))
+        return found
 
     def _located(
         self,
@@ -158,17 +280,61 @@ class EventWatch:
         index: int,
         ends: np.ndarray,
         values: np.ndarray,
-        channel: np.ndarray | None,
         way: Way,
+        since: float | None = None,
     ) -> float:
-        """Time of an event between two outputs, to rounding."""
+        """Time of an event between two times, to rounding."""
         low, high = float(ends[0]), float(ends[1])
+        begin = np.array([low if since is None else since])
+        rest = self.resting.get(self.events[index], self._offset.get(index, 0.0))
 
         def value_at(time: float) -> float:
-            return float(self.values(outputs, np.array([time]), way(time)[None, :], channel)[0, index])
+            return float(self.values(outputs, np.array([time]), way(np.array([time])), begin)[0, index]) - rest
 
         accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
         return bracketed_root(value_at, low, high, float(values[0]), float(values[1]), accuracy)
+
+    def _report_not_a_number(self, times: np.ndarray, values: np.ndarray) -> None:
+        """Warn once of an event whose expression has no value: it cannot be found from there on."""
+        for index in np.flatnonzero(np.any(np.isnan(values), axis=0)):
+            if int(index) not in self._not_a_number:
+                self._not_a_number.add(int(index))
+                time = float(times[np.argmax(np.isnan(values[:, index]))])
+                warnings.warn(
+                    f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
+                    "a negative number, or a division by zero); there it cannot take place",
+                    MechanismWarning,
+                    stacklevel=2,
+                )
+
+
+def _crossed(event: Event, before: float, after: float) -> bool:
+    rising, falling = before < 0 <= after, before > 0 >= after
+    return rising if event.direction > 0 else falling if event.direction < 0 else rising or falling
+
+
+def at_rest(state: State) -> float:
+    """Rate of an expression, relative to the velocities of a state, below which it does not move."""
+    return REST * (1 + float(np.max(np.abs(state.v), initial=0.0)))
+
+
+def _rate(eom: Equations, expression: ca.SX) -> ca.SX | None:
+    """Rate of an expression; None if the model does not know it: of accelerations, reactions and inputs."""
+    if ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u)):
+        return None
+    try:
+        return time_derivative(expression, eom.mechanism)
+    except ExpressionError:  # the rate of a state may contain what has none
+        return None
+
+
+def _second_rate(eom: Equations, expression: ca.SX) -> ca.SX:
+    rate = _rate(eom, expression)
+    second = None if rate is None else _rate(eom, ca.substitute(rate, eom.a, ca.SX.zeros(eom.a.numel())))
+    if rate is None or second is None:
+        return ca.SX(0)
+    # accelerations enter the rate only of an expression in velocities; its second derivative is not known then
+    return ca.SX(0) if ca.depends_on(rate, eom.a) else second
 
 
 def read_events(events: Any) -> tuple[Event, ...]:
@@ -178,4 +344,7 @@ def read_events(events: Any) -> tuple[Event, ...]:
     for event in events:
         if not isinstance(event, Event):
             raise ModelError(f"events= takes Event objects, got {event!r}")
+    names = [event.name for event in events]
+    if len(set(names)) < len(names):
+        raise ModelError(f"events= contains a name twice: {', '.join(names)}")
     return tuple(events)

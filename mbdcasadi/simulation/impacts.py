@@ -16,12 +16,34 @@ from ..numerics.least_squares import largest
 from ..results.state import State
 from .events import EventWatch
 
-#: Share of the velocities by which a reset may miss what it asks for.
-MISSED = 1e-9
-#: Share of a run that counts as one instant: events so near to each other take place together.
+#: Fraction of the velocities by which a reset may miss what it asks for.
+RESET_TOLERANCE = 1e-9
+#: Fraction of a run that counts as one instant: events so near to each other take place together.
 INSTANT = 1e-10
-#: Resets at one instant after which the events drive each other without end.
-CASCADE = 1000
+#: Rounds of impacts at one instant after which the events drive each other without end.
+ROUNDS = 1000
+#: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
+NO_PRESSURE = 1e-9
+
+
+@dataclass(frozen=True)
+class Impact:
+    """Events that reset velocities together.
+
+    Attributes
+    ----------
+    events : tuple of Event
+        The events.
+    before : State
+        State just before.
+    v, z : numpy.ndarray
+        Velocities and first-order states just after.
+    """
+
+    events: tuple[Event, ...]
+    before: State
+    v: np.ndarray
+    z: np.ndarray
 
 
 @dataclass
@@ -33,18 +55,14 @@ class Impacts:
     numeric : NumericEquations
         Equations at the parameters of the run.
     watch : EventWatch
-        The events of the run.
-    span : float
-        Length of the run, s.
+        The events of the user.
     """
 
     numeric: NumericEquations
     watch: EventWatch
-    span: float
     _last: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.watch.instant = INSTANT * self.span
         for event in self.watch.events:
             for pair in event.reset:  # refused before anything is run
                 try:
@@ -52,81 +70,145 @@ class Impacts:
                 except ExpressionError as error:
                     raise ExpressionError(f"event '{event.name}', reset: {error}") from None
 
-    def after(self, event: Event, state: State) -> list[tuple[Event, State, np.ndarray, np.ndarray]]:
-        """Events of one instant, each with the state before it, and the velocities and states just after.
+    def resolved(self, state: State, located: Sequence[Event] = ()) -> list[Impact]:
+        """Impacts of one instant, in the rounds in which they follow each other.
 
-        An impact that closes another contact makes that event take place as well.
+        All events that are at their zero and driven through it are resolved
+        together, in one system of impulses; so the order in which they were given
+        does not matter. What closes by this takes place in the next round.
+
+        Parameters
+        ----------
+        state : State
+            Just before; complete with accelerations.
+        located : sequence of Event
+            Events that were found to take place at this instant.
+
+        Returns
+        -------
+        list of Impact
+            Empty if nothing moves through its zero.
 
         Raises
         ------
         SimulationError
-            Where a reset contradicts the constraints, and where events accumulate.
+            If a reset contradicts the constraints or another one, and if events accumulate.
         """
-        self._refuse_accumulation(event, state.t)
-        found = []
-        turned: set[str] = set()
-        for _ in range(CASCADE):
-            v, z = self._jump(event, state)
-            found.append((event, state, v, z))
-            state = State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
-            following = self._driven_on(event, state, turned)
-            if following is None:
+        found: list[Impact] = []
+        passing: set[Event] = set()
+        for _ in range(ROUNDS):
+            active = self._active(state, () if found else located, passing)
+            if not active:
                 return found
-            event = following
-        names = ", ".join(dict.fromkeys(f"'{e.name}'" for e, *_ in found[-10:]))
+            if not found:
+                self._refuse_accumulation(active, state.t)
+            v, z = self._jump(active, state)
+            found.append(Impact(tuple(active), state, v, z))
+            state = State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
+        names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in found[-10:] for e in impact.events))
         raise SimulationError(
             f"the events {names} reset each other without end at t = {state.t:.9g} s; give them restitution below one, "
             "or model the contact by a force",
             time=state.t,
         )
 
-    def _driven_on(self, fired: Event, state: State, turned: set[str]) -> Event | None:
-        """Another event at its zero that its rate drives through, in the direction in which it counts."""
-        for event, rate in zip(self.watch.events, self.watch.rates(state), strict=True):
-            on = event.direction * rate > 0
-            if not event.reset or not event.direction or rate == 0:
+    def _active(self, state: State, located: Sequence[Event], passing: set[Event]) -> list[Event]:
+        """Events with a reset that take place: located ones that do not stand still, and others driven through zero.
+
+        One that goes on through its zero after its reset, as at a kick, is `passing`:
+        it takes place again once another one has turned it back.
+        """
+        watch, found = self.watch, []
+        rests, through, at_zero = watch.rests(state), watch.moves_through(state), set(watch.at_zero(state))
+        for k, event in enumerate(watch.events):
+            if not event.reset:
                 continue
-            if abs(float(state[event.expression])) > self.watch.instant * abs(rate):
-                continue
-            if not on:
-                turned.add(event.name)
-            elif event is not fired or event.name in turned:
-                turned.discard(event.name)
+            if not through[k]:
+                passing.discard(event)
+            if (event in located and not rests[k]) or (k in at_zero and through[k] and event not in passing):
+                found.append(event)
+        passing.update(found)
+        return found
+
+    def pressed_through(self, state: State) -> Event | None:
+        """An event with a reset at rest at its zero, through which the accelerations press: no reset can hold it."""
+        rests, seconds = self.watch.rests(state), self.watch.accelerations(state)
+        limit = NO_PRESSURE * (1 + float(np.max(np.abs(state.a), initial=0.0)))
+        for k in self.watch.at_zero(state):
+            event = self.watch.events[k]
+            if event.reset and rests[k] and event.direction * seconds[k] > limit:
                 return event
         return None
 
-    def _refuse_accumulation(self, event: Event, time: float) -> None:
-        before = self._last.get(event.name)
-        self._last[event.name] = time
-        if before is not None and time - before < 10 * self.watch.instant:
+    def refuse_pressed_through(self, state: State) -> None:
+        """Raise for an event that a reset has stopped, or that starts at rest, and that goes on through its zero."""
+        event = self.pressed_through(state)
+        if event is not None:
             raise SimulationError(
-                f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again {time - before:.3g} s "
-                "later; its resets come to rest, which a reset cannot hold: make the event terminal, or model the "
-                "contact by a force (Contact, EndStop)",
-                time=time,
+                f"event '{event.name}' is at its zero and at rest at t = {state.t:.9g} s, and the forces press it "
+                "through: a reset of velocities cannot hold it; make the event terminal, or model the contact by a "
+                "force (Contact, EndStop)",
+                time=state.t,
             )
 
-    def _jump(self, event: Event, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities and first-order states just after an event."""
-        eom = self.numeric.eom
-        moving = [(target, value) for target, value in event.reset if not isinstance(target, StateVariable)]
-        z = state.z.copy()
-        for target, value in event.reset:
-            if isinstance(target, StateVariable):
-                z[[k for k, s in enumerate(eom.mechanism.states) if s is target]] = state[value]
+    def _refuse_accumulation(self, events: Sequence[Event], time: float) -> None:
+        for event in events:
+            before = self._last.get(event.name)
+            self._last[event.name] = time
+            if before is not None and time - before < 10 * self.watch.instant:
+                raise SimulationError(
+                    f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
+                    f"{time - before:.3g} s later; its resets come to rest, which a reset cannot hold: make the event "
+                    "terminal, or model the contact by a force (Contact, EndStop)",
+                    time=time,
+                )
+
+    def _jump(self, events: Sequence[Event], state: State) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities and first-order states just after events that take place together."""
+        moving = [(e, target, value) for e in events for target, value in e.reset if not _is_state(target)]
+        z = self._states_after(events, state)
         if not moving:
             return state.v.copy(), z
-        targets, values = (ca.vertcat(*part) for part in zip(*moving, strict=True))
+        targets, values = ca.vertcat(*[t for _, t, _ in moving]), ca.vertcat(*[v for *_, v in moving])
         v, left_over = velocities_with(self.numeric, state, targets, np.atleast_1d(state[values]))
-        if largest(left_over) > MISSED * (1 + largest(v) + largest(state.v)):
-            names = [*eom.row_names, *[str(target) for target, _ in moving]]
+        if largest(left_over) > RESET_TOLERANCE * (1 + largest(v) + largest(state.v)):
+            names = [*self.numeric.eom.row_names, *[str(target) for _, target, _ in moving]]
             worst = names[int(np.argmax(np.abs(left_over)))]
             raise SimulationError(
-                f"event '{event.name}' at t = {state.t:.6g} s: the reset contradicts the constraints; {worst} would "
-                f"be missed by {largest(left_over):.3g}; reset as many velocities as the joints leave free",
+                f"event {_names(events)} at t = {state.t:.6g} s: the reset contradicts the constraints"
+                f"{' or another reset' if len(events) > 1 else ''}; {worst} would be missed by "
+                f"{largest(left_over):.3g}; reset as many velocities as the joints leave free",
                 time=state.t,
             )
         return v, z
+
+    def _states_after(self, events: Sequence[Event], state: State) -> np.ndarray:
+        """First-order states after events that take place together."""
+        states, z = self.numeric.eom.mechanism.states, state.z.copy()
+        given: dict[int, tuple[Event, float]] = {}
+        for event in events:
+            for target, value in event.reset:
+                if not _is_state(target):
+                    continue
+                k = next(k for k, own in enumerate(states) if own is target)
+                wanted = float(state[value])
+                if k in given and abs(given[k][1] - wanted) > RESET_TOLERANCE * (1 + abs(wanted)):
+                    raise SimulationError(
+                        f"the events '{given[k][0].name}' and '{event.name}' take place together at t = "
+                        f"{state.t:.6g} s and reset '{states[k].label}' to {given[k][1]:.6g} and {wanted:.6g}",
+                        time=state.t,
+                    )
+                given[k] = (event, wanted)
+                z[k] = wanted
+        return z
+
+
+def _is_state(target: object) -> bool:
+    return isinstance(target, StateVariable)
+
+
+def _names(events: Sequence[Event]) -> str:
+    return ", ".join(f"'{event.name}'" for event in events)
 
 
 def velocities_with(
@@ -156,7 +238,7 @@ def velocities_with(
 
 
 def velocity_after(mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocity after an impulse: ``M (v⁺ - v) + J^T Λ = 0``, ``J v⁺ = b``, also where J has dependent rows.
+    """Velocity after an impulse: ``M (v⁺ - v) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows.
 
     Parameters
     ----------
@@ -172,8 +254,3 @@ def velocity_after(mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v:
     system = np.block([[np.diag(mass / size), jacobian.T], [jacobian, np.zeros((k, k))]])
     step = np.linalg.lstsq(system, np.r_[np.zeros(n), right - jacobian @ v], rcond=1e-13)[0]
     return v + step[:n]
-
-
-def resets(events: Sequence[Event]) -> bool:
-    """Whether any of the events resets velocities or states."""
-    return any(event.reset for event in events)

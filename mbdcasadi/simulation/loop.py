@@ -1,40 +1,46 @@
-"""One run of a simulation: chunk after chunk, and what happens when it stops."""
+"""One run of a simulation: piece after piece, the events between them, and what happens when it stops."""
 
 from __future__ import annotations
 
 import time as clock
-from enum import Enum
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..errors import Interrupted, SimulationError
-from ..integrators.integration import IntegrationFailure
+from ..arguments.inputs import read_answer
+from ..assembly.initial_state import start_state
+from ..assembly.setup import Setup
+from ..errors import Interrupted, MechanismError, SimulationError
+from ..integrators import Integrator
+from ..integrators.compiled import IntegrationFailure
+from ..model.events import Event
 from ..numerics.console import interruptible
-from ..numerics.progress import seconds_bar
+from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
-from .chunks import Chunk, chunks_of, merged
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
-from .impacts import Impacts, resets
-from .input_sampling import InputFeed
-from .resolution import Resolution
+from .impacts import INSTANT, Impacts, velocity_after
+from .modes import Modes
+from .resolution import Path, Resolution
+from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .stepping import Stepper
-from .trajectory_builder import Record
+from .time_dependence import time_dependence
+from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
-#: A multistep method starts with some hundred small steps of low order: chunks that take fewer steps than this are
-#: joined (measured: twenty chunks of 140 steps take three times as long as one).
-STEPS_PER_CHUNK = 1000
-#: How far a body may turn in a chunk of the regularised form, rad.
-TURN_PER_CHUNK = 3.0
-
-#: Share of a chunk after whose start alone a start at a touch makes sense.
+#: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
+#: joined (measured: twenty pieces of 140 steps take three times as long as one).
+STEPS_PER_PIECE = 1000
+#: Turn of a body in a piece of the regularised form, at most, rad.
+TURN_PER_PIECE = 3.0
+#: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
+#: Switches between modes in one run, at most.
+SWITCHES = 20_000
 
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 NEAR_SINGULAR = (
@@ -43,15 +49,26 @@ NEAR_SINGULAR = (
 )
 
 
-class Outcome(Enum):
-    """What became of a chunk."""
+class _Arc:
+    """One mode of a run with all that advances and watches it."""
 
-    DONE = "done"
-    WAITING = "it ends near a singular pose and is run again together with the next one"
-    SHORTEN = "it comes near a singular pose and is run again in chunks of the usual length"
-    ENDED = "a terminal event ended the run"
-    TOUCH = "outlines passed through each other between two steps; it is run again, with a start where they meet"
-    RESET = "an event reset the velocities, and the rest of the chunk is to be run from there"
+    def __init__(self, run: Run, mode: Any):
+        modes, setup = run.modes, run.setup
+        self.mode, self.numeric = mode, modes.numeric(mode)
+        self.resolution = Resolution(self.numeric)
+        self.uniqueness = Uniqueness(self.numeric)
+        self.own_events = modes.events(mode)
+        self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
+        self.stepper = Stepper(
+            self.numeric,
+            setup.signals,
+            modes.levels,
+            run.integrator,
+            self.resolution,
+            run.schedule_length,
+            redundant=run.redundant,
+            max_step=run.max_step,
+        )
 
 
 class Run:
@@ -59,236 +76,394 @@ class Run:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    feed : InputFeed
-        Inputs.
-    watch : EventWatch
-        Events.
-    method : {"idas", "erk", "rosenbrock"}
-        Integrator.
-    settings : dict
-        ``reltol``, ``abstol``, ``jit``, ``options`` of the integrator.
+    setup : Setup
+        Mechanism, parameters, inputs, output times, start.
+    modes : Modes
+        The sets of equations between which the run switches.
+    events : sequence of Event
+        Events of the user.
+    integrator : Integrator
+        Method and tolerances.
     progress : bool
         Show a progress bar.
     """
 
     def __init__(
         self,
-        numeric: NumericEquations,
-        feed: InputFeed,
-        watch: EventWatch,
-        method: str,
-        settings: dict[str, Any],
+        setup: Setup,
+        modes: Modes,
+        events: Sequence[Event],
+        integrator: Integrator,
         *,
         progress: bool = False,
     ):
-        self.numeric, self.feed, self.watch = numeric, feed, watch
-        self.method = method
-        self._settings, self._progress = settings, progress
-        self._rest: list[Chunk] = []
-        self._uniqueness = Uniqueness(numeric)
-        self.resolution = Resolution(numeric)
+        self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
+        self._progress = progress
+        timed = time_dependence(setup)
+        self.max_step, self._obstacle = timed.max_step, timed.obstacle()
+        grid = setup.grid
+        span = float(grid[-1] - grid[0])
+        self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
+        controller = setup.signals.controller
+        self._schedule = Schedule(
+            grid,
+            stops=np.r_[setup.signals.breaks, timed.stops],
+            jumps=timed.jumps,
+            period=None if controller is None else controller.period,
+            watch_points=WATCH_POINTS,
+        )
+        self.schedule_length = span / PIECES
+        self.redundant = False
+        self.resting: dict[Event, float] = {}
+        self._arcs: dict[Any, _Arc] = {}
+        self._switches = 0
+        self._builder = TrajectoryBuilder(modes, setup.p)
+        self._builder.statistics.notes += timed.notes
+        self._x = np.zeros(0)
 
     # --- the loop ------------------------------------------------------------------------
-    def over(self, grid: np.ndarray, start: State, *, redundant: bool, after_reset: bool = False) -> Trajectory:
-        """Run over an output grid from a consistent start."""
+    def run(self) -> Trajectory:
+        """Run over the output grid.
+
+        Raises
+        ------
+        SimulationError
+            If the run stops: the time, the cause, and ``.partial``.
+        Interrupted
+            On Ctrl-C, with ``.partial``.
+        """
         began = clock.perf_counter()
-        step = self._step = Stepper(
-            self.numeric, self.feed, self.method, self._settings, self.resolution, start, redundant=redundant
-        )
-        self.feed.ask(start)
-        self._impacts = Impacts(self.numeric, self.watch, float(grid[-1] - grid[0]))
-        if after_reset:
-            self.watch.reset_at(start)
-        record = self._record = Record(
-            self.numeric.eom.mechanism, self.numeric.p, step.outputs.recovery.refine(self.feed.rule)
-        )
-        record.statistics.method, record.statistics.formulation = self.method, step.formulation.name
-        if redundant:
-            record.statistics.notes.append(LEAST_NORM)
-        first = step.outputs.block(np.array([start.t]), step.x[None, :], self.feed.at_start(start.t))
-        self._keep(first)
-        with interruptible() as self._interruption:
+        builder = self._builder
+        span = self._schedule.end - self._schedule.start
+        with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
-                self._chunks(chunks_of(grid, **self._cuts))
+                self._begin()
+                self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
+            except MechanismError as error:
+                if error.partial is None and not builder.is_empty:
+                    error.partial = builder.trajectory()
+                raise
             finally:
-                record.statistics.seconds = clock.perf_counter() - began
-                record.statistics.restarts = step.starts
-        return record.trajectory()
+                builder.statistics.seconds = clock.perf_counter() - began
+                builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
+        return builder.trajectory()
 
-    @property
-    def _cuts(self) -> dict[str, Any]:
-        """What decides on the chunks besides the output grid."""
-        signals = self.feed.signals
-        return {"period": self.feed.period, "breaks": signals.breaks}
+    def _begin(self) -> None:
+        """Find the consistent start, and the mode that holds there."""
+        setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
+        free = modes.numeric(modes.free)
+        state = start_state(free, setup.initial, begin, setup.signals)
+        _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        self.redundant = free.has_redundant_rows(state.t, state.q)
+        if self.redundant:
+            modes.refuse_redundant_rows()
+        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self._time, self._index = begin, 0
+        self._mode, state = modes.decided(state)
+        state = self._ask_controller(state)
+        self._enter(state, first=True)
+        self._resolve_impacts(state, [])
 
-    def _chunks(self, chunks: list[Chunk]) -> None:
-        waiting: Chunk | None = None
-        left = list(chunks)
-        self._usual_length = chunks[0].length
-        with seconds_bar(sum(chunk.length for chunk in chunks), self._progress) as bar:
-            while left:
-                chunk = left.pop(0)
-                goes_on = chunk is chunks[0] or any(chunk is rest for rest in self._rest)
-                if self.feed.signals.controller and not goes_on:
-                    self.feed.ask(self._step.outputs.state(chunk.start, self._step.x, self.feed.at_start(chunk.start)))
-                joined = chunk if waiting is None else waiting.joined(chunk)
-                outcome = self._one_chunk(joined, may_wait=bool(left) and not self.feed.signals.controller)
-                if outcome is Outcome.SHORTEN:
-                    left, waiting = self._shortened([joined, *left]), None
-                    bar.update(chunk.length - joined.length)
+    def _pieces(self, bar: Any) -> None:
+        """Advance piece by piece up to the end, or to an event that ends the run."""
+        schedule, count = self._schedule, PIECES
+        size = -(-schedule.size // count)
+        first = True
+        while self._index < schedule.size:
+            self._refuse_to_pass_obstacle()
+            last = min(self._index + size - 1, schedule.next_break(self._index), schedule.size - 1)
+            before = self._time
+            ended = self._advance(last)
+            bar.update(self._time - before)
+            if ended:
+                return
+            if first and self._arc.stepper.steps:
+                first, size = False, self._joined(size)
+            if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
+                self._sample()
+        self._refuse_to_pass_obstacle()
+
+    def _refuse_to_pass_obstacle(self) -> None:
+        """Raise at a time at which no motion goes on."""
+        if self._obstacle is not None and self._obstacle.time <= self._time + self._schedule.tolerance:
+            raise self._obstacle
+
+    def _joined(self, size: int) -> int:
+        """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
+        steps, cuts = self._arc.stepper.steps, any(e.reset or e.terminal for e in self._arc.watch.events)
+        if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
+            return size
+        return size * -(-STEPS_PER_PIECE // max(steps, 1))
+
+    # --- one piece ----------------------------------------------------------------------------------
+    def _advance(self, last: int) -> bool:
+        """Advance by the piece that ends at an index, or by less; whether the run ended."""
+        schedule, arc = self._schedule, self._arc
+        piece = schedule.piece(self._time, self._index, last)
+        while True:
+            path, failure = self._integrated(piece)
+            times, x = path.times[1:], path.x[1:]
+            x = arc.stepper.outputs.projected(times, x) if times.size else x
+            if arc.stepper.outputs.recovery.left_over > APART:
+                x, failure = self._together(times, x)
+                times = times[: len(x)]
+            arc.stepper.note_turning(x)
+            if failure is not None:
+                break
+            touch = arc.resolution.first_pass(path)
+            if touch is not None and touch - piece.start >= NEW_START * piece.length:
+                piece = piece.until(touch)
+                continue
+            if arc.stepper.came_near_singular():
+                self._note_near_singular()
+                piece = self._shortened(piece)
+                continue
+            ends = piece.times[-1] == schedule.times[last] and last < schedule.size - 1
+            if ends and arc.stepper.ends_near_singular():
+                last = min(last + piece.times.size, schedule.next_break(last + 1), schedule.size - 1)
+                if not self.setup.signals.controller:
+                    piece = schedule.piece(self._time, self._index, last)
                     continue
-                if outcome in (Outcome.TOUCH, Outcome.RESET):
-                    left, waiting = [*self._rest, *left], None
-                    bar.update(chunk.length - sum(rest.length for rest in self._rest))
-                    continue
-                bar.update(chunk.length)
-                if outcome is Outcome.ENDED:
-                    return
-                waiting = joined if outcome is Outcome.WAITING else None
-                if chunk is chunks[0]:
-                    left = self._lengthened(left)
+            break
+        return self._finish(piece, path, times, x, failure)
 
-    def _shortened(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Chunks in which no body turns far, so that little drift meets a singular pose."""
-        pieces = [piece for chunk in chunks for piece in chunk.pieces]
-        counts = [int(np.ceil(piece.length * self._step.fastest / TURN_PER_CHUNK)) for piece in pieces]
-        return [short for piece, n in zip(pieces, counts, strict=True) for short in piece.divided(max(n, 1))]
-
-    def _lengthened(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Fewer, longer chunks where a multistep method would spend most of its steps on starting."""
-        steps = self._step.steps
-        if self.method != "idas" or self.feed.signals.controller or resets(self.watch.events):
-            return chunks
-        if not 0 < steps < STEPS_PER_CHUNK:
-            return chunks
-        return merged(chunks, max(1, len(chunks) * steps // STEPS_PER_CHUNK))
-
-    def _one_chunk(self, chunk: Chunk, *, may_wait: bool) -> Outcome:
-        """Advance by a chunk."""
-        channel, failure = self.feed.channel(chunk), None
+    def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails."""
         try:
-            x = self._step.advance(chunk, channel, self._usual_length, self._interruption)
+            return self._arc.stepper.advance(piece, self._x, self._interruption), None
         except IntegrationFailure as stopped:
-            x, failure = stopped.x, stopped
-        times, wanted = chunk.times[: len(x)], chunk.wanted[: len(x)]
-        x = self._step.outputs.projected(times, x)
-        if self._step.outputs.recovery.left_over > APART:
-            x, failure = self._together(times, x)
-            times, wanted = times[: len(x)], wanted[: len(x)]
-        self._step.note_turning(x)
-        if failure is None and self._passes_through(chunk):
-            return Outcome.TOUCH
-        if failure is None and self._step.came_near_singular():
-            self._record.statistics.formulation += ", then regularised"
-            self._record.statistics.notes.append(NEAR_SINGULAR)
-            return Outcome.SHORTEN
-        if failure is None and may_wait and self._step.ends_near_singular():
-            return Outcome.WAITING
-        stop = None
-        if self.watch.events and len(x):
-            times, wanted, x, stop = self._note_events(chunk, times, wanted, x, channel)
+            times = piece.times[: len(stopped.x)]
+            nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
+            return Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+
+    def _finish(
+        self, piece: Piece, path: Path, times: np.ndarray, x: np.ndarray, failure: IntegrationFailure | None
+    ) -> bool:
+        """Keep the outputs of a piece up to the first event that decides how the run goes on."""
+        arc, wanted, begins = self._arc, piece.wanted[: times.size], piece.begins[: times.size]
+        crossings: list[Crossing] = []
+        if arc.watch.events and times.size:
+            knots, states = np.r_[piece.start, times], np.vstack([self._x, x])
+            crossings = arc.watch.crossings(arc.stepper.outputs, knots, states, arc.stepper.way_from, self._decides)
+        deciding = [c for c in crossings if self._decides(c.event)]
+        count = times.size
+        if deciding:
+            # an output at the event itself comes before it
+            instant = deciding[0].time + self.instant
+            count = int(np.searchsorted(times, instant, side="right"))
+            x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None:
-            self.resolution.note(self._step.path.until(float(times[-1]) if len(times) else chunk.start))
-        if np.any(wanted):
-            columns = None if channel is None else channel[:, : len(times)][:, wanted]
-            self._keep(self._step.outputs.block(times[wanted], x[wanted], columns))
-        if stop is not None:
-            return self._reset(chunk, stop, len(times)) if stop.event.reset else Outcome.ENDED
+            arc.resolution.note(path.until(deciding[0].time if deciding else float(times[-1])))
+        kept = np.flatnonzero(wanted[:count])
+        self._keep(times[kept], x[kept], begins[kept])
+        for crossing in crossings:
+            if not self._decides(crossing.event):
+                self._builder.events.append(self._occurrence(crossing))
+        if deciding:
+            return self._at_events(deciding, count)
         if failure is not None:
-            raise self._failed(chunk, failure, times, x)
-        self._step.go_on_from(float(times[-1]), x[-1], None if channel is None else channel[:, -1:])
-        return Outcome.DONE
+            raise self._failed(piece, failure, times, x)
+        self._time, self._x = float(times[-1]), self._after_jump(x[-1], piece) if piece.ends_at_jump else x[-1]
+        self._index = self._schedule.index_after(self._time)
+        return False
 
-    def _passes_through(self, chunk: Chunk) -> bool:
-        """Cut a chunk where outlines meet that no step found closed: an integrator starts with small steps."""
-        time = self.resolution.first_pass(self._step.path)
-        if time is None or time - chunk.start < NEW_START * chunk.length:
-            return False
-        self._rest = list(chunk.cut(time))
-        return True
+    def _after_jump(self, x: np.ndarray, piece: Piece) -> np.ndarray:
+        """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
+        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(x[None, :]))
+        jacobian, nu = self._arc.numeric.velocity(piece.after, q)
+        return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
 
-    def _keep(self, block: tuple[np.ndarray, ...]) -> None:
-        """Record outputs, up to the one at which friction leaves the reactions open."""
-        t, q, v, _, z, lam, u = block
-        lost = self._uniqueness.first_lost(t, q, v, z, lam, u)
-        if lost is None:
-            self._record.add(*block)
-            return
-        self._record.add(*(part[:lost] for part in block))
-        raise SimulationError(
-            f"{self._uniqueness.sentence(float(t[lost]))}; what was computed is in .partial",
-            time=float(t[lost]),
-            partial=self._record.trajectory(),
-        )
+    def _decides(self, event: Event) -> bool:
+        return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
+
+    def _shortened(self, piece: Piece) -> Piece:
+        """The beginning of a piece in which no body turns far, so that little drift meets a singular pose."""
+        count = int(np.ceil(piece.length * self._arc.stepper.fastest / TURN_PER_PIECE))
+        if count <= 1 or piece.times.size <= 1:
+            return piece
+        return piece.until(float(piece.times[max(piece.times.size // count, 1) - 1]))
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
-        eom = self.numeric.eom
+        numeric = self._arc.numeric
+        eom = numeric.eom
         for k, time in enumerate(times):
-            phi = np.abs(self.numeric.position(float(time), x[k, : eom.q.numel()])[0])
+            phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
             if np.max(phi) > APART:
                 rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
-                said = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
-                last = x[k - 1] if k else self._step.x
-                return x[:k], IntegrationFailure(said, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+                message = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
+                last = x[k - 1] if k else self._x
+                return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
         return x, None
 
-    # --- events ---------------------------------------------------------------------------------
-    def _note_events(
-        self, chunk: Chunk, times: np.ndarray, wanted: np.ndarray, x: np.ndarray, channel: np.ndarray | None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Crossing | None]:
-        """Record the events of a chunk; one that ends the run or resets velocities cuts its outputs off."""
-        knots, states = np.r_[chunk.start, times], np.vstack([self._step.x, x])
-        crossings = self.watch.crossings(self._step.outputs, knots, states, channel, self._step.way_from)
-        for found in crossings:
-            k = found.interval
-            if found.event.reset:
-                k += int(times[k] - found.time <= self.watch.instant)  # an output at the event itself comes before it
-                return times[:k], wanted[:k], x[:k], found
-            state = self._step.outputs.state(found.time, found.x, found.channel)
-            self._record.events.append(EventOccurrence(found.event.name, found.time, state))
-            if found.event.terminal and found is crossings[-1]:
-                return np.r_[times[:k], found.time], np.r_[wanted[:k], True], np.vstack([x[:k], found.x]), found
-        return times, wanted, x, None
+    def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray) -> None:
+        """Record outputs, up to the one at which friction leaves the reactions open."""
+        if not times.size:
+            return
+        arc = self._arc
+        block = arc.stepper.outputs.block(times, x, since)
+        t, q, v, _, z, lam, u = block
+        lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
+        self._builder.add(arc.mode, *(part[:lost] for part in block))
+        self.modes.check(arc.mode, self._builder.motion_in(arc.mode, *(part[:lost] for part in block)))
+        if lost is not None:
+            raise SimulationError(
+                f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
+            )
 
-    def _reset(self, chunk: Chunk, found: Crossing, count: int) -> Outcome:
-        """Record an event that resets velocities, and what it brings about at the same instant; go on from there."""
-        time, column = found.time, found.channel
+    def _note_near_singular(self) -> None:
+        statistics = self._builder.statistics
+        statistics.formulation += ", then regularised"
+        if NEAR_SINGULAR not in statistics.notes:
+            statistics.notes.append(NEAR_SINGULAR)
+
+    # --- events and modes ---------------------------------------------------------------------------
+    def _enter(self, state: State, *, first: bool = False) -> None:
+        """Go on from a state in the present mode."""
+        mode = self._mode
+        if mode not in self._arcs:
+            self._arcs[mode] = _Arc(self, mode)
+        arc = self._arc = self._arcs[mode]
+        self._x, self._time = np.r_[state.q, state.v, state.z], state.t
+        arc.watch.start_at(state)
+        self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
+        if first:
+            statistics = self._builder.statistics
+            statistics.method = self.integrator.name
+            statistics.formulation = self.modes.prefix + arc.stepper.formulation.name
+            if self.redundant:
+                statistics.notes.append(LEAST_NORM)
+            self._keep(np.array([state.t]), self._x[None, :], np.array([state.t]))
+
+    def _occurrence(self, crossing: Crossing) -> EventOccurrence:
+        state = self._arc.stepper.outputs.state(crossing.time, crossing.x)
+        return EventOccurrence(crossing.event.name, crossing.time, self.modes.whole(self._arc.mode, state))
+
+    def _at_events(self, crossings: Sequence[Crossing], count: int) -> bool:
+        """Go on from the events of one instant; whether one of them ends the run.
+
+        Parameters
+        ----------
+        count : int
+            Outputs of the piece up to there.
+        """
+        arc, first = self._arc, crossings[0]
+        time = first.time
+        self._index = self._schedule.index_after(time + self.instant)
+        terminal = [c for c in crossings if c.event.terminal and not self._is_own(c.event)]
+        for crossing in terminal:
+            self._builder.events.append(self._occurrence(crossing))
+        if terminal and self._builder.last_time < time:
+            self._keep(np.array([time]), first.x[None, :], np.array([time]))
+        state = arc.stepper.outputs.state(time, first.x)
+        located = [c.event for c in crossings if c.event.reset]
+        own = [c.event for c in crossings if self._is_own(c.event)]
+        if own:
+            before = self.modes.whole(arc.mode, state)
+            self._mode, state = self.modes.decided(state, own, arc.mode)
+            after = self.modes.whole(self._mode, state)
+            self._builder.events += [EventOccurrence(event.name, time, before, after) for event in own]
+            self._count_switch(time)
+        if terminal:
+            return True
+        self._enter(state)
+        self._resolve_impacts(state, located)
+        return False
+
+    def _is_own(self, event: Event) -> bool:
+        return any(event is own for own in self._arc.own_events)
+
+    def _resolve_impacts(self, state: State, located: Sequence[Event]) -> None:
+        """Resets of the events that take place at a state, and the mode that holds afterwards."""
+        modes = self.modes
+        if not any(event.reset for event in self.events):
+            return
+        moving = modes.at(modes.free, state.t, state.q, state.v, state.z)
+        impacts = self._impacts.resolved(moving, located)
+        before = modes.whole(self._mode, state)
+        for impact in impacts:
+            moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
+            self._mode, state = modes.decided(moving)
+            after = modes.whole(self._mode, state)
+            self._builder.events += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
+            before = after
+        if impacts:
+            self._enter(state)
+        fired = [event for impact in impacts for event in impact.events]
+        for event in located:
+            if not any(event is other for other in fired):
+                self.resting[event] = float(moving[event.expression])
+        if impacts or located or state.t == self.setup.grid[0]:
+            self._impacts.refuse_pressed_through(state)
+
+    def _count_switch(self, time: float) -> None:
+        self._switches += 1
+        if self._switches > SWITCHES:
+            raise SimulationError(
+                f"friction switched {SWITCHES} times up to t = {time:.9g} s; the motion chatters, take a smoothed law",
+                time=time,
+            )
+
+    # --- a controller ----------------------------------------------------------------------------------
+    def _sample(self) -> None:
+        """Call the controller, and find the mode that holds under its answer."""
+        arc = self._arc
+        state = self._ask_controller(arc.stepper.outputs.state(self._time, self._x))
+        self._enter(state)
+
+    def _ask_controller(self, state: State) -> State:
+        """Call the controller if there is one: the state under its answer."""
+        controller, modes = self.setup.signals.controller, self.modes
+        if controller is None:
+            return state
+        whole = modes.whole(self._mode, state)
         try:
-            impacts = self._impacts.after(found.event, self._step.outputs.state(time, found.x, column))
-        except SimulationError as error:
-            raise SimulationError(str(error), time=time, partial=self._record.trajectory()) from None
-        for event, state, v, z in impacts:
-            self._step.x = np.r_[state.q, v, z]
-            after = self._step.outputs.state(time, self._step.x, column)
-            self._record.events.append(EventOccurrence(event.name, time, state, after))
-        self._step.go_on_from(time, self._step.x, column)
-        self.watch.reset_at(after)
-        rest = chunk.rest(time, count)
-        self._rest = [] if rest is None else [rest]
-        return Outcome.RESET
+            modes.levels[:] = read_answer(controller, whole, self.setup.signals.level_values)
+        except (MechanismError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            raise SimulationError(
+                f"the controller raised {type(error).__name__} at t = {state.t:.6g} s: {error}; what was computed is "
+                "in .partial",
+                time=state.t,
+            ) from error
+        free = modes.at(modes.free, state.t, state.q, state.v, state.z)
+        self._mode, state = modes.decided(free)
+        return state
 
     # --- the end of a run that does not get to its end ----------------------------------------------
     def _interrupted(self) -> Interrupted:
-        reached = self._record.last_time
+        if self._builder.is_empty:
+            return Interrupted("stopped by the user before the start was found", time=float(self.setup.grid[0]))
+        reached = self._builder.last_time
         return Interrupted(
             f"stopped by the user at t = {reached:.6g} s; what was computed is in .partial",
             time=reached,
-            partial=self._record.trajectory(),
+            partial=self._builder.trajectory(),
         )
 
-    def _failed(self, chunk: Chunk, failure: IntegrationFailure, times: np.ndarray, x: np.ndarray) -> SimulationError:
-        reached, last = (float(times[-1]), x[-1]) if len(times) else (chunk.start, self._step.x)
+    def _failed(self, piece: Piece, failure: IntegrationFailure, times: np.ndarray, x: np.ndarray) -> SimulationError:
+        reached, last = (float(times[-1]), x[-1]) if len(times) else (piece.start, self._x)
         if failure.last is not None and failure.last_x is not None:
             reached, last = failure.last, failure.last_x
-        ahead = 1e-3 * (chunk.times[-1] - chunk.start)
-        cause = cause_of_failure(self.numeric, reached, *self._step.outputs.split(last[None, :]), failure.flag, ahead)
+        ahead = 1e-3 * (piece.times[-1] - piece.start)
+        outputs = self._arc.stepper.outputs
+        cause = cause_of_failure(self._arc.numeric, reached, *outputs.split(last[None, :]), failure.flag, ahead)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,
-            partial=self._record.trajectory(),
+            partial=self._builder.trajectory(),
         )
+
+    @property
+    def steps(self) -> int:
+        """Steps of the integrator."""
+        return sum(arc.stepper.all_steps for arc in self._arcs.values())
+
+    def unresolved(self) -> list[str]:
+        """Sentences on what the steps of the integrator did not resolve."""
+        reltol, abstol = self.integrator.reltol, self.integrator.abstol
+        found = [s for arc in self._arcs.values() for s in arc.resolution.sentences(reltol, abstol)]
+        return list(dict.fromkeys(found))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..results.state import State
-from .input_sampling import InputFeed
 
 
 class Outputs:
@@ -17,14 +17,16 @@ class Outputs:
     ----------
     numeric : NumericEquations
         Equations at the parameters of the run.
-    feed : InputFeed
+    signals : Signals
         Inputs of the run.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers, as they are when outputs are made.
     redundant : bool
         Whether rows are dependent.
     """
 
-    def __init__(self, numeric: NumericEquations, feed: InputFeed, *, redundant: bool):
-        self.numeric, self.feed = numeric, feed
+    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, *, redundant: bool):
+        self.numeric, self.signals, self._levels = numeric, signals, levels
         self.recovery = Recovery(numeric, redundant=redundant)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,19 +40,34 @@ class Outputs:
         q = self.recovery.positions(times, q)
         return np.hstack([q, self.recovery.velocities(times, q, v), z])
 
-    def block(self, times: np.ndarray, x: np.ndarray, channel: np.ndarray | None) -> tuple[np.ndarray, ...]:
-        """``t, q, v, a, z, lam, u`` at outputs."""
+    def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        """Return ``t, q, v, a, z, lam, u`` at outputs.
+
+        Parameters
+        ----------
+        since : numpy.ndarray, optional
+            Start of the interval that each output ends; by its inputs the outputs
+            are made. If left out, the interval that begins at each of them.
+        """
         q, v, z = self.split(x)
-        u = self.feed.values(times, q, v, z, channel)
+        channel = self.signals.channel_from(times if since is None else since)
+        u = self.signals.values(times, q, v, z, self.numeric.p, self.numeric.eom, levels=self._levels, channel=channel)
         a, lam = self.recovery.accelerations(times, q, v, z, u)
         return times, q, v, a, z, lam, u
 
-    def unknowns(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> np.ndarray:
+    def unknowns(self, time: float, x: np.ndarray) -> np.ndarray:
         """Accelerations and multipliers at one state, as the integrator takes them."""
-        _, _, _, a, _, lam, _ = self.block(np.array([time]), x[None, :], channel)
+        _, _, _, a, _, lam, _ = self.block(np.array([time]), x[None, :])
         return np.r_[a[0], lam[0]]
 
-    def state(self, time: float, x: np.ndarray, channel: np.ndarray | None) -> State:
+    def state(self, time: float, x: np.ndarray, since: float | None = None) -> State:
         """One state with everything in it."""
-        _, q, v, a, z, lam, u = (part[0] for part in self.block(np.array([time]), x[None, :], channel))
+        begin = None if since is None else np.array([since])
+        _, q, v, a, z, lam, u = (part[0] for part in self.block(np.array([time]), x[None, :], begin))
         return State(self.numeric.eom.mechanism, time, q, v, a, z, lam, u, self.numeric.p)
+
+    def rule(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Inputs at interpolated states: what a controller held is taken as interpolated, all else is evaluated."""
+        if self.signals.controller is not None:
+            return u
+        return self.signals.values(t, q, v, z, self.numeric.p, self.numeric.eom, levels=self._levels)

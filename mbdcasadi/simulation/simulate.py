@@ -8,28 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.inputs import read_signals
-from ..arguments.values import pairs_of, parameter_vector, time_grid
-from ..assembly.initial_state import carried_by, start_state
-from ..equations import equations
+from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismWarning, SimulationError
+from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..model.symbols import number
 from ..results.trajectory import Trajectory
 from ..results.validity import tell_monitors
-from .events import EventWatch
-from .formulations import METHODS
-from .input_sampling import InputFeed
+from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
+from .events import read_events
 from .loop import Run
-from .stick_slip.friction_modes import switching
-from .stick_slip.hybrid_run import StickSlip
+from .modes import Modes, SingleMode
+from .stick_slip.friction_modes import FrictionModes, switching
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
-
-#: Outputs where only a duration is given.
-OUTPUTS = 201
 
 
 def simulate(
@@ -41,9 +34,9 @@ def simulate(
     inputs: Any = None,
     parameters: Any = None,
     events: Sequence[Event] = (),
-    method: str = "idas",
-    reltol: float = 1e-8,
-    abstol: float = 1e-8,
+    method: str | Integrator = "idas",
+    reltol: float | None = None,
+    abstol: float | None = None,
     jit: bool = False,
     progress: bool = False,
     options: dict[str, Any] | None = None,
@@ -77,7 +70,8 @@ def simulate(
         of order 5 for stiff motion at tight tolerance; "auto" takes
         Runge–Kutta where the motion at the start is not stiff.
     reltol, abstol : float, default 1e-8
-        Tolerances of the integrator. Where friction has a velocity tolerance (or bristles), the
+        Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
+        resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
         absolute one is a thousandth of it (of their largest deflection) at the most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
@@ -114,17 +108,23 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    grid = _grid(times, duration)
-    if switching(mechanism):
-        settings = {"method": method, "reltol": reltol, "abstol": abstol, "jit": jit, "options": options}
-        motion, unresolved = StickSlip(mechanism, inputs, parameters, events, settings, smooth_motion, grid).over(
-            initial
-        )
-    else:
-        motion, unresolved = smooth_motion(
-            mechanism, grid, initial, inputs, parameters, events, method, reltol, abstol, jit, options, progress
-        )
-    for sentence in unresolved:
+    setup = Setup(
+        mechanism, "simulate", times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
+    )
+    read = read_events(events)
+    modes = _modes(setup, read)
+    asked = chosen_integrator(
+        method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
+    )
+    integrator = suited_to_friction(asked, modes.numeric(modes.free))
+    run = Run(setup, modes, read, integrator, progress=bool(progress))
+    motion = run.run()
+    if integrator.abstol < asked.abstol:
+        motion.statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+    may_repeat = abstol is None and asked is not method and setup.signals.controller is None
+    run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
+    motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
+    for sentence in run.unresolved():
         motion.statistics.notes.append(sentence)
         warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
@@ -132,71 +132,63 @@ def simulate(
     return motion
 
 
-def smooth_motion(
-    mechanism: Mechanism,
-    grid: np.ndarray,
-    initial: Any,
-    inputs: Any,
-    parameters: Any,
-    events: Sequence[Event],
-    method: str,
-    reltol: float,
-    abstol: float,
-    jit: bool,
-    options: dict[str, Any] | None,
-    progress: bool = False,
-    after_reset: bool = False,
-) -> tuple[Trajectory, list[str]]:
-    """Motion of a mechanism whose friction does not switch, and what was not resolved; see :func:`simulate`.
+def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory]:
+    """A run whose absolute tolerance resolves the range of its motion, or a note that this one does not."""
+    abstol = run.integrator.abstol
+    finer = tolerance_for(motion, abstol)
+    if finer is None:
+        return run, motion
+    if may_repeat:
+        again = Run(
+            run.setup,
+            _modes(run.setup, run.events),
+            run.events,
+            run.integrator.replace(abstol=finer),
+            progress=progress,
+        )
+        try:
+            repeated = again.run()
+        except SimulationError:  # the forces are too rough for it
+            pass
+        else:
+            repeated.statistics.notes.append(f"abstol = {finer:.1e}, as the motion stays within a small range")
+            return again, repeated
+    motion.statistics.notes.append(unresolved_range(motion, abstol))
+    return run, motion
 
-    With `after_reset` the start is the state just after an event, which does not take place again there.
-    """
-    eom = equations(mechanism)
-    tolerances = [_positive(value, name) for value, name in ((reltol, "reltol"), (abstol, "abstol"))]
-    if method not in METHODS:
-        raise SimulationError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+
+def _modes(setup: Setup, events: Sequence[Event]) -> Modes:
+    """Sets of equations between which the run switches."""
+    if not switching(setup.mechanism):
+        return SingleMode(setup)
+    modes = FrictionModes(setup)
+    modes.refuse_names(events)
+    return modes
+
+
+def chosen_integrator(
+    method: Any,
+    modes: Modes,
+    *,
+    reltol: float | None,
+    abstol: float | None,
+    jit: bool = False,
+    options: Any = None,
+    analysis: str,
+) -> Integrator:
+    """The integrator that ``method=`` asks for; "auto" decides by the motion at the start."""
     if options is not None and not isinstance(options, dict):
-        raise SimulationError(f"simulate: options= takes a dict for the integrator, got {options!r}")
-    own = carried_by(initial, mechanism)
-    numeric = NumericEquations(
-        eom, parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
-    )
-    given = (
-        own["inputs"] | dict(pairs_of(inputs, "inputs="))
-        if own["inputs"] and isinstance(inputs, dict | None)
-        else inputs
-    )
-    signals = read_signals(eom, given, grid)
-    watch = EventWatch(eom, events)
-    start = start_state(numeric, initial, float(grid[0]), signals)
-    redundant = numeric.has_redundant_rows(start.t, start.q)
-    _ = start[eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        raise SimulationError(f"{analysis}: options= takes a dict for the integrator, got {options!r}")
     if method == "auto":
-        method = "idas" if eom.Q_depends_on_lam or is_stiff(numeric, start, grid, redundant) else "erk"
-    absolute = absolute_tolerance(numeric, tolerances[1])
-    settings = {"reltol": tolerances[0], "abstol": absolute, "jit": jit, "options": options}
-    run = Run(numeric, InputFeed(numeric, signals, grid), watch, method, settings, progress=progress)
-    motion = run.over(grid, start, redundant=redundant, after_reset=after_reset)
-    if absolute < tolerances[1]:
-        motion.statistics.notes.append(f"abstol = {absolute:.1e}, as the friction asks for")
-    used = {"reltol": tolerances[0], "abstol": absolute} | (options or {})
-    return motion, run.resolution.sentences(used["reltol"], used["abstol"])
+        setup, numeric = modes.setup, modes.numeric(modes.free)
+        stiff = numeric.eom.Q_depends_on_lam or is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
+        method = "idas" if stiff else "erk"
+    return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
 
 
-def _grid(times: Any, duration: float | None) -> np.ndarray:
-    if (times is None) == (duration is None):
-        raise SimulationError("give either times or duration=")
-    if duration is None:
-        return time_grid(times)
-    length = _positive(duration, "duration")
-    return np.linspace(0.0, length, OUTPUTS)
-
-
-def _positive(value: Any, name: str) -> float:
-    result = number(value, "simulate", name)
-    if result <= 0:
-        raise SimulationError(f"simulate: {name} must be positive, got {result}")
-    return result
+def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Integrator:
+    """The integrator with an absolute tolerance that resolves smoothed friction."""
+    return integrator.replace(abstol=absolute_tolerance(numeric, integrator.abstol))
 
 
 def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:

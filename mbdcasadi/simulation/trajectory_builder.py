@@ -3,37 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from ..model.mechanism import Mechanism
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
+from .modes import Modes
+
+#: ``(t, q, v, z, u) -> (q, v, a, lam, u)``: interpolated states brought back onto the constraints.
+Refine = Callable[..., tuple[np.ndarray, ...]]
 
 
-class Record:
-    """Blocks of outputs, joined into a trajectory when asked for.
+class TrajectoryBuilder:
+    """Blocks of outputs in the modes of a run, joined into a trajectory when asked for.
 
     Parameters
     ----------
-    mechanism : Mechanism
-        The model.
+    modes : Modes
+        Modes of the mechanism.
     p : numpy.ndarray
         Parameter values.
-    refine : callable or None
-        How the trajectory interpolates.
+
+    Attributes
+    ----------
+    events : list of EventOccurrence
+        Events that took place.
+    statistics : Statistics
+        How the motion was computed.
     """
 
-    def __init__(self, mechanism: Mechanism, p: np.ndarray, refine: Callable[..., tuple[np.ndarray, ...]] | None):
-        self.mechanism = mechanism
-        self.p = p
-        self.refine = refine
+    def __init__(self, modes: Modes, p: np.ndarray):
+        self.modes, self.p = modes, p
         self.events: list[EventOccurrence] = []
         self.statistics = Statistics()
         self._blocks: list[Sequence[np.ndarray]] = []
+        self._spans: list[tuple[float, Any, Refine]] = []
 
-    def add(self, *block: np.ndarray) -> None:
-        """Append ``t, q, v, a, z, lam, u`` of some outputs, each by row."""
-        self._blocks.append(block)
+    def enter(self, time: float, mode: Any, refine: Refine) -> None:
+        """Note that a mode holds from a time on, and how states in it are interpolated."""
+        self._spans.append((time, mode, refine))
+
+    def add(self, mode: Any, *block: np.ndarray) -> None:
+        """Append ``t, q, v, a, z, lam, u`` of some outputs in a mode, each by row."""
+        if not block[0].size:
+            return
+        t, q, v, a, z, _, u = block
+        self._blocks.append((t, q, v, a, z, self.modes.multipliers(mode, self.motion_in(mode, *block)), u))
+
+    def motion_in(self, mode: Any, *block: np.ndarray) -> Trajectory:
+        """Outputs in a mode as a motion of the mechanism in that mode."""
+        t, q, v, a, z, lam, u = block
+        return Trajectory(self.modes.variant(mode), t, q, v, a, z, lam, u, self.p)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there are no outputs yet."""
+        return not self._blocks
 
     @property
     def last_time(self) -> float:
@@ -41,10 +66,10 @@ class Record:
         return float(self._blocks[-1][0][-1])
 
     def trajectory(self) -> Trajectory:
-        """Everything so far."""
+        """Return everything so far."""
         t, q, v, a, z, lam, u = (np.concatenate(parts) for parts in zip(*self._blocks, strict=True))
         return Trajectory(
-            self.mechanism,
+            self.modes.mechanism,
             t,
             q,
             v,
@@ -55,5 +80,28 @@ class Record:
             self.p,
             events=self.events,
             statistics=self.statistics,
-            refine=self.refine,
+            refine=self._refined(),
         )
+
+    def _refined(self) -> Refine:
+        """Interpolation in the mode that holds at each time."""
+        spans, modes = list(self._spans), self.modes
+        starts = np.array([start for start, *_ in spans])
+
+        def refined(
+            t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
+        ) -> tuple[np.ndarray, ...]:
+            which = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
+            parts: list[tuple[np.ndarray, ...]] = []
+            for k in np.unique(which):
+                rows = which == k
+                _, mode, refine = spans[k]
+                own_q, own_v, a, lam, own_u = refine(t[rows], q[rows], v[rows], z[rows], u[rows])
+                motion = self.motion_in(mode, t[rows], own_q, own_v, a, z[rows], lam, own_u)
+                parts.append((np.flatnonzero(rows), own_q, own_v, a, modes.multipliers(mode, motion), own_u))
+            rows, *columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+            order = np.argsort(rows)
+            q, v, a, lam, u = (column[order] for column in columns)
+            return q, v, a, lam, u
+
+        return refined

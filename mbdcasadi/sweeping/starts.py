@@ -8,23 +8,23 @@ from ..assembly.initial_state import start_state
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
-from ..sensitivity.compiled_run import Problem
+from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import FOUND
 
 #: Steps from the start of the first case to those of the others, one try after the other.
 STEPS = (1, 8, 32)
 
 
-def starts_of(problem: Problem, parameters: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
+def starts_of(setup: MotionSetup, parameters: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
     """Starts of all cases, and why some have none.
 
-    From the start of the problem the parameters are changed in steps, all
+    From the start of the setup the parameters are changed in steps, all
     cases together, so that every case stays on the branch of the first; what
     does not arrive in small turns is assembled by itself.
 
     Parameters
     ----------
-    problem : Problem
+    setup : MotionSetup
         The mechanism at the parameters of one case.
     parameters : numpy.ndarray
         (k, n_p).
@@ -36,38 +36,38 @@ def starts_of(problem: Problem, parameters: np.ndarray) -> tuple[np.ndarray, dic
     failures : dict of int to str
         Message by case.
     """
-    count, size = len(parameters), problem.start.function.size1_out(0)
-    starts, failures = np.full((count, size), np.nan), _out_of_limits(problem, parameters)
+    count, size = len(parameters), setup.differentiable_start.function.size1_out(0)
+    starts, failures = np.full((count, size), np.nan), _out_of_limits(setup, parameters)
     left = np.array([k for k in range(count) if k not in failures], int)
     for steps in STEPS:
         if left.size:
-            found, good = _in_steps(problem, parameters[left], steps)
+            found, good = _in_steps(setup, parameters[left], steps)
             starts[left[good]] = found[good]
             left = left[~good]
     for k in left:
         try:
-            numeric = NumericEquations(problem.eom, parameters[k])
-            state = start_state(numeric, problem.initial, float(problem.grid[0]), problem.signals)
+            numeric = NumericEquations(setup.eom, parameters[k])
+            state = start_state(numeric, setup.initial, float(setup.grid[0]), setup.signals)
             starts[k] = np.r_[state.q, state.v, state.z]
         except MechanismError as error:
             failures[int(k)] = str(error)
     return starts, failures
 
 
-def _out_of_limits(problem: Problem, parameters: np.ndarray) -> dict[int, str]:
+def _out_of_limits(setup: MotionSetup, parameters: np.ndarray) -> dict[int, str]:
     failures = {}
     for k, p in enumerate(parameters):
         try:
-            problem.mechanism.check_values(p)
+            setup.mechanism.check_values(p)
         except MechanismError as error:
             failures[k] = str(error)
     return failures
 
 
-def _in_steps(problem: Problem, parameters: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def _in_steps(setup: MotionSetup, parameters: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Starts that are reached in so many steps (k, n_x), and which of them are good."""
-    start, base = problem.start, problem.numeric.p
-    angles = np.flatnonzero(problem.numeric.eom.angles)
+    start, base = setup.differentiable_start, setup.numeric.p
+    angles = np.flatnonzero(setup.numeric.eom.angles)
     guess = np.tile(start.guess[:, None], (1, len(parameters)))
     before = np.tile(np.r_[start.state.q, start.state.v, start.state.z][:, None], (1, len(parameters)))
     good = np.ones(len(parameters), bool)

@@ -13,10 +13,11 @@ import numpy as np
 
 from ..arguments.values import pairs_of
 from ..errors import AssemblyError, Interrupted, MechanismError, ModelError, SimulationError, SingularityError
+from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
-from ..numerics.progress import count_bar
-from ..sensitivity.compiled_run import Problem
+from ..numerics.progress import progress_bar
+from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.sensitivities import named_outputs
 from .cases import read_cases
 from .result import Sweep
@@ -42,9 +43,9 @@ def sweep(
     executor: Executor | None = None,
     inputs: Any = None,
     parameters: Any = None,
-    method: str = "idas",
-    reltol: float = 1e-8,
-    abstol: float = 1e-8,
+    method: str | Integrator = "idas",
+    reltol: float | None = None,
+    abstol: float | None = None,
     batch: int | None = None,
     file: str | Path | None = None,
     progress: bool = False,
@@ -111,12 +112,12 @@ def sweep(
     named = named_outputs(outputs)
     fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
     settings = {"method": method, "reltol": reltol, "abstol": abstol}
-    problem = _problem(mechanism, times, initial, inputs, fixed, varied, settings)
-    result = Sweep(problem.grid, varied, named)
-    p, shifts = _values(problem, varied, count)
-    starts, failures = starts_of(problem, p)
-    parcel = _parcel(problem, named)
-    store = None if file is None else SweepFile(file, _fingerprint(problem, named, p, shifts, starts))
+    setup = _setup(mechanism, times, initial, inputs, fixed, varied, settings)
+    result = Sweep(setup.grid, varied, named)
+    p, levels = _values(setup, varied, count)
+    starts, failures = starts_of(setup, p)
+    parcel = _parcel(setup, named)
+    store = None if file is None else SweepFile(file, _fingerprint(setup, named, p, levels, starts))
     for block in store.read() if store else []:
         result.take(*block)
     waiting = np.flatnonzero(~result.done)
@@ -128,8 +129,8 @@ def sweep(
     batches = [left[k : k + size] for size in [_batch_size(batch, left.size)] for k in range(0, left.size, size)]
     began = clock.perf_counter()
     try:
-        with count_bar(count, progress, what="sweep", unit="case", done=count - left.size) as bar:
-            for block in _run(executor, parcel, batches, starts, p, shifts):
+        with _bar(count, count - left.size, progress) as bar:
+            for block in _run(executor, parcel, batches, starts, p, levels):
                 _enter(result, store, block)
                 bar.update(len(block[0]))
     except KeyboardInterrupt:
@@ -149,7 +150,7 @@ def sweep(
     return result
 
 
-def _problem(
+def _setup(
     mechanism: Mechanism,
     times: Any,
     initial: Any,
@@ -157,14 +158,16 @@ def _problem(
     fixed: list[tuple[Any, Any]],
     varied: dict[Any, np.ndarray],
     settings: dict[str, Any],
-) -> Problem:
+) -> MotionSetup:
     """The mechanism at the first of the cases, spread over all of them, that can be assembled."""
     obstacle: MechanismError | None = None
     count = len(next(iter(varied.values())))
     for k in np.unique(np.linspace(0, count - 1, min(count, TRIES)).astype(int)):
         values = [(key, column[k]) for key, column in varied.items() if isinstance(key, Parameter)]
         try:
-            return Problem(mechanism, times, initial, inputs, [*fixed, *values], **settings)
+            return MotionSetup(
+                mechanism, "sweep", times, initial=initial, inputs=inputs, parameters=[*fixed, *values], **settings
+            )
         except (AssemblyError, SingularityError) as error:
             obstacle = obstacle or error
         except ModelError as error:  # a length below zero belongs to its case; all else is wrong in every case
@@ -175,45 +178,42 @@ def _problem(
     raise obstacle
 
 
-def _values(problem: Problem, varied: dict[Any, np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters (count, n_p) and what is added to the inputs (count, n_u)."""
-    mechanism = problem.mechanism
-    p = np.tile(problem.numeric.p, (count, 1))
-    shifts = np.zeros((count, len(mechanism.inputs)))
+def _values(setup: MotionSetup, varied: dict[Any, np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters (count, n_p) and levels of the inputs (count, n_levels)."""
+    mechanism, signals = setup.mechanism, setup.signals
+    p, levels = np.tile(setup.p, (count, 1)), np.tile(signals.level_values, (count, 1))
     for key, values in varied.items():
         if isinstance(key, Parameter):
             p[:, [k for k, own in enumerate(mechanism.parameters) if own is key]] = values[:, None]
             continue
         k = next(k for k, own in enumerate(mechanism.inputs) if own is key)
-        given = problem.signals.expressions[k]
-        if not given.is_constant() or k in problem.signals.samples:
-            raise ModelError(f"sweep: input '{key.label}' stands in cases= and, varying, in inputs= too; leave one out")
-        shifts[:, k] = values - float(given)
-    return p, shifts
+        if k not in signals.level_places:
+            raise ModelError(f"sweep: input '{key.label}' is in cases= and, varying, in inputs= too; leave one out")
+        levels[:, signals.level_places[k]] = values
+    return p, levels
 
 
-def _parcel(problem: Problem, named: list[tuple[Any, ca.SX]]) -> Parcel:
-    flow = problem.flow()
-    size = problem.start.function.size1_out(0)
-    x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", problem.numeric.p.size)
-    shifts, channel = ca.MX.sym("shifts", flow.shifts.numel()), flow.channel()
-    states = flow.motion()(x0, p, shifts, channel)
-    values = flow.outputs([e for _, e in named])(states, p, shifts, channel)
-    return Parcel(
-        ca.Function("run", [x0, p, shifts], [values, states[-1, -1]]), float(problem.grid[-1] - problem.grid[0])
-    )
+def _parcel(setup: MotionSetup, named: list[tuple[Any, ca.SX]]) -> Parcel:
+    motion = setup.motion()
+    size = setup.differentiable_start.function.size1_out(0)
+    x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", setup.numeric.p.size)
+    levels, channel = ca.MX.sym("levels", setup.signals.levels.numel()), motion.channel()
+    states = motion.motion()(x0, p, levels, channel)
+    values = motion.outputs([e for _, e in named])(states, p, levels, channel)
+    return Parcel(ca.Function("run", [x0, p, levels], [values, states[-1, -1]]), float(setup.grid[-1] - setup.grid[0]))
 
 
-def _fingerprint(problem: Problem, named: list[tuple[Any, ca.SX]], *numbers: np.ndarray) -> str:
+def _fingerprint(setup: MotionSetup, named: list[tuple[Any, ca.SX]], *numbers: np.ndarray) -> str:
     """Of the equations, the outputs, the inputs, the settings and all numbers."""
-    eom, signals = problem.eom, problem.signals
-    expressions = [eom.mass_diagonal, eom.Q, eom.Phi, eom.Phi_q, eom.z_rate, signals.expressions]
+    eom, signals = setup.eom, setup.signals
+    expressions = [eom.mass_diagonal, eom.Q, eom.Phi, eom.Phi_q, eom.z_rate, signals.parametrised]
     expressions += [ca.vec(e) for _, e in named]
     # a serialised function holds every constant to the last digit; printed expressions do not
-    content = ca.Function("sweep", [*eom.symbols, signals.channel], [ca.densify(e) for e in expressions]).serialize()
+    known = [*eom.symbols, signals.levels, signals.channel]
+    content = ca.Function("sweep", known, [ca.densify(e) for e in expressions]).serialize()
     samples = [np.asarray(v) for v in signals.samples.values()]
     names = [name for name, _ in named if isinstance(name, str)]
-    return fingerprint(content, *names, str(sorted(problem.settings.items())), problem.grid, *samples, *numbers)
+    return fingerprint(content, *names, repr(setup.integrator), setup.grid, *samples, *numbers)
 
 
 def _batch_size(given: int | None, count: int) -> int:
@@ -230,15 +230,15 @@ def _run(
     batches: list[np.ndarray],
     starts: np.ndarray,
     p: np.ndarray,
-    shifts: np.ndarray,
+    levels: np.ndarray,
 ) -> Iterator[Batch]:
     """Finished batches, as they come."""
     if executor is None:
         for indices in batches:
-            yield (indices, *run_batch(parcel, starts[indices], p[indices], shifts[indices]))
+            yield (indices, *run_batch(parcel, starts[indices], p[indices], levels[indices]))
         return
     futures: dict[Future, np.ndarray] = {
-        executor.submit(run_batch, parcel, starts[indices], p[indices], shifts[indices]): indices for indices in batches
+        executor.submit(run_batch, parcel, starts[indices], p[indices], levels[indices]): indices for indices in batches
     }
     try:
         for future in as_completed(futures):
@@ -253,3 +253,7 @@ def _enter(result: Sweep, store: SweepFile | None, block: Batch) -> None:
         result.take(*block)
         if store is not None:
             store.append(*block)
+
+
+def _bar(total: int, done: int, show: bool) -> Any:
+    return progress_bar(total, "sweep", "case", show=show, done=done)

@@ -8,14 +8,14 @@ from uuid import uuid4
 import casadi as ca
 import numpy as np
 
-from ..integrators.plugins import last_line
+from ..integrators.compiled import last_line
 from ..numerics.console import call
 
 _compiled: dict[tuple[str, int], ca.Function] = {}
 
 
 class Parcel:
-    """A compiled run ``(x0, p, shifts) -> (outputs, clock)`` that unpacks once in each process and thread.
+    """A compiled run ``(x0, p, levels) -> (outputs, clock)`` that unpacks once in each process and thread.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Parcel:
 
 
 def run_batch(
-    parcel: Parcel, starts: np.ndarray, parameters: np.ndarray, shifts: np.ndarray
+    parcel: Parcel, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray
 ) -> tuple[np.ndarray, list[str]]:
     """Run some cases one after the other.
 
@@ -47,7 +47,7 @@ def run_batch(
     ----------
     parcel : Parcel
         The run.
-    starts, parameters, shifts : numpy.ndarray
+    starts, parameters, levels : numpy.ndarray
         By case (k, …).
 
     Returns
@@ -60,7 +60,7 @@ def run_batch(
     function = parcel.unpacked()
     values = np.full((len(starts), function.numel_out(0)), np.nan)
     messages = []
-    for k, case in enumerate(zip(starts, parameters, shifts, strict=True)):
+    for k, case in enumerate(zip(starts, parameters, levels, strict=True)):
         try:
             row, clock = call(_evaluated, function, case)
             arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))

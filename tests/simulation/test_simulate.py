@@ -236,17 +236,21 @@ def test_sampled_controller_off_the_grid():
 
 
 def test_sampled_controller_that_fails():
-    """A value that is not finite is refused with the time; an error of the user's own comes through."""
+    """A value that is not finite is refused with the time; an error of the user's own keeps the run, as its cause."""
     p = actuated_pendulum()
     broken = mbd.SampledController(lambda t, s: {p.tau: np.nan if t > 0.4 else 0.0}, 0.1)
     with pytest.raises(mbd.MechanismError, match=r"tau.*t = 0\.5"):
         mbd.simulate(p.mechanism, duration=1.0, inputs=broken)
 
     def faulty(t, state):
-        raise ZeroDivisionError("mine")
+        if t > 0.45:
+            raise ZeroDivisionError("mine")
+        return {p.tau: 0.0}
 
-    with pytest.raises(ZeroDivisionError, match="mine"):
+    with pytest.raises(mbd.SimulationError, match=r"controller raised ZeroDivisionError at t = 0\.5 s: mine") as caught:
         mbd.simulate(p.mechanism, duration=1.0, inputs=mbd.SampledController(faulty, 0.1))
+    assert isinstance(caught.value.__cause__, ZeroDivisionError)
+    assert caught.value.partial.t[-1] == pytest.approx(0.5)
 
 
 def test_input_limits_warn():
@@ -546,7 +550,7 @@ class Drag(mbd.model.element.Element):
 class PlainDrag:
     """The same without any base class: the attributes of the interface alone."""
 
-    name, what = "drag", "force 'drag'"
+    name, description = "drag", "force 'drag'"
     markers = coordinates = limits = row_labels = row_names = ()
     rows = velocity_rows = multipliers = ca.SX(0, 1)
     potential = ca.SX(0)

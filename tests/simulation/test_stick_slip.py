@@ -172,7 +172,8 @@ def test_smoothed_laws_meet_the_exact_one(method, tolerance):
             law, forces=lambda b: [mbd.TSDA("s", mbd.ground.at(-2, 0), b.at(0, 0), stiffness=200, free_length=2.0)]
         )
         start = [guide.displacement == 0.3, guide.speed == 0]
-        motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=start, method=method, reltol=1e-6, abstol=1e-4)
+        coarse = {} if isinstance(law, mbd.DryFriction) else {"reltol": 1e-6, "abstol": 1e-4}
+        motion = mbd.simulate(mechanism, np.linspace(0, 2, 21), initial=start, method=method, **coarse)
         motions.append(motion[guide.displacement])
     assert np.abs(motions[1] - motions[0]).max() < 0.06 * tolerance + 2e-5
 

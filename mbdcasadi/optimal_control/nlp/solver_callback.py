@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.console import Interruption
-from ...numerics.progress import iteration_bar
 from .rows import violations
 
 
@@ -48,7 +48,10 @@ class Monitor(ca.Callback):
         """Watch one solve; a bar writes to what is standard error outside it."""
         self.interruption = interruption
         if show:
-            self._bar = iteration_bar(show, what="optimize")
+            from tqdm.auto import tqdm
+
+            form = "{desc}: {n} iterations{postfix}"
+            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format=form, file=sys.stderr)
         try:
             yield
         finally:

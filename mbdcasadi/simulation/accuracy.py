@@ -1,0 +1,88 @@
+"""Accuracy of a finished run: whether its tolerance resolved the motion, and how far errors may have grown."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.least_squares import largest
+from ..results.trajectory import Trajectory
+
+#: Range of a motion (m or rad), in absolute tolerances, below which the tolerance does not resolve it.
+RESOLVED = 1e5
+#: Range, relative to the size of the coordinates, that is rounding.
+ROUNDING = 1e-11
+#: Absolute tolerance for a motion of small range, relative to that; and the smallest.
+SHARE, SMALLEST = 1e-8, 1e-15
+#: Steps of a run from which its energy is looked at.
+MANY_STEPS = 20_000
+#: Power that no potential explains, relative to the powers of all forces, that is rounding.
+NO_POWER = 1e-9
+#: Estimate of the error of an angle from which it is reported, rad.
+WORTH_REPORTING = 1e-2
+
+
+def ranges(motion: Trajectory) -> np.ndarray:
+    """Range over which each coordinate moves (n,); 0 if that is rounding."""
+    if not len(motion):
+        return np.zeros(motion.q.shape[1])
+    found = np.ptp(motion.q, axis=0)
+    return np.where(found > ROUNDING * (1 + np.max(np.abs(motion.q), axis=0)), found, 0.0)
+
+
+def tolerance_for(motion: Trajectory, abstol: float) -> float | None:
+    """Absolute tolerance that resolves a motion of small range; None if the one it was made with does."""
+    size = largest(ranges(motion))
+    return max(SHARE * size, SMALLEST) if 0 < size < RESOLVED * abstol else None
+
+
+def unresolved_range(motion: Trajectory, abstol: float) -> str:
+    """Sentence on a motion whose range the tolerance does not resolve."""
+    return (
+        f"the motion stays within {largest(ranges(motion)):.2g} (m or rad), which abstol = {abstol:.1e} does not "
+        "resolve; lower it"
+    )
+
+
+def small_motions(motion: Trajectory, abstol: float) -> list[str]:
+    """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them."""
+    moved = ranges(motion)
+    if largest(moved) < RESOLVED * abstol:
+        return []
+    few = (moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)
+    names = [motion.equations.coordinate_names[k] for k in np.flatnonzero(few)]
+    if not names:
+        return []
+    smallest = float(np.min(moved[few]))
+    return [
+        f"{', '.join(names[:6])}{' and others' if len(names) > 6 else ''} move by as little as {smallest:.2g} (m or "
+        f"rad), which abstol = {abstol:.1e} resolves to {100 * abstol / smallest:.1g} %; lower it if they matter"
+    ]
+
+
+def grown_error(motion: Trajectory, steps: int) -> list[str]:
+    """Sentence on the error that a long run of a conservative mechanism may have gathered, by its energy."""
+    if steps < MANY_STEPS or len(motion) < 2:
+        return []
+    eom = motion.equations
+    power = ca.dot(eom.Q, eom.v)
+    rest = power + ca.jtimes(eom.potential, eom.q, eom.v)
+    values = np.abs(motion[ca.vertcat(rest, eom.Q * eom.v)])
+    if np.max(values[:, 0]) > NO_POWER * np.max(np.sum(values[:, 1:], axis=1)):
+        return []  # forces without potential: the energy says nothing
+    if eom.lam.numel() and np.any(np.abs(motion[eom.nu]) > 0):
+        return []  # drivers do work
+    energy = motion.energy
+    drift, size = float(np.max(np.abs(energy.total - energy.total[0]))), float(np.max(energy.kinetic))
+    turning = np.abs(motion.v[:, eom.angles])
+    if not turning.size or size == 0:
+        return []
+    way = float(np.max(np.mean(turning, axis=0))) * float(motion.t[-1] - motion.t[0])
+    estimate = 0.5 * drift / size * way
+    if estimate < WORTH_REPORTING:
+        return []
+    return [
+        f"the energy of this conservative motion drifted by {drift:.2g} J, {100 * drift / size:.2g} % of the largest "
+        f"kinetic energy: over {way:.3g} rad of turning, angles may be off by about {estimate:.2g} rad; tighten the "
+        "tolerances (reltol, abstol) if that matters"
+    ]

@@ -1,0 +1,65 @@
+"""Forms of the equations of motion that an integrator can take, and the choice among them.
+
+===============  ==========================================================  =====================================
+name             when                                                        the integrator gets
+===============  ==========================================================  =====================================
+explicit         every body has mass, no force depends on lam, few bodies    an ODE, lam eliminated
+KKT              massless bodies, forces that depend on lam, many bodies     a DAE in ``(a, lam)``
+regularised      redundant rows, rank lost on the way                        an ODE, ``S + epsilon I``, drift damped
+===============  ==========================================================  =====================================
+"""
+
+from __future__ import annotations
+
+from ...equations.numeric import NumericEquations
+from ...errors import SimulationError
+from ...integrators import Integrator
+from .base import Formulation
+from .explicit import Explicit
+from .kkt import KKT
+from .regularised import Regularised
+
+__all__ = ["EXPLICIT_BODIES", "FORMULATIONS", "KKT", "Explicit", "Formulation", "Regularised", "choose_formulation"]
+
+#: Every form; a further one is a class in a file of its own.
+FORMULATIONS: tuple[type[Formulation], ...] = (Explicit, KKT, Regularised)
+#: With a method that takes algebraic unknowns the explicit form pays up to this number of bodies.
+EXPLICIT_BODIES = 10
+
+
+def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> Formulation:
+    """Choose the form for an integrator.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+    integrator : Integrator
+        What is to take them.
+    redundant : bool
+        Whether rows are dependent.
+
+    Raises
+    ------
+    SimulationError
+        If no form suits the integrator.
+    """
+    eom = numeric.eom
+    if eom.Q_depends_on_lam:
+        if not integrator.solves_algebraic:
+            raise SimulationError(
+                f'method="{integrator.name}" needs forces that do not depend on reactions, and friction here does; use '
+                'method="idas"'
+            )
+        if redundant:
+            raise SimulationError(
+                "a force depends on reactions, and with redundant constraints these are not unique: "
+                "remove the redundant rows (see check) or the friction"
+            )
+        return KKT()
+    if redundant:
+        return Regularised()
+    if not integrator.solves_algebraic:
+        return Explicit()
+    many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
+    return KKT() if numeric.massless or many else Explicit()

@@ -1,0 +1,24 @@
+"""The KKT form: accelerations and multipliers as algebraic unknowns."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import casadi as ca
+
+from ...equations.numeric import NumericEquations
+from .base import Arguments, Formulation
+
+
+class KKT(Formulation):
+    """``M a + Phi_q^T lam - Q = 0``, ``Phi_q a - gamma = 0`` with the unknowns ``(a, lam)``: a DAE of index 1."""
+
+    name: ClassVar[str] = "KKT"
+    is_algebraic: ClassVar[bool] = True
+
+    def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
+        eom = numeric.eom
+        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
+        rows = ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)
+        residual = ca.Function("residual", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, eom.a, eom.lam], [rows])
+        return eom.a, eom.lam, residual(*arguments[:-1], eom.a, eom.lam)

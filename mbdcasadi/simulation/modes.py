@@ -1,0 +1,124 @@
+"""Modes of a run: the sets of equations between which it switches."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..assembly.setup import Setup
+from ..assembly.state import complete_state
+from ..equations.numeric import NumericEquations
+from ..model.events import Event
+from ..model.mechanism import Mechanism
+from ..results.state import State
+from ..results.trajectory import Trajectory
+
+
+class Modes(ABC):
+    """The modes of a mechanism: in each of them its equations are smooth.
+
+    Parameters
+    ----------
+    setup : Setup
+        Mechanism, parameters and inputs.
+
+    Attributes
+    ----------
+    mechanism : Mechanism
+        The whole.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers; a controller changes them in place.
+    """
+
+    #: what stands before the form of the equations in the statistics of a run
+    prefix: ClassVar[str] = ""
+
+    def __init__(self, setup: Setup):
+        self.setup, self.mechanism = setup, setup.mechanism
+        self.levels = setup.signals.level_values.copy()
+        self._numeric: dict[Hashable, NumericEquations] = {}
+
+    # --- equations in one mode ---------------------------------------------------------------
+    @property
+    @abstractmethod
+    def free(self) -> Hashable:
+        """The mode in which nothing is held that may move: assembly and impulses act on it."""
+
+    @abstractmethod
+    def variant(self, mode: Any) -> Mechanism:
+        """Return the mechanism in a mode."""
+
+    def numeric(self, mode: Any) -> NumericEquations:
+        """Return the equations in a mode, at the parameters of the run."""
+        if mode not in self._numeric:
+            self._numeric[mode] = self.setup.numeric_of(self.variant(mode))
+        return self._numeric[mode]
+
+    def at(self, mode: Any, time: float, q: np.ndarray, v: np.ndarray, z: np.ndarray) -> State:
+        """Return the state at a pose and velocity in a mode, with the accelerations and multipliers there."""
+        return complete_state(self.numeric(mode), self.setup.signals, time, q, v, z, levels=self.levels)
+
+    # --- switching ------------------------------------------------------------------------------
+    @abstractmethod
+    def decided(self, state: State, events: Sequence[Event] = (), before: Any = None) -> tuple[Any, State]:
+        """Return the mode that holds at a pose and velocity, and the state in it.
+
+        Parameters
+        ----------
+        state : State
+            In any mode.
+        events : sequence of Event
+            Events of the modes that took place just there.
+        before : optional
+            The mode until then.
+
+        Raises
+        ------
+        SimulationError
+            If there is no mode that holds.
+        """
+
+    def events(self, mode: Any) -> tuple[Event, ...]:
+        """Return the events at which a mode ends."""
+        return ()
+
+    def refuse_redundant_rows(self) -> None:
+        """Raise if dependent constraint rows leave something undetermined."""
+        return None
+
+    def check(self, mode: Any, motion: Trajectory) -> None:
+        """Raise if a motion does not belong to its mode."""
+        return None
+
+    # --- results of the whole mechanism -----------------------------------------------------------
+    def multipliers(self, mode: Any, motion: Trajectory | State) -> np.ndarray:
+        """Return the multipliers of the whole mechanism (k, m), of a motion or state in a mode."""
+        return np.atleast_2d(motion.lam)
+
+    def whole(self, mode: Any, s: State) -> State:
+        """Return a state in a mode as one of the whole mechanism."""
+        lam = self.multipliers(mode, s)[0]
+        return State(self.mechanism, s.t, s.q, s.v, s.a, s.z, lam, s.inputs, s.parameters, s.obstacle)
+
+
+class SingleMode(Modes):
+    """A mechanism whose equations do not switch."""
+
+    @property
+    def free(self) -> Hashable:
+        return ""
+
+    def variant(self, mode: Any) -> Mechanism:
+        return self.mechanism
+
+    def numeric(self, mode: Any) -> NumericEquations:
+        return self.setup.numeric
+
+    def decided(self, state: State, events: Sequence[Event] = (), before: Any = None) -> tuple[Any, State]:
+        return self.free, state
+
+    def whole(self, mode: Any, s: State) -> State:
+        return s

@@ -1,0 +1,201 @@
+"""The times of a run: outputs, times over which no step may go, and where the integrator starts anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+#: Pieces of a run: each start of an integrator costs, and progress, cancelling and partial results need some.
+PIECES = 20
+#: Points at which a run looks for singular poses and for events, at least.
+WATCH_POINTS = 400
+#: Times nearer to each other than this fraction of a run are one.
+SAME_TIME = 1e-9
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A stretch of a run over which the integrator is started once.
+
+    Attributes
+    ----------
+    start : float
+        Time at which it starts, s.
+    times : numpy.ndarray
+        Outputs of the integrator, the last one its end.
+    wanted : numpy.ndarray of bool
+        Which of them are outputs of the user.
+    stops : numpy.ndarray of bool
+        Over which of them no step may go.
+    ends_at_jump : bool
+        Whether the equations jump at its end, and belong to its inside up to there.
+    starts_at_jump : bool
+        The same of its start.
+    """
+
+    start: float
+    times: np.ndarray
+    wanted: np.ndarray
+    stops: np.ndarray
+    ends_at_jump: bool = False
+    starts_at_jump: bool = False
+
+    @property
+    def length(self) -> float:
+        """Its duration, s."""
+        return float(self.times[-1] - self.start)
+
+    @property
+    def begins(self) -> np.ndarray:
+        """Start of each output interval."""
+        return np.r_[self.start, self.times[:-1]]
+
+    @property
+    def _margin(self) -> float:
+        return 8 * float(np.spacing(max(abs(self.start), abs(self.times[-1]))))
+
+    @property
+    def after(self) -> float:
+        """Time just after its end, by some roundings."""
+        return float(self.times[-1]) + self._margin
+
+    @property
+    def inside(self) -> tuple[float, np.ndarray]:
+        """Start and outputs for the integrator: by some roundings off the jumps at the ends."""
+        start, times, margin = self.start, self.times, self._margin
+        if self.starts_at_jump and times[0] - start > 2 * margin:
+            start += margin
+        if self.ends_at_jump and times[-1] - np.r_[start, times][-2] > 2 * margin:
+            times = np.r_[times[:-1], times[-1] - margin]
+        return start, times
+
+    def until(self, time: float) -> Piece:
+        """The part of it up to a time between its start and its end."""
+        count = int(np.searchsorted(self.times, time))
+        return replace(
+            self,
+            times=np.r_[self.times[:count], time],
+            wanted=np.r_[self.wanted[:count], False],
+            stops=np.r_[self.stops[:count], False],
+            ends_at_jump=False,
+        )
+
+
+class Schedule:
+    """All times of a run in order.
+
+    Parameters
+    ----------
+    grid : numpy.ndarray
+        Output times, the first one the start.
+    stops : numpy.ndarray
+        Times over which no step may go.
+    jumps : numpy.ndarray
+        Times at which the equations jump: the integrator starts anew.
+    period : float, optional
+        Sampling period of a controller: a piece ends at each multiple of it.
+    watch_points : int
+        Points at which the run is looked at, at least.
+
+    Attributes
+    ----------
+    times : numpy.ndarray
+        Every time after the start.
+    """
+
+    def __init__(
+        self,
+        grid: np.ndarray,
+        *,
+        stops: np.ndarray | None = None,
+        jumps: np.ndarray | None = None,
+        period: float | None = None,
+        watch_points: int = 0,
+    ):
+        self.start, self.end = float(grid[0]), float(grid[-1])
+        span = self.end - self.start
+        #: times nearer to each other are one, s
+        self.tolerance = max(SAME_TIME * span, 2 * np.spacing(max(abs(self.start), abs(self.end))))
+        none = np.zeros(0)
+        stops, jumps = (none if extra is None else np.asarray(extra, float) for extra in (stops, jumps))
+        samples = none if period is None else samples_of(grid, period)
+        watch = none
+        if grid.size - 1 < watch_points:
+            pieces = int(np.ceil(watch_points / (grid.size - 1)))
+            watch = np.concatenate([np.linspace(a, b, pieces + 1)[1:-1] for a, b in pairwise(grid)])
+        self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
+        self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
+        self._starts_at_jump = self._near(jumps, self.start)
+
+    def _merged(self, grid: np.ndarray, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Union of the outputs and other times; an output stands for times very near to it."""
+        extra = np.unique(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
+        extra = extra[np.abs(grid[_nearest(grid, extra)] - extra) > self.tolerance]
+        extra = extra[np.r_[True, np.diff(extra) > self.tolerance]] if extra.size else extra
+        times = np.r_[grid, extra]
+        order = np.argsort(times, kind="stable")
+        return times[order], (np.arange(times.size) < grid.size)[order]
+
+    def _marked(self, extra: np.ndarray) -> np.ndarray:
+        """Which of the times are among others."""
+        places = _nearest(self.times, extra)
+        marked = np.zeros(self.times.size, bool)
+        marked[places[np.abs(self.times[places] - extra) <= self.tolerance]] = True
+        return marked
+
+    def _near(self, times: np.ndarray, time: float) -> bool:
+        return bool(np.any(np.abs(times - time) <= self.tolerance))
+
+    @property
+    def size(self) -> int:
+        """Number of times after the start."""
+        return self.times.size
+
+    def samples_at(self, index: int) -> bool:
+        """Whether a controller is called just after the time of an index (-1 is the start)."""
+        return index >= 0 and bool(self._samples[index]) and index < self.size - 1
+
+    def index_after(self, time: float) -> int:
+        """Index of the first time after another."""
+        return int(np.searchsorted(self.times, time, side="right"))
+
+    def next_break(self, first: int) -> int:
+        """Index of the next time, from one on, at which the integrator must start anew; the last one at the latest."""
+        found = np.flatnonzero(self._jumps[first:] | self._samples[first:])
+        return first + int(found[0]) if found.size else self.size - 1
+
+    def piece(self, start: float, first: int, last: int) -> Piece:
+        """Return the piece from a time to the time of the index `last`, with all times from the index `first` on.
+
+        Parameters
+        ----------
+        start : float
+            Before the time of the index `first`.
+        """
+        chosen = slice(first, last + 1)
+        before = first - 1
+        from_jump = self._starts_at_jump if before < 0 else bool(self._jumps[before]) and start == self.times[before]
+        return Piece(
+            start,
+            self.times[chosen],
+            self.wanted[chosen],
+            self._stops[chosen],
+            ends_at_jump=bool(self._jumps[last]),
+            starts_at_jump=from_jump,
+        )
+
+
+def samples_of(grid: np.ndarray, period: float) -> np.ndarray:
+    """Ends of the sampling periods of a controller within an output grid, the last one its end."""
+    start, end = grid[0], grid[-1]
+    count = int(np.ceil((end - start) / period * (1 - 1e-12)))
+    return np.minimum(start + period * np.arange(1, count + 1), end)
+
+
+def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Index of the time (of an increasing list) that is nearest to each of others."""
+    after = np.clip(np.searchsorted(times, wanted), 0, times.size - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(np.abs(times[before] - wanted) < np.abs(times[after] - wanted), before, after)

@@ -1,0 +1,86 @@
+"""Explicit dependence of a run on time: where the integrator must stop, and how long its steps may be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from ..assembly.setup import Setup
+from ..equations.explicit_time import ConstraintJump, explicit_time, first_jump
+from ..errors import SimulationError
+
+#: Steps over a run whose equations depend on time, at least: what begins after rest would be stepped over otherwise.
+LEAST_STEPS = 400
+#: Stops around the middle of a short transient, in its durations.
+AROUND = np.array([-8.0, -4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
+#: Transients of one run that get stops of their own; what passes quickly more often bounds every step.
+MOST_TRANSIENTS = 2000
+
+
+@dataclass(frozen=True)
+class TimeDependence:
+    """What integrators must know of the time in the equations of a run.
+
+    Attributes
+    ----------
+    stops : numpy.ndarray
+        Times over which no step may go: knots, switches, the middles of short transients, s.
+    jumps : numpy.ndarray
+        Times at which the accelerations jump, so that an integrator starts anew, s.
+    max_step : float or None
+        Longest step, s; None if nothing depends on time.
+    velocity_jumps : list of ConstraintJump
+        Prescribed velocities that jump, which takes an impulse.
+    position_jump : ConstraintJump or None
+        First prescribed position that jumps: no motion goes on there.
+    """
+
+    stops: np.ndarray
+    jumps: np.ndarray
+    max_step: float | None = None
+    velocity_jumps: list[ConstraintJump] = field(default_factory=list)
+    position_jump: ConstraintJump | None = None
+
+    def obstacle(self) -> SimulationError | None:
+        """Error at the first prescribed position that jumps; None if none does."""
+        jump = self.position_jump
+        return None if jump is None else SimulationError(f"{jump}; {jump.remedy}", time=jump.time)
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences for the statistics of a run."""
+        return [f"{jump}: the velocities jump there, by the impulse that this takes" for jump in self.velocity_jumps]
+
+
+def time_dependence(setup: Setup) -> TimeDependence:
+    """Find out how the equations of a run depend on time."""
+    eom, signals, p = setup.eom, setup.signals, setup.p
+    start, end = float(setup.grid[0]), float(setup.grid[-1])
+    # samples and polynomials change at times that are known; expressions may switch
+    inputs = ca.SX(eom.u)
+    for k, kind in enumerate(signals.structure):
+        if isinstance(kind, tuple) and kind[0] == "expression":
+            inputs[k] = signals.expressions[k]
+    timed = explicit_time(eom, inputs)
+    none = np.zeros(0)
+    if not timed.depends:
+        return TimeDependence(none, none)
+    constraint_jumps = timed.jumps(p, start, end)
+    breaks, restarts = timed.breaks(p, start, end)
+    max_step = (end - start) / LEAST_STEPS
+    stops = [breaks.times[~restarts]]
+    if breaks.transients.shape[0] <= MOST_TRANSIENTS:
+        middles, lengths = breaks.transients.T
+        stops.append((middles[:, None] + lengths[:, None] * AROUND).ravel())
+    else:
+        max_step = min(max_step, float(np.min(breaks.transients[:, 1])))
+    inside = np.unique(np.concatenate(stops))
+    return TimeDependence(
+        inside[(inside > start) & (inside < end)],
+        breaks.times[restarts],
+        max_step,
+        [jump for jump in constraint_jumps if jump.level == "velocity"],
+        first_jump(constraint_jumps, "position"),
+    )
