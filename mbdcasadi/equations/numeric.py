@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError, SingularityError
-from ..numerics.console import call
+from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
@@ -292,11 +292,8 @@ class NumericEquations:
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations and multipliers; not finite where Newton's method meets a singular matrix."""
-        try:
-            a, lam = call(self.forward_dynamics(redundant=redundant), *state, self.p)
-        except RuntimeError:
-            return np.full(self.eom.q.numel(), np.nan), np.full(self.eom.lam.numel(), np.nan)
-        return a.full().ravel(), lam.full().ravel()
+        a, lam = call_each(self.forward_dynamics(redundant=redundant), *state, self.p)
+        return a.ravel(), lam.ravel()
 
 
 def _quoted(names: list[str]) -> str:

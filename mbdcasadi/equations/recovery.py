@@ -12,6 +12,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ..numerics.console import call_each
 from ..numerics.least_squares import largest
 from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
@@ -87,8 +88,8 @@ class Recovery:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (k, n) and multipliers (k, m)."""
         function = self.numeric.forward_dynamics(redundant=self.redundant)
-        a, lam = function(t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
-        return a.full().T, lam.full().T
+        a, lam = call_each(function, t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
+        return a.T, lam.T
 
     def refine(self, rule: InputRule | None = None) -> Callable[..., tuple[np.ndarray, ...]]:
         """Return the function by which a trajectory interpolates; see ``Trajectory.at``."""

@@ -18,6 +18,7 @@ from ..errors import MechanismError, SingularityError
 from ..model.drivers import Driver
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
+from ..numerics.console import call_each
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import tell_monitors
 from ..simulation.simulate import simulate
@@ -111,7 +112,7 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
     frame.z = _first_order_states(numeric, frame.t, inputs)
     u = _given_inputs(numeric, frame, inputs)
     function = driven_equations(eom).multipliers
-    lam = function(frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p).full().T
+    lam = call_each(function, frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p)[0].T
     _finite(eom.row_names, frame.t, lam)
     redundant = eom.lam.numel() > eom.q.numel()
     notes = [_LEAST_NORM] if redundant else []
@@ -119,7 +120,7 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
     def refine(t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, _u: np.ndarray) -> tuple[np.ndarray, ...]:
         part = kinematic_trajectory(numeric, course).at(t)
         there = _given_inputs(numeric, part, inputs) if not _sampled(inputs) else _u
-        load = function(t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p).full().T
+        load = call_each(function, t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p)[0].T
         return part.q, part.v, part.a, load, there
 
     return _result(frame, u, lam, notes, refine, numeric.p)

@@ -23,6 +23,7 @@ from ..assembly.initial_state import start_state
 from ..assembly.state import levels_of
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, read_conditions
+from ..numerics.console import call_each
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
@@ -123,6 +124,16 @@ class DifferentiableStart:
             ["p", "right", "z", "guess"],
             ["x", "solution", "residual"],
         )
+
+    def solve(self, p: np.ndarray, guess: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Starts at many parameters (n_p, k), as columns: states, solutions to go on from, residuals (k,).
+
+        Without a guess the solution of the first start is one. A residual is NaN if there is no start nearby.
+        """
+        x, solution, residual = call_each(
+            self.function, p, self.right, self.z_estimate, self.guess if guess is None else guess
+        )
+        return x, solution, residual.ravel()
 
     @property
     def z_estimate(self) -> np.ndarray:

@@ -73,10 +73,9 @@ def _in_steps(setup: MotionSetup, parameters: np.ndarray, steps: int) -> tuple[n
     good = np.ones(len(parameters), bool)
     for step in range(1, steps + 1):
         p = base[:, None] + step / steps * (parameters.T - base[:, None])
-        x, solution, residual = start.function(p, start.right, start.z_estimate, guess)
-        states, guess = x.full(), solution.full()
+        states, guess, residual = start.solve(p, guess)
         turned = np.max(np.abs(states - before)[angles], axis=0, initial=0.0)
-        good &= (residual.full().ravel() <= FOUND) & (turned <= LARGEST_TURN)
+        good &= (residual <= FOUND) & (turned <= LARGEST_TURN)
         guess = np.where(np.isfinite(guess), guess, start.guess[:, None])
         before = states
     return before.T, good
