@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from ..model.conditions import read_conditions
+from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..model.symbols import number
 from ..results.state import State
-from ..simulation.stick_slip.friction_modes import switching
-from ..simulation.stick_slip.start import assemble_with_friction
-from .state import assemble_mechanism
+from .setup import Setup
+
+#: Start of a mechanism with exact friction: ``setup -> state``. Simulation, which knows how friction switches, sets it.
+_start_with_friction: Callable[[Setup], State] | None = None
+
+
+def decide_friction_by(start: Callable[[Setup], State]) -> None:
+    """Set what finds the start of mechanisms with exact friction."""
+    global _start_with_friction
+    _start_with_friction = start
 
 
 def assemble(
@@ -61,6 +72,9 @@ def assemble(
     >>> float(np.round(state[arm.vx], 9))
     -1.5
     """
-    if switching(mechanism):
-        return assemble_with_friction(mechanism, conditions, t, inputs, parameters)
-    return assemble_mechanism(mechanism, conditions, t, inputs, parameters)
+    given = read_conditions(conditions)
+    time = number(t, "assemble", "t")
+    setup = Setup(mechanism, "assemble", t=time, initial=given, inputs=inputs, parameters=parameters)
+    if switching(mechanism) and _start_with_friction is not None:
+        return _start_with_friction(setup)
+    return setup.start

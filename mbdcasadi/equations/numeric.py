@@ -68,6 +68,13 @@ class NumericEquations:
         sizes = self.scale.coordinates
         return self._raised(np.where(self.mass > 0, self.mass, 1.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
 
+    @property
+    def weights_expression(self) -> ca.SX:
+        """The same as an expression in the parameters (n,), raised as at their values here."""
+        raised = self.weights / np.where(self.mass > 0, self.mass, 1.0)
+        masses = [ca.if_else(m > 0, m, 1.0) for m in ca.vertsplit(self.eom.mass_diagonal)]
+        return ca.vertcat(*masses) * ca.DM(raised)
+
     @cached_property
     def projection_weights(self) -> np.ndarray:
         """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike.

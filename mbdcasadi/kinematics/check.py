@@ -13,12 +13,12 @@ from ..assembly.pose import OPEN, PoseProblem
 from ..equations import equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError
+from ..model.forces.friction.modes import without_exact_friction
 from ..model.mechanism import Mechanism
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.state import State
 from ..results.validity import broken_at_pose, not_still
-from ..simulation.stick_slip.friction_modes import without_exact_friction
 from .mobility import Joints, Mobility, mobility
 from .singular import describe_singularity
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
 from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector, position_in
-from ..assembly.initial_state import carried_by
-from ..assembly.state import assemble_at
+from ..assembly.consistent_start import carried_by, consistent_start
 from ..equations import equations
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
@@ -183,7 +182,7 @@ def _start(numeric: NumericEquations, rows: Sequence[Condition], time: float, si
     """Assembled pose to start from; conditions that say nothing of the pose wait for the equilibrium itself."""
     later = ("multiplier", "input") if trim else ()
     usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
-    return assemble_at(numeric, usable, time, signals)
+    return consistent_start(numeric, usable, time, signals)
 
 
 def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:

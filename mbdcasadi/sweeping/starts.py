@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..assembly.initial_state import start_state
+from ..assembly.consistent_start import consistent_start
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
@@ -47,7 +47,7 @@ def starts_of(setup: MotionSetup, parameters: np.ndarray) -> tuple[np.ndarray, d
     for k in left:
         try:
             numeric = NumericEquations(setup.eom, parameters[k])
-            state = start_state(numeric, setup.initial, float(setup.grid[0]), setup.signals)
+            state = consistent_start(numeric, setup.initial, float(setup.grid[0]), setup.signals)
             starts[k] = np.r_[state.q, state.v, state.z]
         except MechanismError as error:
             failures[int(k)] = str(error)
