@@ -20,6 +20,7 @@ from ..numerics.least_squares import largest
 from ..results.state import State
 from .amplification import amplification, warn_of
 from .search import newton, newton_nearby, to_stable
+from .small_motions import SmallMotions
 from .statics import Statics, Stiffness
 
 #: Speed of a driver that counts as rest (m/s or rad/s).
@@ -38,12 +39,15 @@ class Equilibrium(State):
     Attributes
     ----------
     stable : bool
-        Whether every free direction is held: the reduced stiffness has real
-        eigenvalues above zero. A direction in which nothing pushes (a wheel
-        that may turn) is not stable. Damping and the rates of first-order
-        states are no part of statics: :func:`linearize` tells of these.
+        Whether small disturbances stay small: every free direction is held by
+        stiffness, and no small motion grows, with the damping, the feedback
+        and the first-order states that the model has (the eigenvalues of
+        :func:`linearize`). A direction in which nothing pushes (a wheel that
+        may turn) is not stable.
     stiffness : Stiffness
         Eigenvalues and directions of the reduced stiffness.
+    small_motions : SmallMotions
+        Eigenvalues and shapes of the small motions.
     """
 
     def __init__(self, statics: Statics, x: np.ndarray):
@@ -53,16 +57,18 @@ class Equilibrium(State):
             statics.eom.mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x)
         )
         self.stiffness: Stiffness = statics.stiffness(x)
+        self.small_motions: SmallMotions = statics.small_motions(x)
 
     @property
     def stable(self) -> bool:
-        """Whether the reduced stiffness holds every free direction."""
-        return self.stiffness.stable
+        """Whether small disturbances stay small."""
+        return self.stiffness.holds and not self.small_motions.grow
 
     def __repr__(self) -> str:
         least = self.stiffness.least
         held = "nothing is free to move" if np.isinf(least) else f"least reduced stiffness {least:.6g} N/m"
-        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}"
+        growth = f"; small motions grow by {self.small_motions.growth:.6g} 1/s" if self.small_motions.grow else ""
+        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}{growth}"
 
 
 def equilibrium(

@@ -40,8 +40,9 @@ class CriticalState:
         The equilibrium there.
     kind : {"limit", "bifurcation", "flutter"}
         At a limit point the path turns back, and the mechanism snaps through;
-        at a bifurcation the path goes on, and another one crosses it. Flutter,
-        under forces without potential, sets in where two frequencies meet.
+        at a bifurcation the path goes on, and another one crosses it. From
+        flutter on, under forces without potential, feedback or negative
+        damping, oscillations grow.
     direction : numpy.ndarray
         Displacement over q in which the stiffness vanishes, or in which it flutters (n,), the largest entry 1.
     """
@@ -102,6 +103,11 @@ class _Point:
     x: np.ndarray
     tangent: np.ndarray
     state: Equilibrium
+
+    @property
+    def flutters(self) -> bool:
+        """Whether oscillations grow."""
+        return self.state.small_motions.flutter
 
 
 class Follower:
@@ -210,12 +216,12 @@ class Follower:
             found = [self._critical(low, high, length, index) for index in range(few, many)]
         else:
             found = [self._critical(low, high, length, None)] if (many - few) % 2 else []
-        if ends[0].flutters != ends[1].flutters:
+        if low.flutters != high.flutters:
             found.append(self._flutter(low, high, length))
         return found
 
     def _flutter(self, low: _Point, high: _Point, length: float) -> CriticalState:
-        """Where two frequencies meet, by halving: the point on the side where it flutters."""
+        """Where oscillations begin to grow, by halving: the point on the side where it flutters."""
         inner, outer = 0.0, length
         points = {inner: low, outer: high}
         while outer - inner > ACCURACY:
@@ -224,12 +230,12 @@ class Follower:
             if between is None or not inner < middle < outer:
                 break
             points[middle] = between
-            if between.state.stiffness.flutters == low.state.stiffness.flutters:
+            if between.flutters == low.flutters:
                 inner = middle
             else:
                 outer = middle
-        point = points[inner if low.state.stiffness.flutters else outer]
-        direction = self.statics.flutter(point.x)
+        point = points[inner if low.flutters else outer]
+        direction = point.state.small_motions.fastest_growing
         direction = direction / direction[np.argmax(np.abs(direction))]
         return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
 

@@ -32,8 +32,9 @@ def equilibrium_path(
 
     The path is followed along its length, so that it passes the points at which
     it turns back (snap-through). Where the number of negative eigenvalues of
-    the reduced stiffness changes, or where small motions begin to flutter (loads
-    that follow a body have no potential), the critical value is located.
+    the reduced stiffness changes, or where oscillations begin to grow with the
+    damping that the model has (under loads that follow a body, feedback, or
+    falling friction), the critical value is located.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
         if found is None or largest((found - settled)[: statics.n]) > 0.1 * (1 + statics.lever):
             return found if first is None else first
         stiffness = statics.stiffness(found)
-        if stiffness.stable or stiffness.negative == 0:
+        if stiffness.negative == 0:
             return found
         first = found if first is None else first
         direction = stiffness.directions[:, 0].real

@@ -23,6 +23,7 @@ from ..model.conditions import Condition
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
+from .small_motions import SmallMotions
 
 #: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
 NEUTRAL = 1e-11
@@ -52,13 +53,6 @@ class Stiffness:
         Unbalanced force along the basis (k,), N.
     scale : float
         Stiffness that is typical of the mechanism: what rounding is measured by.
-    stable : bool
-        Whether every free direction is held: all eigenvalues above zero. Where
-        forces have no potential (a load that follows a rod) the matrix is not
-        symmetric, and small undamped motions decide: the squares of their
-        frequencies must be real and above zero.
-    flutters : bool
-        Whether such squares are complex, so that small motions grow.
     """
 
     values: np.ndarray
@@ -67,8 +61,15 @@ class Stiffness:
     basis: np.ndarray
     force: np.ndarray
     scale: float
-    stable: bool
-    flutters: bool
+
+    @property
+    def holds(self) -> bool:
+        """Whether every free direction is held: no real eigenvalue is zero or below.
+
+        Where forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
+        """
+        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
+        return not np.any(real & (self.values.real <= NEUTRAL * self.scale))
 
     @property
     def least(self) -> float:
@@ -137,7 +138,7 @@ class Statics:
         u = ca.SX(signals.expressions)
         for k in _places(eom.mechanism.inputs, unknowns):
             u[k] = eom.mechanism.inputs[k]
-        u = ca.substitute(u, eom.v, ca.SX.zeros(self.n))
+        fed_back, u = u, ca.substitute(u, eom.v, ca.SX.zeros(self.n))
         rows = ca.vertcat(eom.Q - eom.Phi_q.T @ eom.lam, eom.Phi, eom.z_rate, *[c.expression for c in conditions])
         rest = ca.SX.zeros(self.n)
         rows = ca.substitute(ca.densify(rows), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
@@ -145,6 +146,9 @@ class Statics:
         arguments = [x, eom.t, eom.p[self._known_p]]
         self._rows = ca.Function("statics", arguments, [rows, ca.jacobian(rows, x)])
         self._inputs = ca.Function("inputs", arguments, [ca.densify(u)])
+        moving = ca.substitute(ca.vertcat(eom.Q, eom.z_rate), eom.u, fed_back)
+        slope = ca.substitute(ca.jacobian(moving, eom.v), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
+        self._by_velocity = ca.Function("by_velocity", arguments, [ca.densify(slope)])
         self.constant_rows = eom.Phi.numel()
 
     # --- the unknowns ----------------------------------------------------------------
@@ -250,28 +254,35 @@ class Statics:
         scale = self._typical(x, values, jacobian)
         if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
             values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-            stable, flutters = bool(np.all(values > NEUTRAL * scale)), False
         else:
             values, vectors = np.linalg.eig(matrix)
             order = np.argsort(values.real)
             values, vectors = values[order], vectors[:, order]
-            squares = self._squares(matrix, basis, x)[0]
-            size = largest(squares)
-            flutters = bool(np.any(np.abs(squares.imag) > CIRCULATORY * size))
-            stable = not flutters and bool(np.all(squares.real > NEUTRAL * size))
-        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable, flutters)
+        return Stiffness(values, basis @ vectors, matrix, basis, force, scale)
 
-    def _squares(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squares of the frequencies of small undamped motions, and their shapes in the basis."""
-        inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
-        least = float(np.min(np.linalg.eigvalsh(inertia)))
-        return np.linalg.eig(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
-
-    def flutter(self, x: np.ndarray) -> np.ndarray:
-        """Displacement over q of the small motion whose frequency is farthest from real (n,)."""
-        here = self.stiffness(x)
-        squares, shapes = self._squares(here.matrix, here.basis, x)
-        return here.basis @ shapes[:, np.argmax(np.abs(squares.imag))].real
+    def small_motions(self, x: np.ndarray) -> SmallMotions:
+        """Small motions about an equilibrium, with damping, feedback and the rates of first-order states."""
+        c, basis = self._free(x)
+        n, k = self.n, self.k
+        _, jacobian = self.rows(x)
+        by_velocity = self._by_velocity(x, self.t, self.numeric.p[self._known_p]).full()
+        rates = slice(n + self.constant_rows, n + self.constant_rows + k)
+        inertia = np.vstack([-self.eom.masses(self.parameters(x))[:, None] * basis, np.zeros((k, basis.shape[1]))])
+        # forces and rates by displacements, velocities, accelerations and states; multipliers follow
+        sources = np.hstack(
+            [
+                jacobian[[*range(n), *range(rates.start, rates.stop)], :n] @ basis,
+                by_velocity @ basis,
+                inertia,
+                jacobian[[*range(n), *range(rates.start, rates.stop)], n : n + k],
+            ]
+        )
+        lam = slice(n + k, n + k + self.m)
+        left = np.hstack([c[:, None] * jacobian[:n, lam], basis / c[:, None]])
+        answer = least_norm(left, c[:, None] * sources[:n], threshold=BALANCED)
+        force = answer[self.m :]
+        rate = sources[n:] - jacobian[rates, lam] @ answer[: self.m]
+        return SmallMotions.of(force, rate, basis)
 
     def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
