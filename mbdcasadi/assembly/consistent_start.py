@@ -26,7 +26,7 @@ from .velocity import VelocityProblem
 
 #: A start given as a State may miss the constraints by this much (m, rad, and their rates) in a mechanism with levers
 #: of 0.1 m to 1 km; in smaller and larger ones by this share of ten, and of a thousandth, of the characteristic length.
-CONSISTENT = 1e-6
+CONSISTENCY_TOLERANCE = 1e-6
 
 
 def consistent_start(numeric: NumericEquations, initial: Any, time: float, signals: Signals) -> State:
@@ -74,7 +74,7 @@ def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.
     if not rows.size:
         return
     angular = np.r_[eom.angular_rows[eom.position_rows], eom.angular_rows]
-    allowed = CONSISTENT * np.where(angular, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
+    allowed = CONSISTENCY_TOLERANCE * np.where(angular, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
     worst = int(np.argmax(rows / allowed))
     if rows[worst] > allowed[worst]:
         names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
@@ -108,17 +108,17 @@ def complete_state(
 
 
 def carried_by(initial: Any, mechanism: Mechanism) -> dict[str, dict]:
-    """Parameters and inputs that a state brings along, where the mechanism has them."""
+    """Parameters and inputs that a state brings along, as far as the mechanism has them."""
     if not isinstance(initial, State):
         return {"parameters": {}, "inputs": {}}
     theirs = initial.mechanism
-    found = {}
-    for name, symbols, values, own in (
+    carried = {}
+    for name, symbols, values, symbols_here in (
         ("parameters", theirs.parameters, initial.parameters, mechanism.parameters),
         ("inputs", theirs.inputs, initial.inputs, mechanism.inputs),
     ):
-        found[name] = {s: float(x) for s, x in zip(symbols, values, strict=True) if any(s is o for o in own)}
-    return found
+        carried[name] = {s: float(x) for s, x in zip(symbols, values, strict=True) if any(s is o for o in symbols_here)}
+    return carried
 
 
 def levels_of(

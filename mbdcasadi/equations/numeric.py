@@ -44,7 +44,7 @@ class NumericEquations:
     Raises
     ------
     ModelError
-        Where a mass, a length or another limited quantity is out of its limits at these values.
+        If a mass, a length or another limited quantity is out of its limits at these values.
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
@@ -92,14 +92,14 @@ class NumericEquations:
         bodies = np.split(alike.copy(), range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
         most = float(np.max(alike))
         for body in bodies:
-            own = float(np.max(body, initial=0.0))
-            body *= max(1.0, least * most / own) if own > 0 else 1.0
-            np.maximum(body, least * max(own, least * most), out=body)
+            heaviest = float(np.max(body, initial=0.0))
+            body *= max(1.0, least * most / heaviest) if heaviest > 0 else 1.0
+            np.maximum(body, least * max(heaviest, least * most), out=body)
         return np.concatenate(bodies)
 
     @property
     def massless(self) -> bool:
-        """Whether a coordinate has no inertia."""
+        """True if a coordinate has no inertia."""
         return bool(np.any(self.mass == 0))
 
     @cached_property
@@ -200,7 +200,7 @@ class NumericEquations:
         return max(RANK, 100 * EPSILON * far / self.scale.length)
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
-        """Whether rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
+        """Return True if rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
         eom = self.eom
         if eom.lam.numel() * eom.q.numel() <= LARGE:
             return self.rank(t, q).rank < eom.lam.numel()
@@ -238,13 +238,13 @@ class NumericEquations:
     def forces_not_finite(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> list[str]:
         """Elements whose force has no finite value at a state."""
         n, m = self.eom.q.numel(), self.eom.lam.numel()
-        found = []
+        elements = []
         for element in self.eom.mechanism.elements:
             forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
             if forces:
                 values = self.eom.function(ca.vertcat(*forces))(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
-                found += [] if np.all(np.isfinite(values.full())) else [element.description]
-        return found
+                elements += [] if np.all(np.isfinite(values.full())) else [element.description]
+        return elements
 
     def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:
         """Names of the position rows that have no finite value, or no finite slope, at a pose."""
@@ -260,7 +260,7 @@ class NumericEquations:
         Raises
         ------
         SingularityError
-            Where mass is missing, or no acceleration meets the constraints (lock-up).
+            If mass is missing, or no acceleration meets the constraints (lock-up).
         """
         missing = self.motion_without_mass(t, q)
         if missing:
@@ -273,7 +273,7 @@ class NumericEquations:
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
             raise SingularityError(
-                f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
+                f"no accelerations and reactions meet the equations at t = {t:.6g} s, and forces depend on both: "
                 "friction is so large that a joint jams, or a force is not finite there",
                 time=t,
             )
@@ -298,7 +298,7 @@ class NumericEquations:
         return a, lam
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations and multipliers; not finite where Newton's method meets a singular matrix."""
+        """Accelerations and multipliers; not finite if Newton's method meets a singular matrix."""
         a, lam = call_each(self.forward_dynamics(redundant=redundant), *state, self.p)
         return a.ravel(), lam.ravel()
 

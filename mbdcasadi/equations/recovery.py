@@ -31,7 +31,7 @@ class Recovery:
     numeric : NumericEquations
         Equations at given parameters.
     redundant : bool
-        Whether rows are dependent: solves are then regularised, multipliers of least norm.
+        True if rows are dependent: solves are then regularised, multipliers of least norm.
     """
 
     def __init__(self, numeric: NumericEquations, *, redundant: bool):
@@ -124,7 +124,7 @@ def _velocity_step(eom: Equations) -> ca.Function:
 def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:
     """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
 
-    The shift keeps the step short where the pose is nearly singular: there
+    The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
     branch. Repeated steps converge all the same.
     """

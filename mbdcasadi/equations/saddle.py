@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 #: Regularisation of S, relative to the mean of its diagonal. Chains of parallelograms that pass their flat, singular
 #: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_dynamics`, and without it do not;
-#: IDAS errs least at 1e-7, where the peak of the accelerations is wide enough for it.
+#: IDAS errs least at 1e-7, with which the peak of the accelerations is wide enough for it.
 REGULARISATION = 1e-7
 #: Refinement steps of the regularised solve inside an integrator: on two dozen chains of parallelograms through some
 #: twenty singular poses each, the largest error fell from 3e-3 rad with one to 1e-4 rad with three.
 REFINEMENTS = 3
-#: Newton's method where forces depend on multipliers.
+#: Newton's method for forces that depend on multipliers.
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False}
 #: Residual of a solution, relative to its size.
-SOLVED = 1e-9
-#: Refinement steps where multipliers are reported: there the least-norm solution is wanted to rounding.
+SOLUTION_TOLERANCE = 1e-9
+#: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
 
 
@@ -74,7 +74,7 @@ class SaddlePoint:
         augmentation : numpy.ndarray, optional
             Effective masses of the rows (m,), if some bodies are light or have no mass.
         redundant : bool
-            Whether the rows are dependent; the multipliers are then those of least norm.
+            True if rows are dependent; the multipliers are then those of least norm.
         refinements : int
             Refinement steps if they are.
         """
@@ -162,7 +162,7 @@ def forward_dynamics(
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
-    Where a force depends on the multipliers (friction) the system is not
+    If a force depends on the multipliers (friction) the system is not
     linear, and Newton's method solves it; `portable` takes one that can be written as C.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
@@ -175,12 +175,12 @@ def forward_dynamics(
     plugin, options = ("fast_newton", {}) if portable else ("newton", NEWTON)
     function = ca.Function("r", [unknowns, *arguments], [residual])
     root = ca.rootfinder("newton", plugin, function, options)
-    given = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
-    found = root(ca.MX.zeros(unknowns.numel()), *given)
+    symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
+    solution = root(ca.MX.zeros(unknowns.numel()), *symbols)
     n = eom.q.numel()
     if not portable:
         # the iteration may stop above its own tolerance by rounding; what is no solution becomes NaN
-        left_over = ca.mmax(ca.fabs(ca.densify(function(found, *given))))
-        solved = left_over <= SOLVED * (1 + ca.mmax(ca.fabs(found)))
-        found = ca.if_else(solved, found, ca.MX.nan(unknowns.numel()))
-    return ca.Function("forward_dynamics", given, [found[:n], found[n:]], names, ["a", "lam"])
+        left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
+        solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
+        solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))
+    return ca.Function("forward_dynamics", symbols, [solution[:n], solution[n:]], names, ["a", "lam"])

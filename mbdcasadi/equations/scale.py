@@ -50,11 +50,15 @@ class Scale:
         """Typical size of each coordinate (n,): the length for displacements, one for angles."""
         return self.length * self.columns
 
+    @property
+    def usual_rows(self) -> np.ndarray:
+        """Usual lengths of the rows (m,); one for a row that vanished in all poses."""
+        return np.where(self.rows > 0, self.rows, 1.0)
+
     def row_size(self, jacobian: np.ndarray) -> np.ndarray:
         """Lengths of the rows of ``Phi_q`` with scaled columns (m,); the usual length for one that has vanished."""
         size = np.linalg.norm(jacobian * self.columns, axis=1)
-        usual = np.where(self.rows > 0, self.rows, 1.0)
-        return np.where(size > VANISHED * usual, size, usual)
+        return np.where(size > VANISHED * self.usual_rows, size, self.usual_rows)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one."""

@@ -26,7 +26,7 @@ from .inverse_dynamics_system import EffortProblem
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
 
 #: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
-TOLERANCE = 1e-6
+MOTION_TOLERANCE = 1e-6
 
 
 def inverse_dynamics(
@@ -37,7 +37,7 @@ def inverse_dynamics(
     efforts: Sequence[Any] = (),
     inputs: Any = None,
     parameters: Any = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MOTION_TOLERANCE,
     progress: bool = False,
 ) -> Trajectory:
     """Find the reactions in the joints and the efforts that a motion takes.
@@ -53,7 +53,7 @@ def inverse_dynamics(
     mechanism : Mechanism
         The model.
     times : sequence of float, optional
-        Times, s; with a trajectory as motion its own times where none are given.
+        Times, s; with a trajectory as motion its own times if none are given.
     motion : Trajectory, or mapping of expression to function of time, optional
         The motion: a trajectory of the same bodies, or what is prescribed, as
         expressions in ``mbd.t`` or callables of it; then a list of pairs
@@ -73,7 +73,7 @@ def inverse_dynamics(
     Returns
     -------
     Trajectory
-        With multipliers; where constraints are redundant, those of least norm,
+        With multipliers; if constraints are redundant, those of least norm,
         which a note in ``.statistics`` says.
 
     Raises
@@ -94,14 +94,14 @@ def inverse_dynamics(
     if motion is None:
         if efforts:
             raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
-        found = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
+        result = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
     else:
         course = _course(mechanism, times, motion, parameters, progress)
-        found = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
-    found.statistics.method, found.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
-    found.statistics.seconds = clock.perf_counter() - began
-    tell_monitors(found)
-    return found
+        result = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
+    result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
+    result.statistics.seconds = clock.perf_counter() - began
+    tell_monitors(result)
+    return result
 
 
 # --- a mechanism with drivers --------------------------------------------------------------
@@ -131,11 +131,13 @@ def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any
     mechanism = numeric.eom.mechanism
     if not mechanism.states or grid.size < 2:
         return np.tile(numeric.eom.estimate[2], (grid.size, 1))
-    own = dict(zip(mechanism.parameters, numeric.p, strict=True))
-    return simulate(mechanism, grid, inputs=inputs, parameters=own, reltol=1e-10, abstol=1e-10).z
+    values = dict(zip(mechanism.parameters, numeric.p, strict=True))
+    return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10).z
 
 
-_LEAST_NORM = "the constraints are redundant: reactions are those of least norm, and not unique where check says so"
+_LEAST_NORM = (
+    "the constraints are redundant: reactions are those of least norm, and those that check lists are not unique"
+)
 
 
 def _sampled(inputs: Any) -> bool:
@@ -238,7 +240,7 @@ def _of_motion(
 
 
 def _knows_states(eom: Equations, course: Trajectory) -> bool:
-    """Whether a trajectory has the first-order states of the mechanism."""
+    """True if a trajectory has the first-order states of the mechanism."""
     theirs = course.mechanism.states
     return (
         course.z.size > 0

@@ -1,4 +1,4 @@
-"""Calls of compiled code: quiet on the terminal, open to Ctrl-C, and safe where a linear system in it is singular."""
+"""Calls of compiled code: quiet on the terminal, open to Ctrl-C, and safe if a linear system in it is singular."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def quiet() -> Iterator[None]:
 
 
 class Interruption:
-    """Whether Ctrl-C was pressed while compiled code was running."""
+    """Ctrl-C during a call of compiled code: `requested` tells of it."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -82,13 +82,13 @@ def call(function: Any, *arguments: Any) -> Any:
 
 
 def is_singular(error: BaseException) -> bool:
-    """Whether compiled code stopped at a singular matrix, which the linear solvers raise as an error."""
+    """Return True for the error that a linear solver in compiled code raises at a singular matrix."""
     text = str(error).lower()
     return isinstance(error, RuntimeError) and any(part in text for part in _SINGULAR)
 
 
 def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
-    """Call a compiled function for many points by column; results are NaN at points where it meets a singular matrix.
+    """Call a compiled function for many points by column; results are NaN at points with a singular matrix.
 
     One such point would else take all others with it: the batch is divided until it stands alone.
 
@@ -102,7 +102,7 @@ def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
     Returns
     -------
     list of numpy.ndarray
-        Results (rows, k), where each is a column at one point.
+        Results (rows, k), a column for each point.
     """
     columns = [ca.DM(argument) for argument in arguments]
     count = max((column.size2() for column in columns if column.size1()), default=1)
@@ -110,7 +110,7 @@ def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
     def results(first: int, last: int) -> list[np.ndarray]:
         part = [c if c.size2() != count else c[:, first:last] for c in columns]
         try:
-            found = call(function, *part)
+            outputs = call(function, *part)
         except RuntimeError as error:
             if not is_singular(error):
                 raise
@@ -119,7 +119,7 @@ def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
             middle = (first + last) // 2
             halves = results(first, middle), results(middle, last)
             return [np.hstack(pair) for pair in zip(*halves, strict=True)]
-        found = found if isinstance(found, tuple | list) else (found,)
-        return [np.broadcast_to(x.full(), (x.size1(), last - first)) for x in found]
+        outputs = outputs if isinstance(outputs, tuple | list) else (outputs,)
+        return [np.broadcast_to(x.full(), (x.size1(), last - first)) for x in outputs]
 
     return results(0, count)

@@ -1,4 +1,4 @@
-"""Homotopy: a solution carried along while something is changed in steps, that are divided where they are too long."""
+"""Homotopy: a solution carried along while something is changed in steps that are divided if they are too long."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StepControl:
             self.step = min(2 * self.step, self.largest)
 
     def refuse(self) -> bool:
-        """A step failed; whether a shorter one is still worth a try."""
+        """A step failed; return False if the next one would be shorter than the smallest."""
         self.step /= 2
         return self.step >= self.smallest
 
@@ -45,7 +45,7 @@ class Step(Generic[P]):
     point : object
         The solution there.
     easily : bool
-        Whether the next step may be longer.
+        True if the next step may be longer.
     """
 
     point: P
@@ -54,7 +54,7 @@ class Step(Generic[P]):
 
 @dataclass(frozen=True)
 class Path(Generic[P]):
-    """How far a homotopy came.
+    """End of a homotopy.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Path(Generic[P]):
 
     @property
     def complete(self) -> bool:
-        """Whether the end was reached."""
+        """True if the end was reached."""
         return self.failed is None
 
 
@@ -95,7 +95,7 @@ def follow(
         ``(point, at, to) -> Step``: predicts and corrects the solution at `to` from that at `at`; None if there is
         none that continues it.
     start, end : float
-        The parameter, from where to where, upwards.
+        First and last value of the parameter, ``start < end``.
     step : float
         First step.
     smallest : float
@@ -104,10 +104,10 @@ def follow(
     at, control = start, StepControl(step, smallest)
     while at < end:
         to = min(at + control.step, end)
-        found = advance(point, at, to)
-        if found is not None:
-            point, at = found.point, to
-            control.accept(easily=found.easily)
+        reached = advance(point, at, to)
+        if reached is not None:
+            point, at = reached.point, to
+            control.accept(easily=reached.easily)
         elif not control.refuse():
             return Path(point, at, to)
     return Path(point, at)

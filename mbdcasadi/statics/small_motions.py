@@ -25,7 +25,7 @@ class SmallMotions:
     shapes : numpy.ndarray
         Displacement over q that belongs to each (n, k), complex.
     uncertainty : numpy.ndarray
-        By how much rounding may have moved each (k,), rad/s: much where two meet, as at the onset of undamped flutter.
+        Rounding of each (k,), rad/s: much if two meet, as at the onset of undamped flutter.
     """
 
     eigenvalues: np.ndarray
@@ -74,12 +74,12 @@ class SmallMotions:
 
     @property
     def grow(self) -> bool:
-        """Whether a small motion grows."""
+        """True if a small motion grows."""
         return bool(np.any(self._growing))
 
     @property
     def flutter(self) -> bool:
-        """Whether an oscillation grows."""
+        """True if an oscillation grows."""
         return bool(np.any(self._growing & self._turning))
 
     @property

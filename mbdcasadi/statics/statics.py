@@ -64,16 +64,16 @@ class Stiffness:
 
     @property
     def holds(self) -> bool:
-        """Whether every free direction is held: no real eigenvalue is zero or below.
+        """True if every free direction is held: no real eigenvalue is zero or below.
 
-        Where forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
+        If forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
         """
         real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
         return not np.any(real & (self.values.real <= NEUTRAL * self.scale))
 
     @property
     def least(self) -> float:
-        """Smallest real part; infinite where nothing can move."""
+        """Smallest real part; infinite if nothing can move."""
         return float(np.min(self.values.real, initial=np.inf)) + 0.0  # no -0
 
     @property
@@ -85,7 +85,7 @@ class Stiffness:
     def falling(self) -> int:
         """Number of directions in which the mechanism gives way without turning about: real eigenvalues below zero.
 
-        Only these change their number where the stiffness is singular; a complex pair, of forces
+        Only these change their number at a singular stiffness; a complex pair, of forces
         without potential, may pass the imaginary axis and nothing happens.
         """
         real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
@@ -99,7 +99,7 @@ class Stiffness:
 
     @property
     def is_real(self) -> bool:
-        """Whether all eigenvalues are real, as they are where forces have a potential."""
+        """True if all eigenvalues are real, as they are if forces have a potential."""
         return not np.iscomplexobj(self.values)
 
 
@@ -195,8 +195,8 @@ class Statics:
             values, slope = self.rows(x)
             return values / size, slope / size[:, None]
 
-        given = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
-        return equations, np.concatenate(given)
+        weights = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
+        return equations, np.concatenate(weights)
 
     def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
         """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
@@ -215,12 +215,12 @@ class Statics:
         """Typical distance on the mechanism: what a displacement is compared with, m."""
         return 1 / float(np.min(self.numeric.column_scale))
 
-    def displaced(self, x: np.ndarray, way: np.ndarray) -> np.ndarray | None:
-        """Pose moved by `way` (n,) and brought back onto the constraints; None where the parts come apart."""
+    def displaced(self, x: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """Pose displaced by `step` (n,) and brought back onto the constraints; None if the parts come apart."""
         numeric = self.numeric
         rows = partial(numeric.position, self.t)
         sizes = numeric.scale.coordinates
-        outcome = solve(rows, x[: self.n] + way, numeric.weights, sizes=sizes, iterations=20)
+        outcome = solve(rows, x[: self.n] + step, numeric.weights, sizes=sizes, iterations=20)
         if not outcome.converged:
             return None
         return self.follow(np.concatenate([outcome.x, x[self.n :]]))
@@ -293,7 +293,7 @@ class Statics:
         return c, c[:, None] * null
 
     def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """What multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
+        """Matrix that multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
         n, k, m = self.n, self.k, self.m
         rates = slice(n + self.constant_rows, n + self.constant_rows + k)
         upper = np.hstack([c[:, None] * jacobian[:n, n : n + k + m], basis / c[:, None]])
@@ -302,5 +302,5 @@ class Statics:
 
 
 def _places(symbols: Sequence[ca.SX], wanted: Sequence[ca.SX]) -> list[int]:
-    """Where symbols stand that are among those wanted."""
+    """Places of the symbols that are among those wanted."""
     return [k for k, symbol in enumerate(symbols) if any(symbol is w for w in wanted)]
