@@ -27,6 +27,8 @@ LARGE = 40_000
 SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
 #: Largest step of Newton's method from afar, in characteristic lengths.
 FARTHEST = 3.0
+#: Left over of ``Phi_q a = gamma``, relative to its terms, from which no acceleration meets the constraints.
+ACCELERATION_TOLERANCE = 1e-5
 #: Square of the share of a free motion in coordinates with mass below which it moves none.
 WITHOUT_MASS = 1e-12
 
@@ -279,7 +281,7 @@ class NumericEquations:
             )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
-        scale = 1 + largest(gamma) + largest(a)
+        missed = left_over / self._acceleration_terms(jacobian, gamma, a)
         broken = self.forces_not_finite(t, q, v, z, u) if not np.all(np.isfinite(a)) else []
         if broken:
             raise SingularityError(
@@ -287,15 +289,23 @@ class NumericEquations:
                 "division by zero, or a root of a negative number (a length or a volume that has become negative)",
                 time=t,
             )
-        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(left_over) > 1e-5 * scale:
+        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(missed) > ACCELERATION_TOLERANCE:
             names = self.eom.row_names
-            worst = np.argsort(-np.abs(np.where(np.isfinite(left_over), left_over, np.inf)))[:3]
+            worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
                 f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
                 f"{', '.join(names[k] for k in worst)}, or a force is not finite there",
                 time=t,
             )
         return a, lam
+
+    def _acceleration_terms(self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Size of the terms of ``Phi_q a - gamma`` (m,): the largest of all rows, 1 rad/s² and its lever at least."""
+        terms = np.abs(jacobian) @ np.abs(a) + np.abs(gamma) if a.size else np.zeros(gamma.size)
+        angular, length = self.eom.angular_rows, self.scale.length
+        most = max(largest(terms[~angular]), length * largest(terms[angular]), length)
+        size: np.ndarray = np.where(angular, most / length, most)
+        return size
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations and multipliers; not finite if Newton's method meets a singular matrix."""

@@ -21,7 +21,6 @@ from ..model.symbols import t as time
 from ..numerics.console import call_each
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import tell_monitors
-from ..simulation.simulate import simulate
 from .inverse_dynamics_system import EffortProblem
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
 
@@ -131,6 +130,8 @@ def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any
     mechanism = numeric.eom.mechanism
     if not mechanism.states or grid.size < 2:
         return np.tile(numeric.eom.estimate[2], (grid.size, 1))
+    from ..simulation.simulate import simulate  # which stands above kinematics: it is asked for these states alone
+
     values = dict(zip(mechanism.parameters, numeric.p, strict=True))
     return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10).z
 
