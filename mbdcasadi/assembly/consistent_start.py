@@ -75,8 +75,9 @@ def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.
         return
     angular = np.r_[eom.angular_rows[eom.position_rows], eom.angular_rows]
     allowed = CONSISTENCY_TOLERANCE * np.where(angular, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
-    worst = int(np.argmax(rows / allowed))
-    if rows[worst] > allowed[worst]:
+    excess = rows / allowed
+    worst = int(np.argmax(excess >= (1 - 1e-9) * np.max(excess)))  # of equal ones the first
+    if excess[worst] > 1:
         names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(
