@@ -77,7 +77,7 @@ def _forward(eom: Equations, name: str) -> ca.Function:
     """Forward dynamics in the form that this mechanism needs, with solvers that can be written as C."""
     numeric = NumericEquations(eom, eom.parameter_values)
     redundant = numeric.has_redundant_rows(0.0, eom.estimate[0])
-    found = forward_dynamics(eom, massless=numeric.massless, redundant=redundant, portable=True)
+    found = forward_dynamics(eom, augmentation=numeric.augmentation, redundant=redundant, portable=True)
     symbols = found.sx_in() if found.is_a("SXFunction") else found.mx_in()
     results = [ca.densify(result) for result in found(*symbols)]
     return ca.Function(name, symbols, results, found.name_in(), found.name_out())

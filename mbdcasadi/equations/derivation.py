@@ -232,8 +232,20 @@ class Equations:
         For constraints with redundant rows use the analyses, which find the
         multipliers of least norm.
         """
-        massless = bool(np.any(self.masses(self.parameter_values) == 0))
-        return forward_dynamics(self, massless=massless)
+        return forward_dynamics(self, augmentation=self.effective_masses(self.parameter_values))
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """``(t, q, p) -> (Phi_q, nu)``."""
+        return ca.Function("velocity", [self.t, self.q, self.p], [self.Phi_q, ca.densify(self.nu)])
+
+    def effective_masses(self, p: np.ndarray) -> np.ndarray | None:
+        """Effective masses of the rows (m,); None if no body is light. See :mod:`.augmentation`."""
+        from .augmentation import effective_masses
+        from .scale import scale_of
+
+        mass = self.masses(p)
+        return effective_masses(self, p, mass, scale_of(self, p, mass))
 
     def generate_c(self, path: str | Path) -> tuple[Path, Path]:
         """Write the equations as C: one file and its header, which need a C compiler and nothing else.

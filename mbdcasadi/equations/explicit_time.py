@@ -1,4 +1,4 @@
-"""What in the equations of a mechanism depends on time explicitly: where it switches, and which constraints jump."""
+"""Explicit dependence of the equations of a mechanism on time: instants of switching, and constraints that jump."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ConstraintJump:
 
     @property
     def remedy(self) -> str:
-        """What to do about it, in words."""
+        """Advice, in words."""
         if self.level == "position":
             return "no motion follows a jump; prescribe the way between the two values over a time, as mbd.step does"
         return "that takes an impulse; round the corner off, as mbd.step and cubic splines do"
@@ -77,7 +77,7 @@ class ExplicitTime:
     Attributes
     ----------
     depends : bool
-        Whether a constraint, a force or the rate of a first-order state depends on time.
+        True if a constraint, a force or the rate of a first-order state depends on time.
     """
 
     def __init__(self, eom: Equations, inputs: ca.SX | None = None):

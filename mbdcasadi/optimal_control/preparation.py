@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import read_signals
-from ..assembly.state import assemble_at, complete_state
+from ..assembly.consistent_start import complete_state, consistent_start
 from ..equations.numeric import LARGE, NumericEquations
 from ..equations.reduced import ReducedEquations, reduced_equations
 from ..errors import AssemblyError, ConditionError
@@ -259,7 +259,7 @@ def first_state(problem: OptimalControlProblem, numeric: NumericEquations) -> St
     if found is not None:
         return complete_state(numeric, signals, 0.0, *found, z)
     try:
-        return assemble_at(numeric, [*rows, *held], 0.0, signals)
+        return consistent_start(numeric, [*rows, *held], 0.0, signals)
     except (AssemblyError, ConditionError) as error:
         more = " together with the path conditions that prescribe the motion" if held else ""
         raise ConditionError(f"the initial conditions cannot be met{more}: {error}") from None

@@ -183,7 +183,7 @@ class DifferentiableMotion:
     def _projected(self, time: Any, x: Any, p: Any) -> Any:
         """A state, with whatever stands below it, brought onto the constraints."""
         eom, n = self.numeric.eom, self.numeric.eom.q.numel()
-        q, v, weights = x[:n], x[n : 2 * n], ca.DM(self.numeric.weights)
+        q, v, weights = x[:n], x[n : 2 * n], ca.DM(self.numeric.projection_weights)
         if eom.Phi.numel():
             q = self._recovery.position_step(time, q, p, weights)[0]
         if eom.lam.numel():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import read_answer
-from ..assembly.initial_state import start_state
+from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
@@ -158,7 +158,7 @@ class Run:
         """Find the consistent start, and the mode that holds there."""
         setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
         free = modes.numeric(modes.free)
-        state = start_state(free, setup.initial, begin, setup.signals)
+        state = consistent_start(free, setup.initial, begin, setup.signals)
         _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..assembly.initial_state import start_state
+from ..assembly.consistent_start import consistent_start
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError
@@ -47,7 +47,7 @@ def starts_of(setup: MotionSetup, parameters: np.ndarray) -> tuple[np.ndarray, d
     for k in left:
         try:
             numeric = NumericEquations(setup.eom, parameters[k])
-            state = start_state(numeric, setup.initial, float(setup.grid[0]), setup.signals)
+            state = consistent_start(numeric, setup.initial, float(setup.grid[0]), setup.signals)
             starts[k] = np.r_[state.q, state.v, state.z]
         except MechanismError as error:
             failures[int(k)] = str(error)
@@ -73,10 +73,9 @@ def _in_steps(setup: MotionSetup, parameters: np.ndarray, steps: int) -> tuple[n
     good = np.ones(len(parameters), bool)
     for step in range(1, steps + 1):
         p = base[:, None] + step / steps * (parameters.T - base[:, None])
-        x, solution, residual = start.function(p, start.right, start.z_estimate, guess)
-        states, guess = x.full(), solution.full()
+        states, guess, residual = start.solve(p, guess)
         turned = np.max(np.abs(states - before)[angles], axis=0, initial=0.0)
-        good &= (residual.full().ravel() <= FOUND) & (turned <= LARGEST_TURN)
+        good &= (residual <= FOUND) & (turned <= LARGEST_TURN)
         guess = np.where(np.isfinite(guess), guess, start.guess[:, None])
         before = states
     return before.T, good

@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 
 from ...arguments.inputs import read_signals
-from ...assembly.state import assemble_at
+from ...assembly.consistent_start import consistent_start
 from ...equations.numeric import LARGE, NumericEquations
 from ...errors import AssemblyError, ConditionError, MechanismWarning
 from ...model.conditions import Condition
@@ -115,7 +115,7 @@ def check_end(
         when = 0.0 if name == "initial" else problem.duration[1] if time is None else time
         with warnings.catch_warnings():  # what is found is not used as a pose: the branch does not matter
             warnings.simplefilter("ignore", MechanismWarning)
-            state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
+            state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
         if contradiction:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None

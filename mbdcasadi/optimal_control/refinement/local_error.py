@@ -113,7 +113,7 @@ def end_errors(solution: Solution) -> np.ndarray:
     )
     starts = solution.nodes[:-1, : 2 * n + eom.z.numel()]
     redundant = solution.redundant
-    key = ("interval", degree, redundant, numeric.massless)
+    key = ("interval", degree, redundant, numeric.light_key)
     integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
     recovery = Recovery(numeric, redundant=redundant)

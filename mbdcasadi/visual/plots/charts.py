@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ...statics.follower import EquilibriumPath
+    from ...statics.path import EquilibriumPath
 
 #: Violations of constraints below this are drawn at it: a logarithm has no place for zero.
 LEAST_VIOLATION = 1e-18
