@@ -66,7 +66,7 @@ class Scale:
 
 
 def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
-    """Find the characteristic sizes of a mechanism; those of its last parameters are kept.
+    """Find the characteristic sizes of a mechanism.
 
     Parameters
     ----------
@@ -77,12 +77,7 @@ def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     mass : numpy.ndarray
         Diagonal of M (n,).
     """
-    kept = eom.mechanism.cache
-    key = p.tobytes()
-    if kept.get("scale", (None,))[0] != key:
-        kept["scale"] = key, _scale(eom, p, mass)
-    found: Scale = kept["scale"][1]
-    return found
+    return eom.mechanism.cache.get_or_create(("scale", p.tobytes()), lambda: _scale(eom, p, mass), bounded=True)
 
 
 def generic_poses(eom: Equations) -> np.ndarray:
