@@ -194,11 +194,12 @@ def _values(setup: MotionSetup, varied: dict[Any, np.ndarray], count: int) -> tu
 
 
 def _parcel(setup: MotionSetup, named: list[tuple[Any, ca.SX]]) -> Parcel:
-    motion = setup.motion()
+    motion = setup.motion(())
     size = setup.differentiable_start.function.size1_out(0)
     x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", setup.numeric.p.size)
     levels, channel = ca.MX.sym("levels", setup.signals.levels.numel()), motion.channel()
-    states = motion.motion()(x0, p, levels, channel)
+    course = motion.course(None, setup.p, setup.signals.level_values, channel)
+    states, _ = motion.motion(course)(x0, p, levels, channel, *course.arguments)
     values = motion.outputs([e for _, e in named])(states, p, levels, channel)
     return Parcel(ca.Function("run", [x0, p, levels], [values, states[-1, -1]]), float(setup.grid[-1] - setup.grid[0]))
 
