@@ -21,9 +21,9 @@ LINES, POINTS, HITS, STARTS = 24, 33, 8, 24
 NEWTON_STEPS, BRACKET_STEPS = 12, 100
 #: Width of a bracket, relative to the first one, that is rounding.
 NARROW = 1e-13
-#: Jump that is rounding: relative to the values on the border, and to the jump a little way off it. Over a continuous
-#: border the difference grows from nothing.
-SAME_VALUE, GROWN = 1e-9, 1e-4
+#: Jump that is rounding: relative to the values on the border, to those at the ends of the first bracket, and to the
+#: jump a little way off the border. Over a continuous border the difference grows from nothing.
+SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
 #: That little way, relative to the first bracket.
 OFFSET = 1e-7
 #: Points of a border without which nothing is concluded.
@@ -97,12 +97,19 @@ class _Trial:
     def continuous(self) -> set[int]:
         """Return the nodes of switches that are continuous."""
         first, last = self._brackets()
-        low, high = self._narrowed(first, last)
+        owner = np.repeat(np.arange(len(self._switches)), [part.shape[1] for part in first])
+        low, high = self._narrowed(np.hstack(first), np.hstack(last), owner)
+        offset = OFFSET * (np.hstack(last) - np.hstack(first))
+        before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
+        crossed = before[owner, np.arange(owner.size)] != after[owner, np.arange(owner.size)]
+        agrees = self._agree(low, offset, before, after, owner)
         found = set()
         for k, switch in enumerate(self._switches):
-            offset = OFFSET * (last[k] - first[k])
-            if low[k].shape[1] >= FEWEST_HITS and self._is_continuous(k, low[k], high[k], offset):
-                found.add(switch.node)
+            own = np.flatnonzero(owner == k)
+            if np.sum(crossed[own]) >= FEWEST_HITS and np.all(agrees[own]):
+                place = low[:, own], offset[:, own], before[:, own], after[:, own]
+                if self._holds_beyond_others(k, *place):
+                    found.add(switch.node)
         return found
 
     # --- points on the borders -------------------------------------------------------------
@@ -159,11 +166,9 @@ class _Trial:
             chosen = np.flatnonzero((self._at(low)[k] < border) & (self._at(high)[k] > border))[:HITS]
         return low[:, chosen], high[:, chosen]
 
-    def _narrowed(self, first: list[np.ndarray], last: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Brackets made as narrow as rounding, by regula falsi and halving in turn."""
-        counts = [part.shape[1] for part in first]
-        owner = np.repeat(np.arange(len(first)), counts)
-        begin, way = np.hstack(first), np.hstack(last) - np.hstack(first)
+    def _narrowed(self, first: np.ndarray, last: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brackets of the borders of some switches, made as narrow as rounding by regula falsi and halving in turn."""
+        begin, way = first, last - first
 
         def value_at(share: np.ndarray, chosen: np.ndarray) -> np.ndarray:
             points = begin[:, chosen] + way[:, chosen] * share
@@ -190,41 +195,48 @@ class _Trial:
             same = np.where(self._whole[owner[open_]], (value >= 0) == (fa >= 0), (value > 0) == (fa > 0))
             low[open_], high[open_] = np.where(same, middle, a), np.where(same, b, middle)
             at_low[open_], at_high[open_] = np.where(same, value, fa), np.where(same, fb, value)
-        ends = np.cumsum(counts)[:-1]
-        return np.split(begin + way * low, ends, axis=1), np.split(begin + way * high, ends, axis=1)
+        return begin + way * low, begin + way * high
 
     # --- both sides ---------------------------------------------------------------------------
-    def _is_continuous(self, k: int, low: np.ndarray, high: np.ndarray, offset: np.ndarray) -> bool:
-        """Whether the expressions have the same values on both sides of a border, in points of it."""
-        before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
-        if np.sum(before[k] != after[k]) < FEWEST_HITS or not self._agree(low, offset, before, after):
-            return False
-        # a switch that was not seen on its other side, and is no copy of this one, must not matter
+    def _holds_beyond_others(
+        self, k: int, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> bool:
+        """Whether other switches, on their sides that were not seen in points of the border, change nothing."""
         seen = np.any(before != before[:, :1], axis=1) | np.any(after != before, axis=1)
         seen[k] = True
         unseen = np.flatnonzero(~seen)
-        if unseen.size:
-            slopes = self._slopes_at(low)
+        if unseen.size:  # a copy of this one cannot be on its other side
+            slopes = self._slopes_at(points)
             with np.errstate(invalid="ignore", divide="ignore"):
                 slopes /= np.linalg.norm(slopes, axis=2, keepdims=True)
             cosines = np.abs(np.einsum("jck,ck->jc", slopes[unseen], slopes[k]))
             unseen = unseen[~np.all(cosines > 1 - PARALLEL, axis=1)]
+        owner = np.full(points.shape[1], k)
         for other in unseen:
             moved = before.copy(), after.copy()
             for sides in moved:
                 sides[other] = sides[other] + 1 if self._whole[other] else 1 - sides[other]
-            if not self._agree(low, offset, *moved):
+            if not np.all(self._agree(points, offset, *moved, owner)):
                 return False
         return True
 
-    def _agree(self, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray) -> bool:
-        """Whether the values for both sides are the same in points, by rounding."""
+    def _agree(
+        self, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray, owner: np.ndarray
+    ) -> np.ndarray:
+        """Whether the values for both sides are the same in points of borders, by rounding (points,)."""
+        if not owner.size:
+            return np.zeros(0, bool)
         one, two = (self._held(points, self._values, sides).full() for sides in (before, after))
-        grown = np.zeros(one.shape)
+        grown, sizes = np.zeros(one.shape), SAME_VALUE * np.where(np.isfinite(one), np.abs(one), 0.0)
         with np.errstate(invalid="ignore"):
             for near in (points - offset, points + offset):
                 away = [self._held(near, self._values, sides).full() for sides in (before, after)]
                 grown = np.fmax(grown, np.abs(away[1] - away[0]))
-            typical = np.max(np.where(np.isfinite(one), np.abs(one), 0.0), axis=1, keepdims=True)
-            limit = SAME_VALUE * typical + GROWN * grown
-            return bool(np.all((np.abs(two - one) <= limit) | ~np.isfinite(one) | ~np.isfinite(two)))
+            for end, sides in ((points - offset / OFFSET, before), (points + offset / OFFSET, after)):
+                value = np.abs(self._held(end, self._values, sides).full())
+                sizes = np.fmax(sizes, NOISE * np.where(np.isfinite(value), value, 0.0))
+            firsts = np.flatnonzero(np.diff(owner, prepend=-1))
+            rounding = np.maximum.reduceat(sizes, firsts, axis=1)[:, np.searchsorted(owner[firsts], owner)]
+            same = np.abs(two - one) <= rounding + GROWN * grown
+            found: np.ndarray = np.all(same | ~np.isfinite(one) | ~np.isfinite(two), axis=0)
+            return found

@@ -29,7 +29,7 @@ class JumpingPart:
     place : int or tuple of int
         Its rows, or its position among those of its kind.
     expressions : tuple of casadi.SX
-        Of rows ``gamma``, ``nu`` and ``Phi_q``; of a force its share of Q; else one expression.
+        Of rows ``Phi``, ``Phi_q``, ``nu`` and ``gamma``; of a force its share of Q; else one expression.
     description : str
         To whom they belong, in words.
     nodes, continuous : frozenset of int
@@ -52,14 +52,13 @@ def jumping_parts(numeric: NumericEquations) -> tuple[JumpingPart, ...]:
 
 def _parts(numeric: NumericEquations) -> list[JumpingPart]:
     eom = numeric.eom
-    if not jumps_anywhere([eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi_q]):
+    if not jumps_anywhere([eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi_q, eom.Phi]):
         return []
     found: list[JumpingPart] = []
     for element in eom.mechanism.constraints:
         rows = [k for k, owner in enumerate(eom.row_elements) if owner is element]
-        found += part_of(
-            numeric, "rows", tuple(rows), (eom.gamma[rows], eom.nu[rows], eom.Phi_q[rows, :]), element.description
-        )
+        levels = eom.Phi[_among_positions(eom, rows)], eom.Phi_q[rows, :], eom.nu[rows], eom.gamma[rows]
+        found += part_of(numeric, "rows", tuple(rows), levels, element.description)
     for k, state in enumerate(eom.mechanism.states):
         description = f"the rate of state variable '{state.label}'"
         found += part_of(numeric, "rate", k, (eom.z_rate[k],), description)
@@ -86,9 +85,16 @@ def part_of(
     others = [s for s in ca.symvar(ca.veccat(*expressions)) if s.element_hash() not in known]
     symbols, centre = ca.vertcat(symbols, *others), np.r_[centre, np.zeros(len(others))]
     size = np.r_[sizes, np.full(len(others), LOADS)]
-    continuous = continuous_switches(held, switches, symbols, centre, size, eom.p, numeric.p)
+    # positions do not jump in the state: a row that does, as by the angle of a direction, is one turn off
+    jumping = held[1:] if kind == "rows" else held
+    continuous = continuous_switches(jumping, switches, symbols, centre, size, eom.p, numeric.p)
     nodes = frozenset(switch.node for switch in switches)
     return [JumpingPart(kind, place, expressions, description, nodes, frozenset(continuous))]
+
+
+def _among_positions(eom: Equations, rows: Sequence[int]) -> list[int]:
+    """Places of rows among those of ``Phi``, which has position rows alone."""
+    return np.flatnonzero(np.isin(eom.position_rows, list(rows))).tolist()
 
 
 def _share_of_Q(eom: Equations, elements: Sequence[object]) -> ca.SX:
@@ -145,7 +151,8 @@ class HeldEquations(Equations):
         forces = {place for kind, place in self.held if kind == "force"}
         smooth = [element for k, element in enumerate(eom.mechanism.elements) if k not in forces]
         self.Q = eom.Q if not forces else _share_of_Q(eom, smooth)
-        self.gamma, self.nu, self.Phi_q, self.z_rate = (ca.SX(x) for x in (eom.gamma, eom.nu, eom.Phi_q, eom.z_rate))
+        for name in ("Phi", "Phi_q", "nu", "gamma", "z_rate"):
+            setattr(self, name, ca.SX(getattr(eom, name)))
         for (kind, place), held in self.held.items():
             if kind == "force":
                 self.Q = self.Q + held[0]
@@ -153,12 +160,12 @@ class HeldEquations(Equations):
                 self.z_rate[place] = held[0]
             elif kind == "rows":
                 rows = list(place) if isinstance(place, tuple) else [place]
-                self.gamma[rows], self.nu[rows] = held[0], held[1]
-                self.Phi_q[rows, :] = held[2]
+                self.Phi[_among_positions(eom, rows)], self.Phi_q[rows, :] = held[0], held[1]
+                self.nu[rows], self.gamma[rows] = held[2], held[3]
 
 
 #: What the equations have in common with those in which nothing is held.
 _SHARED = (
     "t", "q", "v", "a", "z", "u", "lam", "mass_diagonal", "M", "coordinate_names", "row_names", "row_elements",
-    "position_rows", "Phi", "velocity_rows", "potential", "kinetic",
+    "position_rows", "velocity_rows", "potential", "kinetic",
 )  # fmt: skip

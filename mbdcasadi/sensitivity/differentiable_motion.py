@@ -272,7 +272,8 @@ class DifferentiableMotion:
             flipped = np.flatnonzero(system.in_time & (sides != in_time(time - width)))
             if flipped.size:
                 passage.advance(float(time))
-                passage.change(flipped.tolist(), sides)
+                strikes = any(abs(jump.time - time) <= 2 * width for jump in timed.velocity_jumps)
+                passage.change(flipped.tolist(), sides, impulse=strikes)
             else:
                 natural.append(float(time))
         passage.advance(float(grid[-1]))

@@ -154,7 +154,7 @@ class Passage:
             self._advance_once(end if end < target - self._watch_step else target)
         self._time = target
 
-    def change(self, flipped: Sequence[int], sides: np.ndarray) -> None:
+    def change(self, flipped: Sequence[int], sides: np.ndarray, *, impulse: bool) -> None:
         """Change the sides of switches in time at the present time.
 
         Parameters
@@ -163,6 +163,8 @@ class Passage:
             Switches that change.
         sides : numpy.ndarray
             Sides of all switches in time afterwards.
+        impulse : bool
+            Whether a prescribed velocity jumps.
         """
         left = list(flipped)
         slopes = self._system.slopes_in_time(self._time, np.r_[self._p, self.sides]).full()
@@ -171,13 +173,9 @@ class Passage:
             left = [k for k in left if k not in group]
             after = self.sides.copy()
             after[group] = sides[group]
-            self._cut(group, self._settled(after) if self._follows else after)
+            self._cut(group, self._settled(after) if self._follows else after, impulse=impulse)
         if self._follows:
             self._leave_borders()
-
-    def stop(self) -> None:
-        """Cut the motion without a change."""
-        self._append((), 0.0, self.sides)
 
     # --- one stretch ---------------------------------------------------------------------------
     def _advance_once(self, end: float) -> None:
@@ -347,9 +345,9 @@ class Passage:
         found: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
         return found
 
-    def _cut(self, switches: Sequence[int], sides: np.ndarray) -> None:
+    def _cut(self, switches: Sequence[int], sides: np.ndarray, *, impulse: bool = False) -> None:
         """Change sides at the present time; the derivative of the instant is that of the first switch."""
-        k, impulse = switches[0], False
+        k = switches[0]
         border = float(max(self.sides[k], sides[k])) if self._system.whole[k] else 0.0
         if self._follows:
             impulse = self._strike(sides)
