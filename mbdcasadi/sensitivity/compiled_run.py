@@ -107,7 +107,6 @@ class CompiledRun:
         self._given = ca.Function("given", [d], list(self.design.arguments(d)))
         self._outputs = self.motion.outputs(expressions)
         self._compiled: OrderedDict[Any, Compiled] = OrderedDict()
-        self._last: tuple[bytes, Course] | None = None
 
     def values(self, d: np.ndarray) -> np.ndarray:
         """All outputs (n_y n_t + integrals,), time by time.
@@ -146,17 +145,14 @@ class CompiledRun:
 
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Course:
-        """Where the motion is cut; for the last vector it is known."""
-        if self._last is None or self._last[0] != d.tobytes():
-            p, right, z, levels, channel = (part.full() for part in self._given(d))
-            start = None
-            if self.motion.follows_state:
-                x, _, residual = self._call(self.setup.differentiable_start.function, p, right, z, self.guess)
-                self._refuse_no_start(float(residual), d)
-                start = x.full().ravel()
-            course = self.motion.course(start, p.ravel(), levels.ravel(), channel)
-            self._last = d.tobytes(), course
-        return self._last[1]
+        """Where the motion is cut."""
+        p, right, z, levels, channel = (part.full() for part in self._given(d))
+        start = None
+        if self.motion.follows_state:
+            x, _, residual = self._call(self.setup.differentiable_start.function, p, right, z, self.guess)
+            self._refuse_no_start(float(residual), d)
+            start = x.full().ravel()
+        return self.motion.course(start, p.ravel(), levels.ravel(), channel)
 
     def _of(self, course: Course) -> Compiled:
         """What is compiled for a course and others of its pattern."""

@@ -20,6 +20,7 @@ Barton, "Parametric sensitivity functions for hybrid discrete/continuous systems
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -47,6 +48,8 @@ from .switching import Cut, Passage
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
 ACCEPTED = 10.0
+#: Courses that are kept.
+COURSES = 64
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,7 @@ class DifferentiableMotion:
             # where the adjoint itself is so simple that IDAS takes steps as long as the motion
             integrator = integrator.replace(options={"quad_err_con": True} | dict(integrator.options))
         self._integrator = integrator
+        self._courses: OrderedDict[tuple[Any, ...], Course] = OrderedDict()
         self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
         start = setup.start
         self._timed = timed_equations(setup, self._integrands)
@@ -228,6 +232,16 @@ class DifferentiableMotion:
         SimulationError
             At a jump through which no derivative can be carried, with the name of the element.
         """
+        given = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
+        if given not in self._courses:
+            self._courses[given] = self._found_course(x0, p, levels, channel, first, last)
+            while len(self._courses) > COURSES:
+                self._courses.popitem(last=False)
+        return self._courses[given]
+
+    def _found_course(
+        self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
+    ) -> Course:
         grid, whole = self._stretch(first, last), self.grid
         timed = dependence_at(self._timed, p, float(whole[0]), float(whole[-1]))
         obstacle = timed.obstacle()
@@ -262,6 +276,7 @@ class DifferentiableMotion:
             channel=channel,
             stops=np.union1d(timed.stops, timed.jumps),
             max_step=max_step,
+            watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
             unknowns=self._unknowns,
             rate=self._decay,
             in_time=in_time(float(grid[0]) + width),

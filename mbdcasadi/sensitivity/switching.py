@@ -19,7 +19,6 @@ from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..simulation.impacts import INSTANT, velocity_after
-from ..simulation.schedule import WATCH_POINTS
 from .held_system import HeldSystem
 
 #: Value of a quantity at its border that is rounding, relative to the coordinates; its rate, relative to velocities.
@@ -28,6 +27,8 @@ ROUNDING, REST = 1e-12, 1e-9
 GRAZING = 1e-4
 #: Rate that is none, relative to the largest one: nothing passes, and the instant has no derivative.
 STANDSTILL = 1e-9
+#: States of a motion that are looked at, at least.
+FEWEST_POINTS = 16
 #: Switches in one motion, at most.
 MOST_SWITCHES = 500
 #: Points within an interval in which a quantity may pass its border, the first ones near to its start.
@@ -98,6 +99,8 @@ class Passage:
         Times over which no step may go, s.
     max_step : float, optional
         Longest step, s.
+    watch_step : float
+        Time between states that are looked at, s.
     unknowns : numpy.ndarray
         Estimate of the algebraic unknowns.
     rate : float
@@ -125,6 +128,7 @@ class Passage:
         channel: np.ndarray,
         stops: np.ndarray,
         max_step: float | None,
+        watch_step: float,
         unknowns: np.ndarray,
         rate: float,
         in_time: np.ndarray,
@@ -136,7 +140,7 @@ class Passage:
         self._watched = np.flatnonzero(np.logical_not(system.in_time)) if self._follows else np.zeros(0, int)
         span = float(grid[-1] - grid[0])
         self._instant = max(INSTANT * span, 4 * float(np.spacing(np.max(np.abs(grid[[0, -1]])))))
-        self._watch_step, self._stretch = span / WATCH_POINTS, span
+        self._watch_step, self._stretch = min(watch_step, span / FEWEST_POINTS), span
         self._grazed: set[int] = set()
         self._time, self._x = float(grid[0]), np.zeros(0) if x is None else x
         self.cuts: list[Cut] = []
@@ -181,7 +185,7 @@ class Passage:
     def _advance_once(self, end: float) -> None:
         """Go on to a time, or to the first switch before it."""
         start = self._time
-        count = 2 ** int(np.ceil(np.log2(max((end - start) / self._watch_step, 4))))
+        count = 2 ** int(np.ceil(np.log2(max((end - start) / self._watch_step, FEWEST_POINTS / 4))))
         times = start + (end - start) * np.r_[np.arange(1, count) / count, 1.0]
         times[-1] = end
         stops = self._stops[(self._stops > start + self._instant) & (self._stops < end - self._instant)]
