@@ -127,6 +127,11 @@ class ExplicitTime:
     def _functions(self, expression: ca.SX) -> TimeFunctions:
         return TimeFunctions(expression, self._eom.t, self._eom.p, self._typical)
 
+    @property
+    def parameters(self) -> frozenset[int]:
+        """Positions of the parameters that occur in what depends on time."""
+        return frozenset(int(k) for group in self._groups.values() for k in group.used)
+
     def breaks(self, p: np.ndarray, start: float, end: float) -> tuple[TimeBreaks, np.ndarray]:
         """Return the instants at which anything switches in time, and at which accelerations jump.
 

@@ -146,6 +146,8 @@ class DifferentiableMotion:
         self._parts = parts_of_motion(numeric, signals, self._integrands)
         self._in_time = SwitchesInTime(numeric, signals, self._parts)
         self._varied = self._in_time.depend_on(varied)
+        #: whether the course depends on the parameters that change
+        self.course_varies = bool(self._timed.parameters & frozenset(varied))
         self._in_state = in_state
         self._hold(frozenset())
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail

@@ -205,7 +205,7 @@ def test_a_file_of_another_sweep_is_refused(tmp_path):
         with pytest.raises(mbd.FileError, match="belongs to another sweep"):
             mbd.sweep(model, file=path, **arguments)
     path.write_text("no sweep")
-    with pytest.raises(mbd.FileError, match="is no sweep"):
+    with pytest.raises(mbd.FileError, match="is not a sweep file"):
         mbd.sweep(model, TIMES, {g: [1.0, 2.0]}, [p.rod.phi], file=path)
 
 
