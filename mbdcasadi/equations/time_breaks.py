@@ -161,7 +161,8 @@ class TimeFunctions:
         self._zeros = _Switches(zeros, t, p, integer=False)
         self._integers = _Switches(integers, t, p, integer=True)
         self._transients = _Switches(transients, t, p, integer=False)
-        self._used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
+        #: positions of the known symbols that occur in these
+        self.used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
         self._last: tuple[Any, TimeBreaks] | None = None
 
     @property
@@ -173,7 +174,7 @@ class TimeFunctions:
         """Return the instants between two times at values of the known symbols."""
         if not self.switch or not end > start:
             return TimeBreaks.none(resolution(start, end))
-        key = (np.asarray(p, float)[self._used].tobytes(), start, end)
+        key = (np.asarray(p, float)[self.used].tobytes(), start, end)
         if self._last is None or self._last[0] != key:
             self._last = (key, self._breaks(p, start, end))
         return self._last[1]

@@ -67,6 +67,18 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
         signal.signal(signal.SIGINT, previous)
 
 
+@contextmanager
+def keyboard_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt for an error that compiled code raises on Ctrl-C."""
+    with interruptible() as interruption:
+        try:
+            yield
+        except Exception:
+            if interruption.requested:
+                raise KeyboardInterrupt from None
+            raise
+
+
 def call(function: Any, *arguments: Any) -> Any:
     """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure or as nothing."""
     with quiet(), interruptible() as interruption:

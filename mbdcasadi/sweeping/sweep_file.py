@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import FileError
 
-_FORMAT = "mbdcasadi sweep 1"
+_FORMAT = "mbdcasadi sweep 2"
 
 
 class SweepFile:
@@ -25,20 +26,19 @@ class SweepFile:
     Raises
     ------
     FileError
-        For a file that is none, or of another sweep.
+        For a file that is not a sweep file, belongs to another sweep, or cannot be written.
     """
 
     def __init__(self, path: str | Path, fingerprint: str):
         self.path = Path(path)
         self._fingerprint = fingerprint
+        if not self.path.exists():
+            self._write([np.array([_FORMAT, fingerprint])], "wb")
         try:
-            if not self.path.exists():
-                with open(self.path, "wb") as file:
-                    np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
             with open(self.path, "r+b"):
                 pass
         except OSError as error:
-            raise FileError(f"sweep: the file {self.path} cannot be written: {error.strerror}") from None
+            raise self._unwritable(error) from None
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""
@@ -49,7 +49,7 @@ class SweepFile:
             except (ValueError, EOFError, OSError):
                 header = np.zeros(0)
             if header.shape != (2,) or str(header[0]) != _FORMAT:
-                raise FileError(f"{self.path}: the file is no sweep; name another one, or remove it")
+                raise FileError(f"{self.path}: the file is not a sweep file; name another one, or remove it")
             if str(header[1]) != self._fingerprint:
                 raise FileError(
                     f"{self.path}: the file belongs to another sweep: the model, the cases, times, outputs, inputs or "
@@ -67,10 +67,36 @@ class SweepFile:
         return blocks
 
     def append(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
-        """Add finished cases."""
-        with open(self.path, "ab") as file:
-            for array in (indices, values, np.array(messages, dtype=str)):
-                np.save(file, array, allow_pickle=False)
+        """Add finished cases.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written; it is left as it was.
+        """
+        self._write([indices, values, np.array(messages, dtype=str)], "r+b")
+
+    def _write(self, arrays: list[np.ndarray], mode: str) -> None:
+        """Write arrays behind what is there, or nothing."""
+        whole = 0
+        try:
+            with open(self.path, mode) as file:
+                try:
+                    whole = file.seek(0, os.SEEK_END)
+                    for array in arrays:
+                        np.save(file, array, allow_pickle=False)
+                    file.flush()
+                    os.fsync(file.fileno())
+                except OSError:
+                    file.truncate(whole)
+                    raise
+        except OSError as error:
+            if mode == "wb" and self.path.is_file():
+                self.path.unlink()
+            raise self._unwritable(error) from None
+
+    def _unwritable(self, error: OSError) -> FileError:
+        return FileError(f"sweep: the file {self.path} cannot be written: {error.strerror or error}")
 
 
 def fingerprint(*parts: str | bytes | np.ndarray) -> str:
