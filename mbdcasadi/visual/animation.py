@@ -123,7 +123,7 @@ def animate(
         writer_for(path)  # a wrong ending is told before the work
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
-    options = trace_options(trace, forces=True, readings=True, **flags)
+    options = trace_options(trace, forces=True, tooltips=True, **flags)
     taken = film(motion, options, plots, fps, speed, title)
     if shown:
         taken.sample.need_reactions("animate")

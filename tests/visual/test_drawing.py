@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import casadi as ca
 import matplotlib
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import mbdcasadi as mbd
 from mbdcasadi.visual.drawing import lines
 from mbdcasadi.visual.drawing.compose import Options, compose
 from mbdcasadi.visual.drawing.draw import nice, subject
+from mbdcasadi.visual.drawing.loads import Load
 from mbdcasadi.visual.drawing.sample import Sample
 from mbdcasadi.visual.drawing.scene import BODY, PIN, placed
 
@@ -221,15 +223,14 @@ def test_the_library_is_drawn_whole(name):
 def test_every_class_of_element_has_a_symbol_of_its_own():
     """Or is known to have no place: a new class is not forgotten."""
     from mbdcasadi.model.element import ConstraintElement, Element
-    from mbdcasadi.visual.symbols import symbol
 
     # given by expressions alone, or between markers that a dashed line ties together
     tied = {"Constraint", "NonholonomicConstraint", "RelativeX", "RelativeY", "RelativeAngle",
             "PIController", "FirstOrderLag", "EnergyMeter"}  # fmt: skip
-    default = symbol.dispatch(object)
+    default = mbd.glyph.dispatch(object)
     public = [c for c in vars(mbd).values() if isinstance(c, type) and issubclass(c, Element)]
     assert len(public) > 40 and any(issubclass(c, ConstraintElement) for c in public)
-    assert {c.__name__ for c in public if symbol.dispatch(c) is default} == tied
+    assert {c.__name__ for c in public if mbd.glyph.dispatch(c) is default} == tied
 
 
 def test_elements_of_ones_own():
@@ -257,6 +258,40 @@ def test_elements_of_ones_own():
     ):
         scene, _, _ = scene_of(mbd.Mechanism([block], [joint]))
         assert [m.style for m in of_item(scene, "x")] == ([style] if style else [])
+
+
+def test_a_glyph_of_ones_own_brings_loads_and_a_tooltip():
+    """All three are registered in one class; a function for the symbol alone keeps the others of the base class."""
+
+    class Magnet(mbd.TSDA):
+        pass
+
+    class Coil(Magnet):
+        pass
+
+    class MagnetGlyph(mbd.Glyph, of=Magnet):
+        def draw(self):
+            self.pen.pin(self.pen.on(self.element.b))
+
+        def loads(self):
+            return [Load(self.element.b.position, ca.SX([3, 4]), "force")]
+
+        def tooltip(self):
+            return {"gap, m": self.element.length}
+
+    @mbd.glyph.register
+    def _(element: Coil, pen):
+        pen.dot(pen.on(element.b))
+
+    block = mbd.Body("block", 1, 1, pose=(1, 0, 0))
+    for kind, style in ((Magnet, "pin"), (Coil, "dot")):
+        pull = kind("x", mbd.ground.at(0, 0), block.at(0, 0), stiffness=1.0)
+        scene, poses, scale = scene_of(mbd.Mechanism([block], forces=[pull]), forces=True, tooltips=True)
+        symbol, *arrow = of_item(scene, "x")
+        assert symbol.style == style and [m.style for m in arrow] == ["force", "force head"]
+        np.testing.assert_allclose(scale["N"] * (where(arrow[1], poses)[0] - [1, 0]), [3, 4], rtol=1e-9)
+        (item,) = (i for i in scene.items if i.name == "x")
+        assert item.kind == kind.__name__ and set(item.tooltip) == {"gap, m"}
 
 
 # --- what is drawn, and what is not ------------------------------------------------------------

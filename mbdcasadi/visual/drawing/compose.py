@@ -11,12 +11,11 @@ import numpy as np
 from ...errors import MechanismError
 from ...model.bodies import Body, Marker, ground
 from ...model.joints.lower_pairs import Translational
-from ..page.tooltips import readings
-from ..symbols import symbol
+from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
 from .loads import draw_loads
-from .outlines import draw_body, points_on, shape_loops
+from .outlines import points_on, shape_loops
 from .pen import Pen
 from .sample import Sample
 from .scene import Label, Scene
@@ -37,7 +36,7 @@ class Options:
         Points whose way is drawn.
     traced : tuple of Marker
         Those of them that are markers on bodies.
-    readings : bool
+    tooltips : bool
         Whether items carry numbers.
     """
 
@@ -47,7 +46,7 @@ class Options:
     centroids: bool = False
     trace: tuple[ca.SX, ...] = ()
     traced: tuple[Marker, ...] = ()
-    readings: bool = False
+    tooltips: bool = False
 
 
 def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
@@ -67,20 +66,18 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     """
     mechanism = sample.mechanism
     unit, hanging = _measures(sample)
-    pen = Pen(sample, Scene(unit), hanging)
-    known = options.readings and sample.has_multipliers
+    pen = Pen(sample, Scene(unit), hanging, options.traced)
 
-    def item(thing: Any) -> int:
-        return pen.item_of(thing, lambda: readings(thing, known) if options.readings else {})
+    def draw(thing: Any) -> None:
+        pen.item = pen.item_of(thing, lambda: glyph_of(thing, pen).tooltip() if options.tooltips else {})
+        glyph(thing, pen)
 
     # sliders last: rails fit to what other symbols draw of the body
     joints = sorted(mechanism.joints, key=lambda joint: isinstance(joint, Translational))
     for element in (*mechanism.drivers, *joints, *mechanism.forces):
-        pen.item = item(element)
-        symbol(element, pen)
+        draw(element)
     for body in mechanism.bodies:
-        pen.item = item(body)
-        draw_body(body, pen, options.traced)
+        draw(body)
         if options.centroids:
             _centroid(pen, body)
         if options.frames:
@@ -92,7 +89,9 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     if options.frames:
         _axes(pen, ground)
     pen.finish()
-    scale = draw_loads(pen, options.forces)
+    elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
+    loads = [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
+    scale = draw_loads(pen, loads)
     if options.names:
         _names(pen)
     # a body covers those before it in the list, whatever its marks were drawn for

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -83,10 +83,13 @@ class Pen:
         Places where a support or a curved arrow is drawn.
     hanging : bool
         Whether the mechanism hangs from its supports.
+    traced : tuple of Marker
+        Points of bodies whose path is drawn.
     """
 
-    def __init__(self, sample: Sample, target: Scene, hanging: bool = False):
+    def __init__(self, sample: Sample, target: Scene, hanging: bool = False, traced: Sequence[Marker] = ()):
         self.sample, self.scene, self.unit, self.hanging = sample, target, target.unit, hanging
+        self.traced = tuple(traced)
         self.item: int | None = None
         self.replaced: dict[Body, float] = {}
         self.teeth: dict[Any, tuple[int, float]] = {}
@@ -98,12 +101,12 @@ class Pen:
         self._items: dict[Any, int] = {}
         self._later: list[tuple[int | None, Callable[[np.ndarray], None]]] = []
 
-    def item_of(self, thing: Any, readings: Callable[[], dict[str, ca.SX]] = dict) -> int:
+    def item_of(self, thing: Any, tooltip: Callable[[], dict[str, ca.SX]] = dict) -> int:
         """Number of the item of a body or an element, made where there is none yet."""
         if thing not in self._items:
             self._items[thing] = len(self.scene.items)
             kind = "body" if isinstance(thing, Body) else type(thing).__name__
-            self.scene.items.append(scene.Item(thing.name, kind, readings()))
+            self.scene.items.append(scene.Item(thing.name, kind, tooltip()))
         return self._items[thing]
 
     # --- numbers -----------------------------------------------------------------------------

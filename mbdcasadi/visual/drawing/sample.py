@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -93,7 +94,7 @@ class Sample:
                 + (f" ({reason})" if reason else "; take the motion from simulate or inverse_dynamics")
             )
 
-    @property
+    @cached_property
     def has_multipliers(self) -> bool:
         """Whether reactions are known."""
         eom = self._source.equations

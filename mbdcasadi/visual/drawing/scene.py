@@ -73,19 +73,19 @@ class Label:
 
 @dataclass(eq=False)
 class Item:
-    """A body or an element, as one that points at it is told.
+    """A body or an element that can be pointed at.
 
     Attributes
     ----------
     name, kind : str
-        Its name, and what it is ("Revolute").
-    readings : dict of str to casadi.SX
+        Its name, and its class ("Revolute").
+    tooltip : dict of str to casadi.SX
         Labels with units, and scalars.
     """
 
     name: str
     kind: str
-    readings: dict[str, ca.SX] = field(default_factory=dict)
+    tooltip: dict[str, ca.SX] = field(default_factory=dict)
 
 
 @dataclass(eq=False)

@@ -102,11 +102,11 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         for k in range(len(scene.frames))
     ]
     # all at once: expressions share their parts
-    values = iter(sample[ca.vertcat(ca.SX(0, 1), *[e for item in scene.items for e in item.readings.values()])].T)
+    values = iter(sample[ca.vertcat(ca.SX(0, 1), *[e for item in scene.items for e in item.tooltip.values()])].T)
     items = [
         {"name": item.name, "kind": item.kind,
          "readings": [{"label": label, "column": store.add(next(values), f"{label} of '{item.name}'")}
-                      for label in item.readings]}
+                      for label in item.tooltip]}
         for item in scene.items
     ]  # fmt: skip
     traces = [[store.add(film.ways[:, k, j], "a trace") for j in range(2)] for k in range(film.ways.shape[1])]

@@ -1,4 +1,4 @@
-"""Symbols of gears, racks, wheels and belts."""
+"""Gears, racks, wheels and belts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...model.joints.gears import Gear, RackAndPinion
 from ...model.joints.rolling import Rolling
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
-from .base import symbol, tie
+from .base import glyph, tie
 
 #: Length of a tooth and its gap along the pitch circle, in units, and the fewest teeth of a gear.
 PITCH, FEWEST = 1.5, 10
@@ -33,7 +33,7 @@ class Wheel:
         return (self.marker.body, *np.round(place, 6), round(self.radius / pen.unit, 6), self.inward)
 
 
-@symbol.register
+@glyph.register
 def gear(joint: Gear, pen: Pen) -> None:
     """Two gears with teeth that mesh, and their pitch circles."""
     ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
@@ -98,7 +98,7 @@ def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
     ]
 
 
-@symbol.register
+@glyph.register
 def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
     """A rack under a gear."""
     u, radius = pen.unit, pen.number(joint.radius)
@@ -119,7 +119,7 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
     pen.replaces(joint.a.body, float(np.max(np.abs(top))))
 
 
-@symbol.register
+@glyph.register
 def rolling(joint: Rolling, pen: Pen) -> None:
     """A wheel with spokes on a track."""
     u, radius = pen.unit, pen.number(joint.radius)
@@ -141,7 +141,7 @@ def disc(pen: Pen, marker: Marker, radius: float) -> None:
     pen.replaces(marker.body, radius)
 
 
-@symbol.register
+@glyph.register
 def belt(joint: Belt, pen: Pen) -> None:
     """Two pulleys and the belt about them."""
     ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
@@ -164,7 +164,7 @@ def belt(joint: Belt, pen: Pen) -> None:
     frame.draw("belt", other, layer=scene.SLOT)
 
 
-@symbol.register
+@glyph.register
 def coupler(joint: Coupler, pen: Pen) -> None:
     """A dashed line between the shafts."""
     tie(pen, joint.a.position, joint.b.position)

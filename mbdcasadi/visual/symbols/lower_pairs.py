@@ -1,4 +1,4 @@
-"""Symbols of pins, sliders, welds and massless links."""
+"""Pins, sliders, welds and massless links."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...model.joints.lower_pairs import Revolute, Translational, Weld
 from ..drawing import lines, scene
 from ..drawing.outlines import local_outlines, sections
 from ..drawing.pen import Frame, Pen
-from .base import symbol
+from .base import glyph
 
 #: Half length and half height of a slider block without a shape, in units.
 BLOCK = 2.0, 1.2
@@ -18,7 +18,7 @@ BLOCK = 2.0, 1.2
 ROD = 3.0
 
 
-@symbol.register
+@glyph.register
 def revolute(joint: Revolute, pen: Pen) -> None:
     """A circle, on a stand where it is on the ground."""
     for marker in joint.markers:
@@ -27,7 +27,7 @@ def revolute(joint: Revolute, pen: Pen) -> None:
     pen.pin(pen.on(joint.b if joint.a.body.is_ground else joint.a))
 
 
-@symbol.register
+@glyph.register
 def weld(joint: Weld, pen: Pen) -> None:
     """A wall where it is on the ground, else a small square."""
     u = pen.unit
@@ -42,7 +42,7 @@ def weld(joint: Weld, pen: Pen) -> None:
     pen.on(joint.a).area("dot", lines.rectangle((-0.45 * u, -0.45 * u), (0.45 * u, 0.45 * u)), layer=scene.PIN)
 
 
-@symbol.register
+@glyph.register
 def distance(joint: Distance, pen: Pen) -> None:
     """A thin link between two small pins."""
     pen.between(joint.a.position, joint.b.position).draw("link", lines.along([0, 1], 0), layer=scene.SLOT)
@@ -53,7 +53,7 @@ def distance(joint: Distance, pen: Pen) -> None:
 
 
 # --- sliders ------------------------------------------------------------------------------
-@symbol.register
+@glyph.register
 def translational(joint: Translational, pen: Pen) -> None:
     """A block on a rail; a rod in a bearing, where the body is long; a bearing that is fixed, on a moving rod."""
     low, high = pen.span(joint.displacement)
@@ -127,7 +127,7 @@ def _fixed_bearing(joint: Translational, pen: Pen, low: float, high: float) -> N
         pen.hatched(bearing, (side * 2 * u, side * 0.65 * u), (-side * 2 * u, side * 0.65 * u))
 
 
-@symbol.register
+@glyph.register
 def point_on_line(joint: PointOnLine, pen: Pen) -> None:
     """A slot along the line, with a die block on a pin in it."""
     u, height, body = pen.unit, pen.number(joint.offset), joint.a.body

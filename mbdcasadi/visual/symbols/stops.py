@@ -1,4 +1,4 @@
-"""Symbol of a stop: a pad where the gap is closed."""
+"""Stops: a pad where the gap is closed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from ...model.bodies import Body, ground
 from ...model.forces.stops import EndStop
 from ..drawing import lines, scene
 from ..drawing.pen import Frame, Pen
-from .base import symbol
-from .constraints import pivot_of
+from .base import glyph
+from .motions import pivot_of
 
 #: A gap counts as one along a line, or of an angle, where its derivatives are 1 and 0 up to this.
 EXACT = 1e-9
 
 
-@symbol.register
+@glyph.register
 def end_stop(element: EndStop, pen: Pen) -> None:
     """A pad on the ground, in front of a body that slides or beside one that turns.
 
