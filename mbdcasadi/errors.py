@@ -61,7 +61,7 @@ class ExpressionError(MechanismError):
 
 
 class FileError(MechanismError):
-    """A model file or an analysis file cannot be read."""
+    """A file cannot be read or written; the message names it."""
 
 
 class Interrupted(KeyboardInterrupt):

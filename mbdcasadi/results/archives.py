@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileError
-from .writing import whole_file
+from ..numerics.writing import whole_file
 
 
 def write_arrays(path: str | Path, content: dict[str, Any]) -> None:

@@ -17,11 +17,11 @@ from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import FileError, MechanismError
 from ..model.mechanism import Mechanism
+from ..numerics.writing import whole_file
 from .archives import read_arrays, write_arrays
 from .columns import columns, read_expressions
 from .state import State
 from .trajectory import EventOccurrence, Statistics, Trajectory
-from .writing import whole_file
 
 if TYPE_CHECKING:
     import pandas

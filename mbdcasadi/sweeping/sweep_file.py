@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.writing import appended_file, whole_file, writable
 
 _FORMAT = "mbdcasadi sweep 1"
 
@@ -31,14 +32,10 @@ class SweepFile:
     def __init__(self, path: str | Path, fingerprint: str):
         self.path = Path(path)
         self._fingerprint = fingerprint
-        try:
-            if not self.path.exists():
-                with open(self.path, "wb") as file:
-                    np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
-            with open(self.path, "r+b"):
-                pass
-        except OSError as error:
-            raise FileError(f"sweep: the file {self.path} cannot be written: {error.strerror}") from None
+        writable(self.path)
+        if not self.path.exists():
+            with whole_file(self.path) as part, open(part, "wb") as file:
+                np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""
@@ -68,7 +65,7 @@ class SweepFile:
 
     def append(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
         """Add finished cases."""
-        with open(self.path, "ab") as file:
+        with appended_file(self.path) as file:
             for array in (indices, values, np.array(messages, dtype=str)):
                 np.save(file, array, allow_pickle=False)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import MechanismError
 from ..model.quantities import yes_or_no
-from ..results.writing import whole_file
+from ..numerics.writing import whole_file, writable
 from .drawing.draw import trace_options
 from .film import Film, film
 from .page.page import page
@@ -120,7 +120,9 @@ def animate(
     >>> animate(motion, "motion.html", trace=[tip], plots={"angle, rad": arm.phi})  # doctest: +SKIP
     """
     if path is not None:
-        writer_for(path)  # a wrong ending is told before the work
+        # a path that cannot be written is reported before the work
+        writer_for(path)
+        writable(path)
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
     options = trace_options(trace, forces=True, tooltips=True, **flags)

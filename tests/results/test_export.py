@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.numerics.writing import whole_file
 from mbdcasadi.results.columns import columns
 from mbdcasadi.results.trajectory import EventOccurrence, Trajectory
-from mbdcasadi.results.writing import whole_file
 
 TIMES = np.linspace(0, 1, 11)
 LENGTH, MASS, G = 1.0, 2.0, 9.81
