@@ -13,7 +13,7 @@ from ..model.bodies import Body
 from ..model.drivers import Driver
 from ..model.forces.gravity import Gravity
 from ..model.geometry.shapes import Rod
-from ..model.immutable import Immutable
+from ..model.immutable import HoldsSymbols, Immutable
 from ..model.mechanism import Mechanism
 from ..model.symbols import number
 
@@ -21,7 +21,7 @@ from ..model.symbols import number
 GRAVITY = (0.0, -9.81)
 
 
-class Model(Immutable):
+class Model(Immutable, HoldsSymbols):
     """A mechanism with names for its parts.
 
     Attributes

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from .geometry.shapes import Shape, rotation_matrix
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .markers import Marker, rotation
 from .quantities import Limit, quantity, triple
 from .symbols import check_name, register
@@ -18,7 +18,7 @@ from .symbols import check_name, register
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
 
 
-class Body(Immutable):
+class Body(Immutable, HoldsSymbols):
     """A rigid body in the plane; its frame sits at the centre of mass.
 
     Parameters

@@ -14,14 +14,14 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit
 from .smoothing import Smoothing
 from .symbols import check_name, register, role_of, symbols_of
 from .validity import Monitor
 
 
-class Element(Immutable):
+class Element(Immutable, HoldsSymbols):
     """Base class of joints, drivers and forces: nothing offered, everything may be overridden.
 
     Attributes

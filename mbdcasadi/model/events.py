@@ -9,12 +9,12 @@ import casadi as ca
 
 from ..errors import ModelError
 from .element import refuse_kinds
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import is_relation, quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of
 
 
-class Event(Immutable):
+class Event(Immutable, HoldsSymbols):
     """The instant at which an expression passes through zero during a simulation.
 
     Parameters

@@ -1,9 +1,37 @@
-"""Objects that do not change after they are made."""
+"""Objects that do not change after they are made, and objects that hold symbols of a model."""
 
 from __future__ import annotations
 
+import copy
 import inspect
-from typing import Any
+from typing import Any, NoReturn
+
+from ..errors import MechanismError
+
+
+class HoldsSymbols:
+    """Base class of what holds symbols of a model: it is copied, but not pickled.
+
+    CasADi can pickle expressions, but what comes back has other symbols: none of
+    the model's own, nor the time, nor the ground would be found in it.
+    """
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise MechanismError(
+            f"{type(self).__name__} objects cannot be pickled: expressions know symbols by identity, which copies in "
+            "another process have not. Build the mechanism there by a function; results travel as arrays, or by "
+            "files: save, and read_trajectory or read_solution; sweep runs cases in several processes"
+        )
+
+    def __copy__(self) -> Any:
+        clone = object.__new__(type(self))
+        clone.__dict__.update(self.__dict__)
+        return clone
+
+    def __deepcopy__(self, memo: dict) -> Any:
+        clone = memo[id(self)] = object.__new__(type(self))
+        clone.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return clone
 
 
 class Sealed(type):

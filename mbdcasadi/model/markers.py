@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .rates import time_derivative
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ def rotation(angle: Any) -> ca.SX:
     return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
 
 
-class Marker(Immutable):
+class Marker(Immutable, HoldsSymbols):
     """A point with axes, fixed in the frame of a body.
 
     Made by :meth:`Body.at`. All attributes are expressions in the global frame.

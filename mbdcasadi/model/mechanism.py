@@ -12,13 +12,13 @@ from .bodies import Body
 from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .lists import entries, listed
 from .quantities import Limit, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 
-class Mechanism(Immutable):
+class Mechanism(Immutable, HoldsSymbols):
     """Bodies, joints, drivers and forces.
 
     Parameters

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
+from .immutable import HoldsSymbols
 
 #: What a symbol can stand for.
 KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
@@ -80,7 +81,7 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
     return result
 
 
-class Symbol(ca.SX):
+class Symbol(ca.SX, HoldsSymbols):
     """A named scalar of the model: a ``casadi.SX`` that keeps what belongs to it."""
 
     label: str

@@ -9,12 +9,13 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from .finite import refuse_nan
 
 
-class State:
+class State(HoldsSymbols):
     """Pose, velocity, acceleration and multipliers of a mechanism at one time.
 
     ``state[expression]`` evaluates anything.

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from .finite import refuse_nan
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
 
 
-class Trajectory:
+class Trajectory(HoldsSymbols):
     """States of a mechanism at times; ``motion[expression]`` evaluates anything.
 
     Parameters
@@ -99,7 +100,7 @@ class Trajectory:
             For a symbol that the mechanism does not have, and where the expression has no value.
         """
         expression = as_expression(expression, "motion[…]")
-        function, given = self._compiled(expression)
+        function, arguments = self._compiled(expression)
         if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
             raise MechanismError(self._missing_multipliers)
         rows, columns = expression.shape
@@ -107,19 +108,23 @@ class Trajectory:
         if count == 0:
             values = np.zeros((0, rows, columns))
         else:
-            stacked = function(*[x.T for x in given]).full()
+            stacked = function(*[x.T for x in arguments]).full()
             if stacked.shape[1] == columns:  # nothing in it varies: CasADi evaluated it once
                 stacked = np.tile(stacked, (1, count))
             values = stacked.reshape(rows, count, columns).transpose(1, 0, 2)
-            refuse_nan(self.equations, expression, values, given[: len(self.equations.symbols)])
+            refuse_nan(self.equations, expression, values, arguments[: len(self.equations.symbols)])
         if rows * columns == 1:
             return values.reshape(count)
         return values.reshape(count, rows * columns) if 1 in (rows, columns) else values
 
+    @property
+    def arguments(self) -> tuple[np.ndarray, ...]:
+        """``(t, q, v, a, z, lam, u, p)`` for compiled expressions, by time (n_t, k); the parameters are (1, k)."""
+        return self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
+
     def _compiled(self, expression: ca.SX) -> tuple[ca.Function, tuple[np.ndarray, ...]]:
         """Function of an expression, and its arguments by time."""
-        given = self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
-        return self.equations.function(expression), given
+        return self.equations.function(expression), self.arguments
 
     def state(self, index: int) -> State:
         """State at one of the times, by index."""

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MechanismError
+from .axes import dress, legend, readable
 from .drawing.canvas import LOWEST, STEP, Canvas
 from .drawing.draw import FLAT, TALL, draw_scale, frame_axes, room
 from .drawing.scene import TRACE
-from .drawing.style import LIGHT
+from .drawing.style import LIGHT, SERIES_LIGHT
 from .film import Film
-from .plots.plot import COLOURS, dress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,7 +69,7 @@ class Stage:
         self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
                                       color=LIGHT["muted"], va="bottom")  # fmt: skip
         if film.title:
-            scene_axes.set_title(film.title, fontsize="medium")
+            readable(scene_axes.set_title(film.title, fontsize="medium"), name=True)
         self._cursors = [self._plot(a, *curve) for a, curve in zip(others, film.curves.items(), strict=True)]
         if others:
             others[-1].set_xlabel("t, s")
@@ -83,9 +83,12 @@ class Stage:
         self._behind = self.canvas.copy_from_bbox(self.figure.bbox)
 
     def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
+        drawn = {}
         for k, (name, values) in enumerate(lines.items()):
-            axes.plot(self.film.t, values, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=name)
-        dress(axes, label, len(lines) > 1)
+            colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+            (drawn[name],) = axes.plot(self.film.t, values, color=colour, linewidth=1.4)
+        dress(axes, label)
+        legend(axes, drawn)
         axes.set_xlim(self.film.t[0], self.film.t[-1])
         return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
 

@@ -104,5 +104,5 @@ def _text(axes: Axes, label: Any) -> Any:
         fontsize="small", fontstyle="italic" if label.body else "normal",
         color=LIGHT["ink" if label.body else "muted"],
         path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])],
-        zorder=LOWEST + 9 * STEP, annotation_clip=True,
+        zorder=LOWEST + 9 * STEP, annotation_clip=True, parse_math=False,
     )  # fmt: skip

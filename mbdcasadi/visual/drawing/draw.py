@@ -16,6 +16,7 @@ from ...model.mechanism import Mechanism
 from ...model.quantities import whole, yes_or_no
 from ...results.state import State
 from ...results.trajectory import Trajectory
+from ..axes import two_spines
 from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
 from .labels import settled
@@ -221,13 +222,6 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     sides: tuple[tuple[Literal["x", "y"], float], ...] = (("x", width), ("y", height))
     for axis, length in sides:
         axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
-
-
-def two_spines(axes: Axes) -> None:
-    """Leave axes their left and lower spine, in a light colour."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#8a929a")
-    axes.tick_params(color="#8a929a", labelsize="small")
 
 
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:

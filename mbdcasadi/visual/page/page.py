@@ -17,17 +17,14 @@ import numpy as np
 from ...errors import MechanismError
 from ..drawing.draw import nice
 from ..drawing.scene import SLOT, Mark
-from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
+from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
-from ..plots.plot import COLOURS
 
 #: Points of marks, each kept once, with their numbers.
 Shapes = dict[str, tuple[int, list[list[float]]]]
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
 _SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
-#: Lines of plots on a dark page.
-_COLOURS_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
 
 
 class Columns:
@@ -89,8 +86,8 @@ def page(film: Film, forces: bool) -> str:
         title=html.escape(film.title or "motion"),
         style=text["page.css"],
         script="\n".join(text[name] for name in _SCRIPTS),
-        # a name that holds "</script>" must not end the script
-        data=data.replace("</", "<\\/"),
+        # neither "</script>" nor "<!--<script>" in a name may change where the script ends
+        data=data.replace("<", "\\u003c"),
     )
 
 
@@ -127,7 +124,7 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
         "items": items, "traces": traces, "plots": plots,
         "styles": {name: asdict(style) for name, style in STYLES.items()},
         "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
-        "seriesLight": COLOURS, "seriesDark": _COLOURS_DARK,
+        "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
         "columns": store.columns, "words": store.words,
     }  # fmt: skip
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
+from ..axes import dress, legend, readable
 from ..drawing.draw import motion_of
-from .plot import COLOURS, dress, lines_over
+from ..drawing.style import SERIES_LIGHT
+from .plot import lines_over
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,17 +57,19 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
         raise MechanismError("plot_phase: takes two scalars {label: expression}, the first across, the second up")
     named = motions if isinstance(motions, Mapping) else {"": motions}
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")
-    axes = figure.subplots()
+    axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
+        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
         run = motion_of(motion, "plot_phase")
         if run.interpolates and len(run) < SMOOTH:
             run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
         across, up = (run[e] for e in pair.values())
-        axes.plot(across, up, color=COLOURS[k % len(COLOURS)], linewidth=1.5, label=name)
-        axes.plot(across[0], up[0], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
+        (drawn[name],) = axes.plot(across, up, color=colour, linewidth=1.5)
+        axes.plot(across[0], up[0], "o", color=colour, markersize=5)
     label_across, label_up = pair
-    dress(axes, label_up, len(named) > 1)
-    axes.set_xlabel(label_across)
+    dress(axes, label_up)
+    legend(axes, drawn)
+    readable(axes.set_xlabel(label_across))
     return figure
 
 
@@ -135,23 +139,26 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
     for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
         values = path[column].reshape(len(path), -1)
-        for k, (name, line) in enumerate(zip(names, values.T, strict=True)):
-            _branches(axes, path, line, COLOURS[k % len(COLOURS)], name)
+        drawn = {
+            name: _branches(axes, path, line, SERIES_LIGHT[k % len(SERIES_LIGHT)])
+            for k, (name, line) in enumerate(zip(names, values.T, strict=True))
+        }
         for critical in path.critical:
             at = np.atleast_1d(critical.state[column])
             axes.plot(np.full(at.shape, critical.value), at, "o", color="#20272e", markersize=5, zorder=4)
             axes.annotate(f"{critical.kind} at {critical.value:.4g}", (critical.value, at[0]), (6, 6),
                           textcoords="offset points", fontsize="small", color="#5b6770")  # fmt: skip
-        dress(axes, label, len(names) > 1)
-    stack[-1].set_xlabel(path.parameter.label)
+        dress(axes, label)
+        legend(axes, drawn)
+    readable(stack[-1].set_xlabel(path.parameter.label), name=True)
     return figure
 
 
-def _branches(axes: Axes, path: EquilibriumPath, values: np.ndarray, colour: str, name: str) -> None:
-    """Pieces of one stability; each reaches to the first point of the next one."""
-    edges = np.flatnonzero(np.diff(path.stable.astype(int))) + 1
+def _branches(axes: Axes, path: EquilibriumPath, values: np.ndarray, colour: str) -> Any:
+    """Draw pieces of one stability, each up to the first point of the next one; return the line of the first."""
+    edges, lines = np.flatnonzero(np.diff(path.stable.astype(int))) + 1, []
     for piece in np.split(np.arange(len(path)), edges):
         reach = np.append(piece, piece[-1] + 1) if piece[-1] + 1 < len(path) else piece
         style = "-" if path.stable[piece[0]] else (0, (4, 3))
-        label = name if piece[0] == 0 else "_"
-        axes.plot(path.values[reach], values[reach], color=colour, linewidth=1.6, linestyle=style, label=label)
+        lines += axes.plot(path.values[reach], values[reach], color=colour, linewidth=1.6, linestyle=style)
+    return lines[0]

@@ -13,7 +13,9 @@ from ...model.joints.composite import PointOnLine
 from ...model.joints.lower_pairs import Revolute, Translational
 from ...model.rates import time_derivative
 from ...results.columns import columns, read_lines
-from .plot import COLOURS, dress, reaction_sizes
+from ..axes import dress, legend, readable
+from ..drawing.style import SERIES_LIGHT
+from .plot import reaction_sizes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +81,8 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
     name = solution.problem.mechanism.name or "optimal motion"
-    figure.suptitle(f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s", fontsize="medium")
+    title = f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s"
+    readable(figure.suptitle(title, fontsize="medium"), name=True)
     return figure
 
 
@@ -108,18 +111,18 @@ def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
 
 def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
     motion = solution.trajectory
-    axes.plot(fine.t, fine[symbol], color=COLOURS[0], linewidth=1.5)
-    axes.plot(motion.t, motion[symbol], ".", color=COLOURS[0], markersize=3)
+    axes.plot(fine.t, fine[symbol], color=SERIES_LIGHT[0], linewidth=1.5)
+    axes.plot(motion.t, motion[symbol], ".", color=SERIES_LIGHT[0], markersize=3)
     low, high = axes.get_ylim()
     for limit in _limits(solution, symbol):
         values = np.broadcast_to(fine[limit], fine.t.shape)
-        axes.plot(fine.t, values, color=COLOURS[1], linewidth=1.1, linestyle=(0, (5, 3)))
+        axes.plot(fine.t, values, color=SERIES_LIGHT[1], linewidth=1.1, linestyle=(0, (5, 3)))
         # a limit that is far away would leave no room for the curve
         if values.max() < high + FAR * (high - low) and values.min() > low - FAR * (high - low):
             low, high = min(low, values.min()), max(high, values.max())
     margin = 0.04 * (high - low)
     axes.set_ylim(low - margin, high + margin)
-    dress(axes, symbol.label, False)
+    dress(axes, symbol.label, name=True)
 
 
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
@@ -138,11 +141,13 @@ def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
 
 def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, ca.SX], label: str) -> None:
     between, at = columns(fine, dict(expressions)), columns(solution.trajectory, dict(expressions))
+    drawn = {}
     for k, (name, values) in enumerate(between.items()):
-        colour = COLOURS[k % len(COLOURS)]
-        axes.plot(fine.t, values, color=colour, linewidth=1.5, label=name)
+        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+        (drawn[name],) = axes.plot(fine.t, values, color=colour, linewidth=1.5)
         axes.plot(solution.trajectory.t, at[name], ".", color=colour, markersize=3)
-    dress(axes, label, len(between) > 1)
+    dress(axes, label)
+    legend(axes, drawn)
 
 
 def _active(axes: Axes, active: Any) -> None:
@@ -150,11 +155,12 @@ def _active(axes: Axes, active: Any) -> None:
     for row, limit in enumerate(active):
         for start, end in limit.spans:
             if end > start:
-                axes.barh(row, end - start, left=start, height=0.55, color=COLOURS[1])
+                axes.barh(row, end - start, left=start, height=0.55, color=SERIES_LIGHT[1])
             else:
-                axes.plot(start, row, "d", color=COLOURS[1], markersize=5)
-        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small")
-    dress(axes, "", False)
+                axes.plot(start, row, "d", color=SERIES_LIGHT[1], markersize=5)
+        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small",
+                  parse_math=False)  # fmt: skip
+    dress(axes, "")
     axes.set_ylim(len(active) - 0.4, -0.6)
     _say(axes, "active limits")
 
@@ -165,7 +171,7 @@ def _short(label: str) -> str:
 
 def _mesh(axes: Axes, solution: Solution) -> None:
     axes.vlines(solution.mesh, 0, 1, color="#5b6770", linewidth=0.9)
-    dress(axes, "", False)
+    dress(axes, "")
     axes.set_ylim(0, 1)
     axes.grid(False)
     _say(axes, "mesh")
