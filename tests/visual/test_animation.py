@@ -25,7 +25,7 @@ def crank():
 
 def data_of(text):
     """The data in a page."""
-    return json.loads(re.search(r"const DATA = (.*);\n", text).group(1).X)
+    return json.loads(re.search(r"const DATA = (.*);\n", text).group(1))
 
 
 def values_of(data, index):
