@@ -187,8 +187,7 @@ class Trajectory(HoldsSymbols):
                 "this trajectory was read from arrays and knows no way to interpolate between its times"
             )
         wanted = np.clip(wanted, self.t[0], self.t[-1])
-        jumps = any(event.after is not None for event in self.events)
-        q, v, z, u = (self._with_jumps if jumps else self)._between(wanted)
+        q, v, z, u = self.with_jumps._between(wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return self._at(wanted, q, v, a, z, lam, u)
 
@@ -204,8 +203,10 @@ class Trajectory(HoldsSymbols):
         return q, v, z, linear(self.t, self.inputs, wanted)
 
     @cached_property
-    def _with_jumps(self) -> Trajectory:
-        """The same with the states just before and just after each reset among its times."""
+    def with_jumps(self) -> Trajectory:
+        """The same with the states just before and just after each reset among its times; itself if there is none."""
+        if all(event.after is None for event in self.events):
+            return self
         parts: list[tuple[np.ndarray, ...]] = [(self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs)]
         for event in self.events:
             if event.after is None:

@@ -93,7 +93,7 @@ def animate(
     plots : dict of str to expression, optional
         Plots that move along, by their labels, as in :func:`plot`.
     fps : float, default 30
-        Frames to a second; a GIF shows 50 at most. The page fills in between frames.
+        Frames to a second; a GIF shows 50 at most. The page shows the motion at any time.
     speed : float, optional
         Seconds of the motion to one on the screen. Where none is given 1, and less or
         more for motions that are very short or long.

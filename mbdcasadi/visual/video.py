@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 #: Width of a film, inches, and its dots per inch.
 WIDTH, DPI = 6.0, 100
-#: Points of a trace to a frame: a fast motion has corners otherwise.
-FINER = 5
 #: Shortest time that viewers of GIFs keep to, s.
 SHORTEST_FRAME = 0.02
 #: Colours of a GIF.
@@ -48,7 +46,7 @@ class Stage:
 
         self.film = film
         scene = film.scene if forces else film.scene.without("loads")
-        box = film.box if forces else room(scene, film.poses, film.ways.reshape(-1, 2))
+        box = film.box if forces else room(scene, film.poses, film.paths.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
         # even numbers of pixels: films want them
@@ -63,9 +61,9 @@ class Stage:
         frame_axes(scene_axes, box, fresh=False)
         self._traces = [
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
-            for _ in range(film.ways.shape[1])
+            for _ in scene.traces
         ]
-        self._ways = [finer(film.ways[:, k]) for k in range(film.ways.shape[1])]
+        self._heads = film.sample[film.trace].reshape(len(film.t), -1, 2)
         self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
                                       color=LIGHT["muted"], va="bottom")  # fmt: skip
         if film.title:
@@ -86,7 +84,7 @@ class Stage:
         drawn = {}
         for k, (name, values) in enumerate(lines.items()):
             colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
-            (drawn[name],) = axes.plot(self.film.t, values, color=colour, linewidth=1.4)
+            (drawn[name],) = axes.plot(self.film.fine, values, color=colour, linewidth=1.4)
         dress(axes, label)
         legend(axes, drawn)
         axes.set_xlim(self.film.t[0], self.film.t[-1])
@@ -102,8 +100,9 @@ class Stage:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
         self._picture.show(film.poses[k])
-        for line, way in zip(self._traces, self._ways, strict=True):
-            line.set_data(*way[: FINER * k + 1].T)
+        passed = np.searchsorted(film.fine, film.t[k])
+        for number, line in enumerate(self._traces):
+            line.set_data(*np.vstack([film.paths[:passed, number], self._heads[k, number]]).T)
         self._clock.set_text(f"t = {film.t[k]:.{film.digits}f} s")
         for cursor in self._cursors:
             cursor.set_xdata([film.t[k], film.t[k]])
@@ -111,17 +110,6 @@ class Stage:
         for artist in self._moving:
             self.figure.draw_artist(artist)
         return np.array(self.canvas.buffer_rgba())[:, :, :3]
-
-
-def finer(way: np.ndarray) -> np.ndarray:
-    """A way (n, 2) with points between the frames, on cubics through four of them: (FINER (n - 1) + 1, 2)."""
-    if len(way) < 3:
-        return way[0] + np.linspace(0, 1, FINER + 1)[:, None] * (way[1] - way[0])
-    before, after = 3 * way[0] - 3 * way[1] + way[2], 3 * way[-1] - 3 * way[-2] + way[-3]
-    a, b, c, d = (np.vstack([before, way, after])[k : len(way) - 1 + k, None] for k in range(4))
-    s = (np.arange(FINER) / FINER)[:, None]
-    between = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
-    return np.vstack([between.reshape(-1, way.shape[1]), way[-1:]])
 
 
 def write_gif(film: Film, forces: bool, path: Path) -> None:

@@ -274,7 +274,7 @@ def test_a_glyph_of_ones_own_brings_loads_and_a_tooltip():
             self.pen.pin(self.pen.on(self.element.b))
 
         def loads(self):
-            return [Load(self.element.b.position, ca.SX([3, 4]), "force")]
+            return [Load(self.element.b, ca.SX([3, 4]), "force")]
 
         def tooltip(self):
             return {"gap, m": self.element.length}

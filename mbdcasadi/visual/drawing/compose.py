@@ -32,10 +32,8 @@ class Options:
     ----------
     forces, names, frames, centroids : bool
         Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
-    trace : tuple of casadi.SX
+    trace : tuple of Marker or casadi.SX
         Points whose way is drawn.
-    traced : tuple of Marker
-        Those of them that are markers on bodies.
     tooltips : bool
         Whether items carry numbers.
     """
@@ -44,9 +42,14 @@ class Options:
     names: bool = False
     frames: bool = False
     centroids: bool = False
-    trace: tuple[ca.SX, ...] = ()
-    traced: tuple[Marker, ...] = ()
+    trace: tuple[Marker | ca.SX, ...] = ()
     tooltips: bool = False
+
+    @property
+    def paths(self) -> ca.SX:
+        """Positions of the traced points, one after the other (2k,)."""
+        places = [place.position if isinstance(place, Marker) else place for place in self.trace]
+        return ca.vertcat(ca.SX(0, 1), *places)
 
 
 def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
@@ -66,7 +69,8 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     """
     mechanism = sample.mechanism
     unit, hanging = _measures(sample)
-    pen = Pen(sample, Scene(unit), hanging, options.traced)
+    traced = [place for place in options.trace if isinstance(place, Marker)]
+    pen = Pen(sample, Scene(unit), hanging, traced)
 
     def draw(thing: Any) -> None:
         pen.item = pen.item_of(thing, lambda: glyph_of(thing, pen).tooltip() if options.tooltips else {})
@@ -82,7 +86,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
             _centroid(pen, body)
         if options.frames:
             _axes(pen, body)
-        for marker in options.traced:
+        for marker in traced:
             if marker.body is body:
                 pen.dot(pen.on(marker))
     pen.item = None
@@ -92,6 +96,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
     loads = [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
     scale = draw_loads(pen, loads)
+    pen.scene.traces += [pen.point(place).number for place in options.trace]
     if options.names:
         _names(pen)
     # a body covers those before it in the list, whatever its marks were drawn for

@@ -123,8 +123,8 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
     ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
         Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
-    ways = draw_traces(axes, sample, options.trace)
-    box = room(scene, poses[shown], ways)
+    paths = draw_traces(axes, sample, options)
+    box = room(scene, poses[shown], paths)
     if scale:
         box = draw_scale(axes, scale, box, scene.unit)
     frame_axes(axes, box, fresh)
@@ -163,36 +163,32 @@ def motion_of(source: Any, what: str) -> Trajectory:
 
 def trace_options(trace: Any, **more: bool) -> Options:
     """Options with the points (2,) of markers, bodies and expressions."""
-    given = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
-    if not isinstance(given, Sequence):
+    listed = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
+    if not isinstance(listed, Sequence):
         raise MechanismError(f"trace= takes a list of markers, got {trace!r}")
-    found = []
-    for point in given:
-        where = point.position if isinstance(point, Marker | Body) else point
-        if not isinstance(where, ca.SX) or where.numel() != 2:
+    places: list[Marker | ca.SX] = []
+    for point in listed:
+        place = point.position if isinstance(point, Body) else point
+        if not isinstance(place, Marker) and (not isinstance(place, ca.SX) or place.numel() != 2):
             raise MechanismError(f"trace= takes markers, bodies or expressions of two components, got {point!r}")
-        found.append(ca.vec(where))
-    return Options(trace=tuple(found), traced=tuple(p for p in given if isinstance(p, Marker)), **more)
+        places.append(place if isinstance(place, Marker) else ca.vec(place))
+    return Options(trace=tuple(places), **more)
 
 
 # --- axes ------------------------------------------------------------------------------------
-def draw_traces(axes: Axes, sample: Sample, points: Sequence[ca.SX]) -> np.ndarray:
-    """Draw ways of points, and return all places on them (k, 2)."""
-    if not points:
-        return np.zeros((0, 2))
-    ways = sample[ca.vertcat(*points)].reshape(-1, len(points), 2)
-    for k in range(len(points)):
-        axes.plot(
-            *ways[:, k].T, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round"
-        )
-    return ways.reshape(-1, 2)
+def draw_traces(axes: Axes, sample: Sample, options: Options) -> np.ndarray:
+    """Draw paths of points, and return all places on them (k, 2)."""
+    paths = sample[options.paths].reshape(len(sample.t), -1, 2)
+    for path in paths.transpose(1, 2, 0):
+        axes.plot(*path, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round")
+    return paths.reshape(-1, 2)
 
 
-def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Corners about marks and ways, with a margin; very long arrows of forces may reach out of it."""
+def room(scene: Scene, poses: np.ndarray, paths: np.ndarray) -> np.ndarray:
+    """Corners about marks and paths, with a margin; very long arrows of forces may reach out of it."""
     box = box_of(scene.without("loads").marks, poses)
-    if len(ways):
-        box = np.array([np.minimum(box[0], ways.min(axis=0)), np.maximum(box[1], ways.max(axis=0))])
+    if len(paths):
+        box = np.array([np.minimum(box[0], paths.min(axis=0)), np.maximum(box[1], paths.max(axis=0))])
     diagonal = float(np.hypot(*(box[1] - box[0])))
     loads = [m for m in scene.marks if m.group]
     if loads:

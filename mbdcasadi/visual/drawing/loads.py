@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...model.bodies import Marker
 from . import lines, scene
 from .pen import Pen
 
@@ -24,8 +25,8 @@ class Load:
 
     Attributes
     ----------
-    position : casadi.SX
-        (2,), m.
+    place : Marker or casadi.SX
+        Point on a body, or position (2,), m.
     value : casadi.SX
         Force (2,), N, or couple (1,), N m.
     style : str
@@ -34,7 +35,7 @@ class Load:
         Whether it is part of the symbol. Other loads are drawn on request, and form the group "loads".
     """
 
-    position: ca.SX
+    place: Marker | ca.SX
     value: ca.SX
     style: str
     always: bool = False
@@ -61,6 +62,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     diagonal = float(np.hypot(*(box[1] - box[0])))
     values = pen.over(*[ca.norm_2(load.value) for _, load in loads])
     couple = np.array([load.value.numel() == 1 for _, load in loads])
+    values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # what is not known, as forces of a current in kinematics
     scale = {}
     # rounding errors of what is zero are no loads: a couple is compared with forces at the size of the picture
     noise = NOISE * float(np.max(values / np.where(couple, diagonal, 1.0)))
@@ -87,14 +89,14 @@ def _usual_largest(sizes: np.ndarray) -> float:
 
 
 def _arrow(pen: Pen, load: Load, scale: float, group: str) -> None:
-    frame = pen.vector(load.position, load.value, scale)
+    frame = pen.vector(load.place, load.value, scale)
     frame.draw(load.style, lines.stretched([[0, 0], [0.84, 0]]), layer=scene.ARROW, group=group)
     head = lines.stretched([[1, 0], [0.8, 0.075], [0.8, -0.075]])
     frame.area(f"{load.style} head", head, layer=scene.ARROW, group=group)
 
 
 def _couple(pen: Pen, load: Load, scale: float, group: str) -> None:
-    frame = pen.scaled(load.position, load.value, scale)
+    frame = pen.scaled(load.place, load.value, scale)
     shaft, head = lines.arc_arrow(1.0, 0.42)
     frame.draw(load.style, lines.stretched(shaft), layer=scene.ARROW, group=group)
     frame.area(f"{load.style} head", lines.stretched(head), layer=scene.ARROW, group=group)

@@ -12,7 +12,7 @@ from ...model.bodies import Body, Marker
 from ...model.geometry.shapes import Disc
 from . import lines, scene
 from .sample import Sample
-from .scene import Mark, Scene
+from .scene import Mark, MovingFrame, Scene
 
 
 class Frame:
@@ -147,14 +147,14 @@ class Pen:
         if body.is_ground:
             return self.ground()
         if body not in self._frames:
-            self._frames[body] = self.scene.frame(body.position, body.phi)
+            self._frames[body] = self.scene.add(MovingFrame(body.position, body.phi))
         return Frame(self, self._frames[body], body=body)
 
     def on(self, marker: Marker) -> Frame:
         """Frame of a marker, fixed in its body."""
         base = self.of_body(marker.body)
         if not (ca.vertcat(marker.local, marker.local_angle).is_constant() or self._is_fixed(marker)):
-            return Frame(self, self.scene.frame(marker.position, marker.angle), body=base.body)
+            return Frame(self, self.scene.add(MovingFrame(marker.position, marker.angle)), body=base.body)
         x, y, angle = self.first(marker.local, marker.local_angle)
         return Frame(self, base.number, (x, y), angle, base.body)
 
@@ -164,28 +164,38 @@ class Pen:
 
     def at(self, position: Any, angle: Any = 0.0, body: Body | None = None) -> Frame:
         """Frame at a point given by expressions, with an angle given by one."""
-        return Frame(self, self.scene.frame(position, angle), body=body)
+        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), ca.SX(angle))), body=body)
 
-    def along(self, position: Any, way: Any) -> Frame:
+    def along(self, position: Any, direction: Any) -> Frame:
         """Frame at a point whose x axis goes along a vector."""
-        way = ca.SX(way)
-        return Frame(self, self.scene.frame(position, ca.atan2(way[1], way[0]), direction=True))
+        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), vector=ca.vec(ca.SX(direction)))))
 
     def between(self, start: Any, end: Any) -> Frame:
-        """Frame whose x axis runs from one point to another, as long as they are apart."""
-        way = ca.SX(end) - ca.SX(start)
-        length = ca.norm_2(way)
-        return Frame(self, self.scene.frame(start, ca.atan2(way[1], way[0]), length, direction=True))
+        """Frame whose x axis runs from one point to another, as long as their distance."""
+        return self.vector(start, ca.SX(end) - ca.SX(start), 1.0)
 
-    def vector(self, position: Any, vector: Any, scale: float) -> Frame:
-        """Frame at a point along a vector, as long as the vector times a scale."""
-        vector = ca.SX(vector)
-        angle = ca.atan2(vector[1], vector[0])
-        return Frame(self, self.scene.frame(position, angle, scale * ca.norm_2(vector), direction=True))
+    def point(self, place: Any) -> Frame:
+        """Frame at a marker or a point, with the axes of the ground."""
+        position, anchor = self._origin(place)
+        return Frame(self, self.scene.add(MovingFrame(position, anchor=anchor)))
 
-    def scaled(self, position: Any, value: Any, scale: float) -> Frame:
-        """Frame at a point, as long as a scalar times a scale, and mirrored where that is negative."""
-        return Frame(self, self.scene.frame(position, 0.0, scale * ca.SX(value)))
+    def vector(self, place: Any, vector: Any, scale: float) -> Frame:
+        """Frame at a marker or a point along a vector, as long as the vector times a scale."""
+        position, anchor = self._origin(place)
+        return Frame(
+            self, self.scene.add(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor))
+        )
+
+    def scaled(self, place: Any, value: Any, scale: float) -> Frame:
+        """Frame at a marker or a point, as long as a scalar times a scale, and mirrored if that is negative."""
+        position, anchor = self._origin(place)
+        return Frame(self, self.scene.add(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor)))
+
+    def _origin(self, place: Any) -> tuple[ca.SX, tuple[int, float, float] | None]:
+        if not isinstance(place, Marker):
+            return ca.SX(place), None
+        frame = self.on(place)
+        return place.position, (frame.number, float(frame.shift[0]), float(frame.shift[1]))
 
     # --- what comes last -----------------------------------------------------------------------
     def later(self, draw: Callable[[np.ndarray], None]) -> None:
@@ -237,7 +247,7 @@ class Pen:
 
     def stand(self, frame: Frame) -> None:
         """Support of a pin on the ground: a triangle on hatching, or under it where the mechanism hangs."""
-        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number][:2])
+        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number].position)
         if not self.is_new(place, self.stands):
             return
         u, sign = self.unit, -1.0 if self.hanging else 1.0

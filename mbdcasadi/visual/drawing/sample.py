@@ -10,8 +10,22 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...model.mechanism import Mechanism
+from ...results.interpolation import hermite, linear
 from ...results.state import State
 from ...results.trajectory import Trajectory
+
+
+def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
+    """Return a motion at times within its span.
+
+    One that was made from arrays alone, and knows no way back onto the constraints,
+    follows its own velocities and accelerations.
+    """
+    if motion.interpolates:
+        return motion.at(times)
+    q, v = hermite(motion.t, motion.q, motion.v, motion.a, times)
+    a, z, lam, u = (linear(motion.t, x, times) for x in (motion.a, motion.z, motion.lam, motion.inputs))
+    return Trajectory(motion.mechanism, times, q, v, a, z, lam, u, motion.parameters)
 
 
 class Sample:
@@ -35,7 +49,6 @@ class Sample:
     def __init__(self, source: State | Trajectory, times: np.ndarray | None = None):
         self.mechanism: Mechanism = source.mechanism
         self._source: Any = source
-        self._between: np.ndarray | None = None
         self._start: State
         if isinstance(source, State):
             self.t, self._start = np.array([source.t]), source
@@ -43,11 +56,8 @@ class Sample:
         if not len(source):
             raise MechanismError("the trajectory holds no times, and so there is nothing to draw")
         self.t = source.t if times is None else np.asarray(times, float)
-        if times is not None and source.interpolates:
-            self._source = source.at(self.t)
-        elif times is not None:
-            # read from arrays, and without a way back to the constraints: values are taken on straight lines
-            self._between = self.t
+        if times is not None:
+            self._source = between(source, self.t)
         # the times given begin where the motion does
         self._start = self._source.initial
 
@@ -65,10 +75,7 @@ class Sample:
             return np.tile(np.asarray(ca.DM(column)).ravel(), (self.t.size, 1))
         if isinstance(self._source, State):
             return np.asarray(self._source[column], float).reshape(1, -1)
-        values = np.asarray(self._source[column], float).reshape(len(self._source), -1)
-        if self._between is None:
-            return values
-        return np.column_stack([np.interp(self._between, self._source.t, row) for row in values.T])
+        return np.asarray(self._source[column], float).reshape(len(self._source), -1)
 
     def number(self, expression: Any) -> float:
         """Value of a scalar at the first time."""

@@ -58,15 +58,16 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    found = read_lines(expressions)
-    if not found:
+    quantities = read_lines(expressions)
+    if not quantities:
         raise MechanismError("plot: there is nothing to draw; give {label: expression}")
     run = motion_of(motion, "plot")
-    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(found)), layout="constrained")
-    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
-        values = run[column].reshape(len(run), -1)
-        lines_over(axes, run, dict(zip(names, values.T, strict=True)), label)
+    drawn = run.with_jumps
+    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(quantities)), layout="constrained")
+    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
+        values = drawn[column].reshape(len(drawn), -1)
+        lines_over(axes, drawn, dict(zip(names, values.T, strict=True)), label)
     _mark_events(stack, run)
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
@@ -92,7 +93,8 @@ def overview(motion: Trajectory) -> Figure:
 
     if not len(motion):
         raise MechanismError("overview: the trajectory holds no times")
-    left, right = _coordinates(motion), _loads(motion)
+    drawn = motion.with_jumps
+    left, right = _coordinates(drawn), _loads(drawn)
     rows = len(left) * len(right)
     figure = Figure(figsize=(11.0, 7.6), layout="constrained")
     grid = figure.add_gridspec(rows, 2)
@@ -102,7 +104,7 @@ def overview(motion: Trajectory) -> Figure:
         for k, (label, lines) in enumerate(panels.items()):
             share = stack[0] if stack else None
             stack.append(figure.add_subplot(grid[k * height : (k + 1) * height, side], sharex=share))
-            lines_over(stack[-1], motion, lines, label, names=True)
+            lines_over(stack[-1], drawn, lines, label, names=True)
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
         stack[-1].set_xlabel("t, s")

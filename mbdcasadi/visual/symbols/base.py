@@ -101,7 +101,7 @@ class Glyph:
         reaction = self._reaction()
         if reaction is None:
             return []
-        place = reaction.marker.position
+        place = reaction.marker
         return [Load(place, reaction.force, "reaction"), Load(place, ca.SX(reaction.torque), "reaction")]
 
     def tooltip(self) -> dict[str, ca.SX]:

@@ -23,7 +23,7 @@ class ForceGlyph(Glyph, of=Force):
 
     def loads(self) -> list[Load]:
         """Return the force, which is drawn in any case."""
-        return [Load(self.element.at.position, self.element.force, "force", always=True)]
+        return [Load(self.element.at, self.element.force, "force", always=True)]
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return its components."""
@@ -52,7 +52,7 @@ class FieldForceGlyph(Hidden, of=FieldForce):
 
     def loads(self) -> list[Load]:
         """Return the resultant."""
-        return [Load(self.element.body.position, self.element.force, "force")]
+        return [Load(self.element.body.at(0, 0), self.element.force, "force")]
 
 
 class GravityGlyph(Hidden, of=Gravity):
@@ -61,7 +61,7 @@ class GravityGlyph(Hidden, of=Gravity):
     def loads(self) -> list[Load]:
         """Return the weight of each body."""
         g, bodies = self.element.acceleration, self.pen.sample.mechanism.bodies
-        return [Load(body.position, ca.SX(body.mass) * g, "weight") for body in bodies]
+        return [Load(body.at(0, 0), ca.SX(body.mass) * g, "weight") for body in bodies]
 
 
 class FrictionGlyph(Hidden, of=FrictionInJoint):

@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...model.bodies import Marker
 from ...model.drivers import Driver
 from ...model.forces.applied import GeneralizedForce
 from ...model.joints.lower_pairs import Revolute
@@ -33,7 +34,7 @@ class DriverGlyph(Glyph, of=Driver):
         body = reaction_body(self.element)
         if loads and body is not None and effort_unit(self.element) == "N m":
             pivot = pivot_of(self.pen, body, self.element.bodies)
-            loads = [replace(load, position=pivot) for load in loads]
+            loads = [replace(load, place=pivot) for load in loads]
         return loads
 
     def tooltip(self) -> dict[str, ca.SX]:
@@ -82,7 +83,7 @@ def _straight(pen: Pen, body: Any, slope: Any) -> None:
 def turning(pen: Pen, body: Any, bodies: Any, sign: float) -> None:
     """Draw a curved arrow about the pin that connects the bodies, else about the centre of mass; once at a place."""
     u = pen.unit
-    place = pivot_of(pen, body, bodies)
+    place = pivot_of(pen, body, bodies).position
     if not pen.is_new(pen.first(place), pen.arrows):
         return
     shaft, head = (points * [sign, 1.0] for points in lines.arc_arrow(1.9 * u, 1.1 * u))
@@ -91,8 +92,8 @@ def turning(pen: Pen, body: Any, bodies: Any, sign: float) -> None:
     frame.area("motion head", head, layer=scene.ARROW)
 
 
-def pivot_of(pen: Pen, body: Any, bodies: Any) -> Any:
-    """Return the position of the pin about which a body turns against others: the ground's, if there is one."""
+def pivot_of(pen: Pen, body: Any, bodies: Any) -> Marker:
+    """Return the point on a body about which it turns against others: a pin on the ground, if there is one."""
     pins = [j for j in pen.sample.mechanism.joints if isinstance(j, Revolute) and body in j.bodies]
     others = {b for b in bodies if b is not body}
 
@@ -101,4 +102,4 @@ def pivot_of(pen: Pen, body: Any, bodies: Any) -> Any:
         return 0 if other in others else 1 if other.is_ground else 2
 
     pin = min(pins, key=rank, default=None)
-    return body.position if pin is None or rank(pin) == 2 else pin.marker_on(body).position
+    return body.at(0, 0) if pin is None or rank(pin) == 2 else pin.marker_on(body)

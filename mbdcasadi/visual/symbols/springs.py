@@ -65,7 +65,7 @@ class SpringDamperGlyph(Glyph, of=TSDA):
         span = element.b.position - element.a.position
         tension = element.force * span / norm(span)
         ends = ((element.a, tension), (element.b, -tension))
-        return [Load(marker.position, force, "force") for marker, force in ends if not marker.body.is_ground]
+        return [Load(marker, force, "force") for marker, force in ends if not marker.body.is_ground]
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return length and tension."""
@@ -154,7 +154,7 @@ class TorsionSpringGlyph(Glyph, of=RSDA):
         """Return the couple on one end that is not on the ground."""
         element = self.element
         marker, sign = (element.a, 1) if element.b.body.is_ground else (element.b, -1)
-        return [Load(marker.position, sign * ca.SX(element.torque), "force")]
+        return [Load(marker, sign * ca.SX(element.torque), "force")]
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return angle and couple."""
@@ -175,4 +175,4 @@ class BushingGlyph(Glyph, of=Bushing):
 
     def loads(self) -> list[Load]:
         """Return the force on the second body."""
-        return [Load(self.element.b.position, self.element.a.axes @ self.element.force, "force")]
+        return [Load(self.element.b, self.element.a.axes @ self.element.force, "force")]

@@ -47,7 +47,7 @@ def _ahead(pen: Pen, body: Body, element: EndStop, way: np.ndarray) -> None:
 def _beside(pen: Pen, body: Body, element: EndStop, sense: float) -> None:
     """A pad beside the line from the pivot to the centre of mass, where that is when the gap is closed."""
     x, y, gap = pen.first(body.x, body.y, element.gap)
-    pivot = pen.first(pivot_of(pen, body, element.bodies))
+    pivot = pen.first(pivot_of(pen, body, element.bodies).position)
     arm = np.array([x, y]) - pivot
     if np.hypot(*arm) < 3 * pen.unit:
         return
