@@ -1,7 +1,8 @@
-"""One instant of a mechanism."""
+"""One instant of a mechanism, and events that take place at one."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -111,3 +112,25 @@ class State(HoldsSymbols):
             lines.append(f"  {names[k]} = {self.q[k]:.6g}")
         lines += [f"  {s.label} = {value:.6g}" for s, value in zip(self.mechanism.states, self.z, strict=True)]
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class EventOccurrence:
+    """An event that took place.
+
+    Attributes
+    ----------
+    name : str
+        Name of the event.
+    t : float
+        Time, s.
+    state : State
+        State at that time; where the event resets velocities, just before.
+    after : State or None
+        State just after a reset.
+    """
+
+    name: str
+    t: float
+    state: State
+    after: State | None = None

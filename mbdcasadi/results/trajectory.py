@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +16,41 @@ from ..errors import MechanismError
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
-from .records import Drift, Energy, EventOccurrence, Statistics
-from .state import State
+from .state import EventOccurrence, State
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
 __all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
+
+
+@dataclass
+class Statistics:
+    """How a trajectory was computed.
+
+    Attributes
+    ----------
+    method : str
+        Integrator or solver.
+    formulation : str
+        Form of the equations it was given.
+    seconds : float
+        Wall-clock time of the run, s.
+    restarts : int
+        How often the integrator was started.
+    notes : list of str
+        What the user should know of the result.
+    """
+
+    method: str = ""
+    formulation: str = ""
+    seconds: float = 0.0
+    restarts: int = 0
+    notes: list[str] = field(default_factory=list)
 
 
 class Trajectory(HoldsSymbols):
@@ -252,14 +278,9 @@ class Trajectory(HoldsSymbols):
     @property
     def drift(self) -> Drift:
         """Largest violation of the constraints at position and velocity level."""
-        eom = self.equations
-        if not eom.lam.numel() or not self.t.size:
+        if not self.t.size:
             return Drift(0.0, 0.0)
-        position = self[eom.Phi] if eom.Phi.numel() else np.zeros(1)
-        # rows that hold in some modes only (stick and slip) do not count
-        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
-        velocity = self[(eom.Phi_q @ eom.v - eom.nu)[always]] if always else np.zeros(1)
-        return Drift(float(np.max(np.abs(position))), float(np.max(np.abs(velocity))))
+        return Drift(*(float(np.max(sizes)) for sizes in violations(self)))
 
     # --- where people work ------------------------------------------------------------------
     def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
+from ...results.energy_and_drift import violations
 from ..axes import dress, legend, readable
 from ..drawing.draw import motion_of
 from ..drawing.style import SERIES_LIGHT
@@ -90,14 +91,11 @@ def plot_energy(motion: Any) -> Figure:
     from matplotlib.figure import Figure
 
     run = motion_of(motion, "plot_energy")
-    eom, energy = run.equations, run.energy
+    energy = run.energy
     change = energy.total - energy.total[0]
-    drift = {}
-    if eom.Phi.numel():
-        drift["|Phi|, m or rad"] = np.max(np.abs(run[eom.Phi].reshape(len(run), -1)), axis=1)
-    if eom.lam.numel():
-        rows = (eom.Phi_q @ eom.v - eom.nu)[[k for k, e in enumerate(eom.row_elements) if not getattr(e, "modes", ())]]
-        drift["its rate"] = np.max(np.abs(run[rows].reshape(len(run), -1)), axis=1)
+    position, velocity = violations(run)
+    drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
+    drift |= {"its rate": velocity} if run.equations.lam.numel() else {}
     count = 3 if drift else 2
     figure = Figure(figsize=(7.2, 1.0 + 2.0 * count), layout="constrained")
     stack = list(figure.subplots(count, 1, sharex=True))
