@@ -32,6 +32,8 @@ STRIDE = 8
 QUANTUM = 0.5
 #: Pieces of a line from knot to knot.
 SMOOTH = 8
+#: Instants at which the roughness of values is looked at, and the step, in parts of the distance of samples.
+PROBES, TINY = 41, 1e-5
 #: Rounds of bisection, which reach from any distance of outputs to the resolution.
 ROUNDS = 40
 
@@ -99,6 +101,18 @@ class Course:
     def values(self) -> list[np.ndarray]:
         """Values at the samples by group, (n, k)."""
         return np.split(self._values, self._splits, axis=1)
+
+    def noise(self) -> list[np.ndarray]:
+        """Return by group (k,) how rough values are from instant to instant: what no polynomial can follow.
+
+        Second differences over a tiny step are rounding errors of the solvers alone, as
+        long as the quantity is smooth; jumps, which are few, do not change their median.
+        """
+        spacing = (self.t[-1] - self.t[0]) / self.t.size
+        step = max(TINY * spacing, 1e3 * self.resolution * np.finfo(float).eps / RESOLUTION)
+        probes = np.linspace(self.t[0] + step, self.t[-1] - step, PROBES)
+        before, at, after = np.split(self._evaluated(np.concatenate([probes - step, probes, probes + step])), 3)
+        return np.split(np.median(np.abs(before - 2 * at + after), axis=0), self._splits)
 
     def select(self, columns: Sequence[np.ndarray]) -> None:
         """Go on with some columns of each group alone, by their numbers in it."""

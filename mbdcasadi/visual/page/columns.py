@@ -22,6 +22,8 @@ LEVELS = ((2, 5e-4, np.inf), (3, 1e-4, 600_000), (4, 2e-5, 60_000), (5, 1e-5, 40
 MORE_KNOTS = 10 ** (1 / 6)
 #: Tolerance of a number, in units of its last digit.
 TOLERANCE = 0.1
+#: Tolerance in units of the noise of a quantity, at least.
+ABOVE_NOISE = 4.0
 #: Numbers below this part of the largest ones of the same unit are rounding errors.
 NOISE = 1e-9
 
@@ -100,13 +102,14 @@ class Columns:
         start = np.hstack(course.values)
         known = np.array([_is_known(*pair) for pair in zip(columns, start.T, strict=True)], bool)
         sizes = self._sizes(columns, np.where(known, np.abs(start).max(axis=0), 0.0))
-        kinds, first = _kinds(start, np.where(known, self._tolerances(columns, sizes, *LEVELS[-1][:2]), np.inf))
+        noise = np.nan_to_num(np.hstack(course.noise()))
+        kinds, first = _kinds(start, np.where(known, self._tolerances(columns, sizes, noise, *LEVELS[-1][:2]), np.inf))
         course.select([first[group_of[first] == k] - np.sum(group_of < k) for k in range(len(self._groups))])
 
         def tolerances(digits: int, picture: float) -> list[np.ndarray]:
             finest = np.full(first.size, np.inf)  # of columns that are the same
             moves = kinds >= 0
-            np.minimum.at(finest, kinds[moves], self._tolerances(columns, sizes, digits, picture)[moves])
+            np.minimum.at(finest, kinds[moves], self._tolerances(columns, sizes, noise, digits, picture)[moves])
             return [finest[group_of[first] == k] for k in range(len(self._groups))]
 
         digits, picture, knots = _followed(course, tolerances)
@@ -116,7 +119,7 @@ class Columns:
         for k, column in enumerate(columns):
             if known[k]:
                 column.index = numbers[kinds[k]] if kinds[k] >= 0 else packer.constant(float(start[0, k]))
-                column.decimals = _decimals(sizes[k], digits)
+                column.decimals = _decimals(sizes[k], noise[k], digits)
         return packer.packed() | {"precision": digits}
 
     def _sizes(self, columns: list[Column], largest: np.ndarray) -> np.ndarray:
@@ -135,10 +138,14 @@ class Columns:
         sizes = {"m": length, "rad": 1.0, "m/s": speed, "rad/s": speed / length, "N": force, "N m": force * length}
         return {unit: NOISE * max(size, units.get(unit, 0.0)) for unit, size in sizes.items()}
 
-    def _tolerances(self, columns: list[Column], sizes: np.ndarray, digits: int, picture: float) -> np.ndarray:
+    def _tolerances(
+        self, columns: list[Column], sizes: np.ndarray, noise: np.ndarray, digits: int, picture: float
+    ) -> np.ndarray:
         return np.array([
-            TOLERANCE * 10.0 ** -_decimals(size, digits) if column.unit else picture * self._diagonal * column.size
-            for column, size in zip(columns, sizes, strict=True)
+            TOLERANCE * 10.0 ** -_decimals(size, rough, digits)
+            if column.unit
+            else max(picture * self._diagonal * column.size, ABOVE_NOISE * rough)
+            for column, size, rough in zip(columns, sizes, noise, strict=True)
         ])  # fmt: skip
 
 
@@ -150,9 +157,10 @@ def _is_known(column: Column, values: np.ndarray) -> bool:
     return bool(finite.all())
 
 
-def _decimals(largest: float, digits: int) -> int:
-    """Decimals that are right, if so many digits of the largest value are."""
-    return digits - 1 - int(np.floor(np.log10(max(largest, 1e-300))))
+def _decimals(largest: float, noise: float, digits: int) -> int:
+    """Decimals that are right, if so many digits of the largest value are, and of the noise none."""
+    right = digits - 1 - int(np.floor(np.log10(max(largest, 1e-300))))
+    return min(right, int(np.floor(-np.log10(max(ABOVE_NOISE * noise / TOLERANCE, 1e-300)))))
 
 
 def _kinds(values: np.ndarray, tolerance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
