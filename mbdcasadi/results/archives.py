@@ -56,7 +56,7 @@ class Archive(dict[str, np.ndarray]):
         """
         values = self[name]
         if values.dtype.kind not in "fiub":
-            raise self.refuse(f"the entry '{name}' holds no numbers")
+            raise self.refuse(f"the entry '{name}' does not hold numbers")
         if len(values.shape) != len(shape) or any(n not in (None, k) for n, k in zip(shape, values.shape, strict=True)):
             expected = ", ".join("any" if n is None else str(n) for n in shape)
             raise self.refuse(f"the entry '{name}' has the shape {values.shape} instead of ({expected})")
@@ -72,7 +72,7 @@ class Archive(dict[str, np.ndarray]):
         """Return a list of texts."""
         values = self[name]
         if (values.dtype.kind != "U" and values.size) or values.ndim != 1 or count not in (None, values.size):
-            raise self.refuse(f"the entry '{name}' is no list of {'' if count is None else f'{count} '}names")
+            raise self.refuse(f"the entry '{name}' is not a list of {'' if count is None else f'{count} '}names")
         return values.astype(str).tolist()
 
     def json(self, name: str) -> Any:
@@ -128,9 +128,9 @@ def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]
     expected : sequence of str
         The names in their order.
     """
-    found = archive.names(f"{kind} names")
-    for k in range(max(len(found), len(expected))):
-        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (found, expected))
+    saved = archive.names(f"{kind} names")
+    for k in range(max(len(saved), len(expected))):
+        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
         if there != here:
             raise FileError(
                 f"{archive.path}: the {owner} belongs to another mechanism: its {kind} number {k + 1} is {there}, "

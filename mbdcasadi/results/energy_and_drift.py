@@ -20,7 +20,7 @@ class Energy:
     kinetic : numpy.ndarray
         ``½ v^T M v``.
     potential : numpy.ndarray
-        Of gravity and linear springs; forces with laws of their own have none.
+        Of gravity and linear springs; forces with other laws have none.
     """
 
     kinetic: np.ndarray
@@ -34,7 +34,7 @@ class Energy:
 
 @dataclass(frozen=True)
 class Drift:
-    """How far a motion leaves its constraints.
+    """Largest violation of the constraints.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
     motion : Trajectory
         The motion.
     expressions : dict of str to expression, optional
-        Scalars are named as given; a vector of two becomes ``name.x`` and
+        Scalars keep their names; a vector of two becomes ``name.x`` and
         ``name.y``, others ``name[0]`` and so on. Without, the columns of :func:`to_csv`.
     """
     pd = _imported("pandas", "to_pandas")
@@ -58,7 +58,7 @@ def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
         The motion.
     expressions : dict of str to expression, optional
         One variable each; a vector of two has the dimension ``axis`` (x, y),
-        others have dimensions ``name_0`` and ``name_1`` of their own. Without, ``q, v, a`` by
+        others have the dimensions ``name_0`` and ``name_1``. Without, ``q, v, a`` by
         ``coordinate``, ``lam`` by ``row``, ``z`` by ``state`` and ``inputs`` by ``input``.
     """
     xr = _imported("xarray", "to_xarray")
@@ -92,7 +92,7 @@ def to_csv(motion: Trajectory, path: str | Path, expressions: dict[str, Any] | N
         As for :func:`to_pandas`. Without: ``body.x, .y, .phi, .vx, .vy,
         .omega, .ax, .ay, .alpha``; by joint ``joint.fx, .fy`` (N, global axes)
         and ``.torque`` (N m, about the joint marker), which act on the second
-        marker's body, or on the one that moves where that is the ground;
+        marker's body, or on the one that moves if that is the ground;
         ``driver.effort``; inputs and first-order states.
     """
     table = columns(motion, expressions)
@@ -114,7 +114,7 @@ def save(motion: Trajectory, path: str | Path) -> None:
     motion : Trajectory
         The motion.
     path : str or Path
-        The file, named as given; ``.npz`` is usual.
+        The file; ``.npz`` is usual, and is not added.
     """
     content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
     content |= {name: getattr(motion, name) for name in _ARRAYS}

@@ -33,7 +33,7 @@ def fingerprint(eom: Equations, states: Sequence[np.ndarray]) -> np.ndarray:
     -------
     numpy.ndarray
         (k, size): the first, a middle and the last state, and states beside them,
-        where springs are not relaxed and dampers not at rest.
+        at which springs are not relaxed and dampers not at rest.
     """
     t, q, v, *others, p = (np.asarray(x, float) for x in states)
     if not len(t):
@@ -52,7 +52,7 @@ def fingerprint(eom: Equations, states: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def difference(eom: Equations, there: np.ndarray, here: np.ndarray) -> str:
-    """Return in words where two fingerprints differ first, "" if nowhere."""
+    """Return the first difference of two fingerprints in words, "" if there is none."""
     if there.shape != here.shape:
         return "the number of forces, rows or states"
     start = 0

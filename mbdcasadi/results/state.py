@@ -31,7 +31,7 @@ class State(HoldsSymbols):
         Coordinates, velocities, accelerations, first-order states,
         multipliers, inputs and parameters, in the order of ``equations(mechanism)``.
     obstacle : MechanismError, optional
-        Why there are no accelerations and multipliers, where there are none.
+        Reason if there are no accelerations and multipliers.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class State(HoldsSymbols):
 
     @property
     def obstacle(self) -> MechanismError | None:
-        """Why there are no accelerations and multipliers; None where they are known."""
+        """Reason if there are no accelerations and multipliers; None if they are known."""
         return self._obstacle
 
     @property
@@ -84,7 +84,7 @@ class State(HoldsSymbols):
         Raises
         ------
         ExpressionError
-            For a symbol that the mechanism does not have, and where the expression has no value.
+            For a symbol that the mechanism does not have, and if the expression has no value.
         """
         expression = as_expression(expression, "state[…]")
         eom = self.equations
@@ -125,7 +125,7 @@ class EventOccurrence:
     t : float
         Time, s.
     state : State
-        State at that time; where the event resets velocities, just before.
+        State at that time; just before, if the event resets velocities.
     after : State or None
         State just after a reset.
     """

@@ -30,20 +30,20 @@ __all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
 
 @dataclass
 class Statistics:
-    """How a trajectory was computed.
+    """Statistics of the run that computed a trajectory.
 
     Attributes
     ----------
     method : str
         Integrator or solver.
     formulation : str
-        Form of the equations it was given.
+        Form of the equations that it integrated.
     seconds : float
         Wall-clock time of the run, s.
     restarts : int
-        How often the integrator was started.
+        Number of starts of the integrator.
     notes : list of str
-        What the user should know of the result.
+        Remarks for the user.
     """
 
     method: str = ""
@@ -70,12 +70,12 @@ class Trajectory(HoldsSymbols):
     events : sequence of EventOccurrence, optional
         Events that took place.
     statistics : Statistics, optional
-        How it was computed.
+        Statistics of the run.
     refine : callable, optional
         ``refine(t, q, v, z, u) -> (q, v, a, lam, u)`` brings interpolated values
         back onto the constraints; see :meth:`at`.
     missing_multipliers : str, optional
-        Why there are no multipliers, where there are none.
+        Reason if there are no multipliers.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Trajectory(HoldsSymbols):
         Raises
         ------
         ExpressionError
-            For a symbol that the mechanism does not have, and where the expression has no value.
+            For a symbol that the mechanism does not have, and if the expression has no value.
         """
         expression = as_expression(expression, "motion[…]")
         function, arguments = self._compiled(expression)
@@ -200,7 +200,7 @@ class Trajectory(HoldsSymbols):
         wanted = np.atleast_1d(np.asarray(times, float))
         if not self.t.size or not wanted.size:
             raise MechanismError(
-                "a trajectory of no times cannot be interpolated" if wanted.size else "at() was given no times"
+                "a trajectory of no times cannot be interpolated" if wanted.size else "at() needs at least one time"
             )
         slack = 1e-12 * max(1.0, abs(self.t[-1]))
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
@@ -209,9 +209,7 @@ class Trajectory(HoldsSymbols):
                 f"the trajectory covers t = {self.t[0]:.6g} … {self.t[-1]:.6g} s, not t = {wanted[outside][0]:.6g} s"
             )
         if self._refine is None:
-            raise MechanismError(
-                "this trajectory was read from arrays and knows no way to interpolate between its times"
-            )
+            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
         wanted = np.clip(wanted, self.t[0], self.t[-1])
         q, v, z, u = self.with_jumps._between(wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
@@ -219,7 +217,7 @@ class Trajectory(HoldsSymbols):
 
     @property
     def interpolates(self) -> bool:
-        """Whether :meth:`at` can be asked; not where the trajectory was made from arrays alone."""
+        """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
 
     def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -240,7 +238,7 @@ class Trajectory(HoldsSymbols):
             for time, s in ((event.t, event.state), (np.nextafter(event.t, np.inf), event.after)):
                 parts.append((np.array([time]), *(x[None] for x in (s.q, s.v, s.a, s.z, s.lam, s.inputs))))
         t, *arrays = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        # of states at one time the first stands before a jump, and the last behind it
+        # of states at one time the first is before a jump, and the last behind it
         order = np.argsort(t, kind="stable")
         once = np.r_[np.diff(t[order]) > 0, True]
         return self._at(t[order][once], *(x[order][once] for x in arrays))
@@ -282,7 +280,7 @@ class Trajectory(HoldsSymbols):
             return Drift(0.0, 0.0)
         return Drift(*(float(np.max(sizes)) for sizes in violations(self)))
 
-    # --- where people work ------------------------------------------------------------------
+    # --- tables and files -------------------------------------------------------------------
     def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
         """Return a DataFrame over time; without expressions the columns of :meth:`to_csv`."""
         from .export import to_pandas

@@ -68,7 +68,7 @@ def readable(text: Text, name: bool = False) -> None:
     text : matplotlib.text.Text
         Between two dollar signs it may hold a formula.
     name : bool, default False
-        Whether it is a name, in which a dollar sign stands for itself.
+        Whether it is a name, in which a dollar sign is a dollar sign.
     """
     text.set_parse_math(not name and _is_formula(text.get_text()))
 

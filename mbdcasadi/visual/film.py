@@ -17,11 +17,11 @@ from ..results.trajectory import Trajectory
 from .course import Course
 from .drawing.compose import Options, compose
 from .drawing.draw import room, subject
-from .drawing.labels import settled
+from .drawing.labels import with_placed_names
 from .drawing.sample import Sample
 from .drawing.scene import Scene
 
-#: Seconds that a motion takes on the screen where no speed is given: it is slowed or quickened into these bounds.
+#: Seconds that a motion takes on the screen if no speed is given: it is slowed or quickened into these bounds.
 SHORTEST, LONGEST = 3.0, 20.0
 #: Usual width of a film, points: names find their places on it.
 PAPER = 400.0
@@ -131,7 +131,7 @@ def film(
             raise MechanismError(f"animate: '{label}' is not finite over the whole motion")
     fine, lines = course.lines([np.maximum(DRAWN * np.ptp(values, axis=0), 1e-12) for values in course.values])
     box = room(scene, poses, lines[0].reshape(-1, 2))
-    scene = settled(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
+    scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
     return Film(motion, sample, scene, poses, scale, box, options.paths, quantities, fine, lines, speed, fps, name)
 
 
@@ -143,7 +143,7 @@ def _positive(value: Any, name: str) -> float:
 
 
 def usual_speed(duration: float) -> float:
-    """Speed at which a motion can be watched: 1, or a round number where it is very short or long."""
+    """Speed at which a motion can be watched: 1, or a round number if it is very short or long."""
     if SHORTEST <= duration <= LONGEST:
         return 1.0
     wanted = duration / (SHORTEST if duration < SHORTEST else LONGEST)

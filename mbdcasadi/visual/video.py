@@ -49,7 +49,7 @@ class Stage:
         box = film.box if forces else room(scene, film.poses, film.paths.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
-        # even numbers of pixels: films want them
+        # films have even numbers of pixels
         size = WIDTH, round((WIDTH * ratio + 0.9 + 1.25 * curves) * DPI / 2) * 2 / DPI
         self.figure: Figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor=LIGHT["paper"])
         self.canvas: Any = FigureCanvasAgg(self.figure)

@@ -319,7 +319,7 @@ def test_wrong_input_is_named():
         ("whole number", motion, {"poses": 0}),
         ("whole number", motion, {"poses": 2.5}),
         ("True or False", motion, {"forces": 1}),
-        ("way of a point", model, {"trace": [model.pin.a]}),
+        ("path of a point", model, {"trace": [model.pin.a]}),
         ("two components", motion, {"trace": [model.crank.phi]}),
         ("two components", motion, {"trace": ["pin"]}),
         ("list of markers", motion, {"trace": 3}),

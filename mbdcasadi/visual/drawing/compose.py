@@ -26,14 +26,14 @@ UNIT, OF_LINK, LEAST = 0.019, 0.19, 0.007
 
 @dataclass(frozen=True)
 class Options:
-    """What is drawn beside bodies and symbols.
+    """Options of a drawing beside bodies and symbols.
 
     Attributes
     ----------
     forces, names, frames, centroids : bool
         Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
     trace : tuple of Marker or casadi.SX
-        Points whose way is drawn.
+        Points whose path is drawn.
     tooltips : bool
         Whether items carry numbers.
     """
@@ -65,7 +65,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     Returns
     -------
     Scene, dict of str to float
-        The scene, and the scale of forces (N per m) and couples (N m per m) where there are arrows.
+        The scene, and the scale of forces (N per m) and couples (N m per m) if there are arrows.
     """
     mechanism = sample.mechanism
     unit, hanging = _measures(sample)
@@ -144,7 +144,7 @@ def _reach(body: Body) -> float:
 
 
 def _radius(element: Any, sample: Sample) -> float:
-    """Largest radius that an element speaks of: of gears, wheels, discs, cams."""
+    """Largest radius of an element: of gears, wheels, discs, cams."""
     radii = [getattr(element, name, 0.0) for name in ("radius", "radius_a", "radius_b")]
     radii += [getattr(getattr(element, side, None), "radius", 0.0) for side in "ab"]
     radii += [getattr(getattr(element, "outline", None), "size", 0.0) / 2]
@@ -179,7 +179,7 @@ def _names(pen: Pen) -> None:
     for joint in mechanism.joints:
         markers = getattr(joint, "markers", ())
         if markers:
-            # what slides is named where the block is, not where its guide begins
+            # a slider is named at its block, not at the start of its guide
             marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
             place = tuple(np.round(pen.first(marker.position) / u, 2))
             named.setdefault(place, (marker, []))[1].append(joint.name)

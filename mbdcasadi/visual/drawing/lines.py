@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 Points = np.ndarray
-#: What points may be given as.
+#: Anything that NumPy reads as points.
 Like = Any
 
 
@@ -64,7 +64,7 @@ def plate(points: Points, radius: float) -> Points:
 
 
 def hatching(start: Points, end: Points, spacing: float, depth: float) -> list[Points]:
-    """Oblique strokes to the right of the way from start to end."""
+    """Oblique strokes to the right of the line from start to end."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.hypot(*(end - start)))
     if length <= 0:
@@ -133,7 +133,7 @@ def teeth(radius: float, count: int, phase: float = 0.0, inward: bool = False) -
     count : int
         Number of teeth.
     phase : float
-        Angle of the middle of a tooth (of a gap, where they point inward), rad.
+        Angle of the middle of a tooth (of a gap, if they point inward), rad.
     inward : bool
         Whether it is the inside of a ring.
     """

@@ -1,4 +1,4 @@
-"""Geometry of bodies: outlines of their shapes, and the places where their elements sit."""
+"""Geometry of bodies: outlines of their shapes, and the places of their elements."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ HALF_WIDTH = 0.95
 
 def shape_loops(body: Body, unit: float) -> list[np.ndarray]:
     """Outline of a body's shape in its centroidal frame; rods get a width."""
-    found = []
+    loops = []
     for outline in body.shape.outlines():  # type: ignore[union-attr]
         points = np.asarray(outline.points, float) + body.shape_frame
-        found.append(lines.plate(points, HALF_WIDTH * unit) if len(points) == 2 else points)
-    return found
+        loops.append(lines.plate(points, HALF_WIDTH * unit) if len(points) == 2 else points)
+    return loops
 
 
 def local_outlines(body: Body, marker: Marker, pen: Pen) -> list[np.ndarray]:
@@ -55,11 +55,11 @@ def _crossings(loop: np.ndarray, x: float) -> list[float]:
 
 
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:
-    """Different places on a body where elements sit (k, 2), in its frame, m."""
+    """Different places of elements on a body (k, 2), in its frame, m."""
     markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
-    found: list[np.ndarray] = []
+    places: list[np.ndarray] = []
     for marker in markers:
         place = np.array([pen.number(marker.local[0]), pen.number(marker.local[1])])
-        if all(np.hypot(*(place - other)) > 1e-9 for other in found):
-            found.append(place)
-    return np.array(found).reshape(-1, 2)
+        if all(np.hypot(*(place - other)) > 1e-9 for other in places):
+            places.append(place)
+    return np.array(places).reshape(-1, 2)

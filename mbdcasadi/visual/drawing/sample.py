@@ -1,4 +1,4 @@
-"""What a picture is taken of: the values of expressions at one instant or over a motion."""
+"""Values of expressions at one instant or over a motion, for pictures."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ...results.trajectory import Trajectory
 def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
     """Return a motion at times within its span.
 
-    One that was made from arrays alone, and knows no way back onto the constraints,
-    follows its own velocities and accelerations.
+    One that was made from arrays alone cannot be brought back onto the constraints, and
+    follows its velocities and accelerations.
     """
     if motion.interpolates:
         return motion.at(times)
@@ -36,7 +36,7 @@ class Sample:
     source : State or Trajectory
         Where they come from.
     times : numpy.ndarray, optional
-        Times of a motion, s; its own where none are given.
+        Times of a motion, s; by default those of its outputs.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Sample:
         self.t = source.t if times is None else np.asarray(times, float)
         if times is not None:
             self._source = between(source, self.t)
-        # the times given begin where the motion does
+        # the times begin at the start of the motion
         self._start = self._source.initial
 
     @property
@@ -93,7 +93,7 @@ class Sample:
         return np.atleast_1d(np.asarray(self._start[column], float))
 
     def need_reactions(self, what: str) -> None:
-        """Raise where forces are asked for and those of joints are not known."""
+        """Raise an error if the reactions of joints are not known."""
         if self._source.equations.lam.numel() and not self.has_multipliers:
             reason = getattr(self._source, "obstacle", None)
             raise MechanismError(
@@ -103,7 +103,7 @@ class Sample:
 
     @cached_property
     def has_multipliers(self) -> bool:
-        """Whether reactions are known."""
+        """True if reactions are known."""
         eom = self._source.equations
         if isinstance(self._source, State) and self._source.obstacle is not None:
             return False

@@ -1,4 +1,4 @@
-"""Colours and strokes of drawings, by what they stand for; the same in Matplotlib and in the page."""
+"""Colours and strokes of drawings, by their meaning; the same in Matplotlib and in the page."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ DARK = {
 
 @dataclass(frozen=True)
 class Style:
-    """How a mark is filled and stroked.
+    """Fill and stroke of a mark.
 
     Attributes
     ----------
@@ -90,5 +90,5 @@ def colours_of(style: Style, body: int | None, theme: dict[str, str], bodies: tu
     fill, edge = bodies[(body or 0) % len(bodies)]
     if body is None:
         fill, edge = theme["soil"], theme["ground"]
-    found = (fill if style.fill == "body" else theme.get(style.fill or ""),)
-    return (*found, edge if style.stroke == "body" else theme.get(style.stroke or ""))
+    inside = fill if style.fill == "body" else theme.get(style.fill or "")
+    return inside, edge if style.stroke == "body" else theme.get(style.stroke or "")

@@ -131,7 +131,7 @@ class Columns:
         return np.maximum(largest, [noise[column.unit] for column in columns])
 
     def _noise(self, units: dict[str, float]) -> dict[str, float]:
-        """Return what is a rounding error where a lever turns one unit into another: a couple beside forces."""
+        """Return rounding errors by unit; a lever turns one unit into another: a couple is compared with forces."""
         length, duration = self._diagonal, float(self._motion.t[-1] - self._motion.t[0])
         force = max(units.get("N", 0.0), units.get("N m", 0.0) / length)
         speed = max(units.get("m/s", 0.0), units.get("rad/s", 0.0) * length, length / duration)
@@ -150,7 +150,7 @@ class Columns:
 
 
 def _is_known(column: Column, values: np.ndarray) -> bool:
-    """Whether a column has values; False if it has none and need not."""
+    """Return True for a column with values, False for one that has none and need not."""
     finite = np.isfinite(values)
     if not finite.all() and (finite.any() or not column.optional):
         raise MechanismError(f"animate: {column.name} is not finite over the whole motion")

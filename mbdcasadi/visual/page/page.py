@@ -135,7 +135,7 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
 
 
 def _scale(film: Film) -> str:
-    """What the size of arrows means, in words."""
+    """Legend of the size of arrows."""
     diagonal, parts = float(np.hypot(*(film.box[1] - film.box[0]))), []
     for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
         if unit in film.scale:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Violations of constraints below this are drawn at it: a logarithm has no place for zero.
 LEAST_VIOLATION = 1e-18
-#: Points of a phase plot, where the motion can be interpolated: its corners would be seen.
+#: Points of a phase plot of a motion that can be interpolated: its corners would be seen.
 SMOOTH = 1000
 
 
@@ -40,7 +40,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        With a dot where each motion starts.
+        With a dot at the start of each motion.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def plot_energy(motion: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Kinetic, potential and total energy; total less its first value; and, where there
+        Kinetic, potential and total energy; total less its first value; and, if there
         are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
     """
     from matplotlib.figure import Figure
@@ -117,7 +117,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     Parameters
     ----------
     path : EquilibriumPath
-        What :func:`equilibrium_path` found.
+        Result of :func:`equilibrium_path`.
     expressions : dict of str to expression
         What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
 
@@ -128,14 +128,14 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    found = read_lines(expressions)
-    if not found:
+    quantities = read_lines(expressions)
+    if not quantities:
         raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
     if not hasattr(path, "least_stiffness"):
         raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
-    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(found)), layout="constrained")
-    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(quantities)), layout="constrained")
+    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = path[column].reshape(len(path), -1)
         drawn = {
             name: _branches(axes, path, line, SERIES_LIGHT[k % len(SERIES_LIGHT)])

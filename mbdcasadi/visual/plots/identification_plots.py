@@ -27,10 +27,10 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
     Parameters
     ----------
     fit : Fit
-        What :func:`identify` found.
+        Result of :func:`identify`.
     labels : sequence of str, optional
         Of every measured quantity in the order of the data, with units ("tip x, m"); the
-        expressions themselves where none are given.
+        expressions themselves by default.
 
     Returns
     -------

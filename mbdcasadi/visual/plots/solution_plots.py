@@ -1,4 +1,4 @@
-"""What an optimal motion looks like at one glance."""
+"""Overview of an optimal motion."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: Times at which curves between mesh points are drawn.
 TIMES = 600
-#: How far beyond the curve of an input a limit may lie to be shown, in parts of the curve's own range.
+#: How far beyond the curve of an input a limit may lie to be shown, in parts of the range of the curve.
 FAR = 1.0
 #: Letters of the name of a limit: a longer one would leave no room for the curves.
 LABEL = 34
@@ -37,11 +37,11 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     Parameters
     ----------
     solution : Solution
-        What :func:`optimize` found.
+        Result of :func:`optimize`.
     expressions : dict of str to expression, optional
-        What is drawn of the states, by label, as in :func:`plot`. Where none are given: the natural
+        Quantities to draw, by label, as in :func:`plot`; by default the natural
         coordinates of joints on the ground and their rates, or the coordinates of
-        the bodies where there are no such joints.
+        the bodies if there are no such joints.
 
     Returns
     -------
@@ -88,8 +88,10 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
 
 def _named(expressions: Mapping[str, Any]) -> dict[str, dict[str, ca.SX]]:
     """Lines by name, by label of the axes."""
-    found = read_lines(expressions)
-    return {label: dict(zip(names, ca.vertsplit(column), strict=True)) for label, (names, column) in found.items()}
+    return {
+        label: dict(zip(names, ca.vertsplit(column), strict=True))
+        for label, (names, column) in read_lines(expressions).items()
+    }
 
 
 def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
@@ -97,16 +99,16 @@ def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
     mechanism = solution.problem.mechanism
     grounded = [joint for joint in mechanism.joints if any(body.is_ground for body in joint.bodies)]
     angles = {joint.name: joint.angle for joint in grounded if isinstance(joint, Revolute)}
-    ways = {joint.name: joint.displacement for joint in grounded if isinstance(joint, Translational | PointOnLine)}
-    if not angles and not ways:
+    places = {joint.name: joint.displacement for joint in grounded if isinstance(joint, Translational | PointOnLine)}
+    if not angles and not places:
         angles = {body.name: body.phi for body in mechanism.bodies}
-        ways = {body.name: body.position for body in mechanism.bodies}
-    found = {}
-    for natural, label, unit in ((angles, "angle", "rad"), (ways, "place", "m")):
+        places = {body.name: body.position for body in mechanism.bodies}
+    panels = {}
+    for natural, label, unit in ((angles, "angle", "rad"), (places, "place", "m")):
         if natural:
-            found[f"{label}, {unit}"] = natural
-            found[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
-    return found
+            panels[f"{label}, {unit}"] = natural
+            panels[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
+    return panels
 
 
 def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
@@ -127,7 +129,7 @@ def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
 
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
     """Limits of an input as expressions: of those that are linear in it, and hold no other input."""
-    found = []
+    limits = []
     others = [u for u in solution.problem.mechanism.inputs if u is not symbol]
     for condition in (*solution.problem.path, *solution.program.limit_owners):
         slope = ca.jacobian(condition.expression, symbol)
@@ -135,8 +137,8 @@ def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
             continue
         limit = ca.simplify(ca.substitute(symbol - condition.expression / slope, symbol, 0))
         if not others or not ca.depends_on(condition.expression, ca.vertcat(*others)):
-            found.append(ca.SX(limit))
-    return found
+            limits.append(ca.SX(limit))
+    return limits
 
 
 def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, ca.SX], label: str) -> None:

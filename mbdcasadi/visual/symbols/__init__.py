@@ -1,4 +1,4 @@
-"""How elements are shown: one :class:`Glyph` for each class of elements, found by :func:`glyph`."""
+"""Symbols of elements: one :class:`Glyph` or function for each class of elements, in the table :func:`glyph`."""
 
 from . import bodies, cams, contacts, coordinates, forces, gears, lower_pairs, motions, springs, stops  # these register
 from .base import Glyph, glyph, glyph_of

@@ -1,4 +1,4 @@
-"""The table of glyphs: what a class of elements looks like, found as methods are."""
+"""Table of glyphs: symbol, loads and tooltip of each class of elements, looked up as methods are."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def glyph(element: Any, pen: Pen) -> None:
 
     Examples
     --------
-    A symbol for a class of one's own::
+    A symbol for a user's own class::
 
         @mbd.glyph.register
         def _(element: MyJoint, pen):
@@ -82,14 +82,14 @@ class Glyph:
     def draw(self) -> None:
         """Draw the symbol: by the element's own ``glyph(pen)``, else lines between its markers."""
         element, pen = self.element, self.pen
-        own = getattr(element, "glyph", None)
-        if own is not None:
-            own(pen)
+        method = getattr(element, "glyph", None)
+        if method is not None:
+            method(pen)
             return
         markers = list(getattr(element, "markers", ()))
         places = [marker.position for marker in markers]
         if not places:
-            # what is given by expressions alone is tied between the bodies that it connects
+            # an element of expressions alone is tied between the bodies that it connects
             places = [body.position for body in element.bodies if not body.is_ground]
         for first, second in pairwise(places):
             tie(pen, first, second)

@@ -16,7 +16,7 @@ from .base import glyph
 
 #: Points of an outline.
 POINTS = 180
-#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the point's way.
+#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the path of the point.
 SHORT = 80.0
 
 
@@ -67,7 +67,7 @@ def cam_on_cam(joint: CamCam, pen: Pen) -> None:
 
 @glyph.register
 def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
-    """A slot along the curve where the point goes, and the pin in it."""
+    """A slot along the path of the point, and the pin in it."""
     curve, u = joint.curve, pen.unit
     frame = pen.on(joint.a)
     middle, left, right = _slot(pen, curve, joint.parameter, 0.62 * u)
@@ -80,7 +80,7 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle line and both edges of a slot: of a long one that ends, what is about the point's way."""
+    """Middle line and both edges of a slot: of a long open one, what is about the path of the point."""
     low, high = curve.lower, curve.upper
     whole = pen.curve(curve.point, np.linspace(low, high, POINTS))
     if not curve.closed and np.hypot(*np.ptp(whole, axis=0)) > SHORT * pen.unit:

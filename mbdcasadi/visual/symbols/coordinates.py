@@ -16,7 +16,7 @@ from .lower_pairs import block_on_rail
 
 
 def roller(pen: Pen, marker: Any, angle: float) -> None:
-    """A support on rollers, which leaves the way across the angle free."""
+    """A support on rollers, which leaves the direction across the angle free."""
     u = pen.unit
     frame = pen.at(marker.position, angle - np.pi / 2)
     frame.area("ground", [[0.32 * u, -0.4 * u], [-0.32 * u, -0.4 * u], [-1.1 * u, -1.5 * u], [1.1 * u, -1.5 * u]],
@@ -29,19 +29,19 @@ def roller(pen: Pen, marker: Any, angle: float) -> None:
 
 @glyph.register
 def absolute_x(joint: AbsoluteX, pen: Pen) -> None:
-    """A support on rollers that go up and down; a pin on a stand, where the other coordinate is held too."""
+    """A support on rollers that go up and down; a pin on a stand if the other coordinate is held too."""
     _held(joint, pen, 0.0)
 
 
 @glyph.register
 def absolute_y(joint: AbsoluteY, pen: Pen) -> None:
-    """A support on rollers that go to and fro; a pin on a stand, where the other coordinate is held too."""
+    """A support on rollers that go to and fro; a pin on a stand if the other coordinate is held too."""
     _held(joint, pen, np.pi / 2)
 
 
 @glyph.register
 def absolute_angle(joint: AbsoluteAngle, pen: Pen) -> None:
-    """A square that keeps its direction; nothing where a rail keeps it."""
+    """A square that keeps its direction; nothing if a rail keeps it."""
     if any(other.marker.body is joint.marker.body for other in _of_kind(pen, (AbsoluteX, AbsoluteY))):
         return
     u = pen.unit
@@ -55,7 +55,7 @@ def _of_kind(pen: Pen, kinds: tuple[type, ...]) -> list[Any]:
 
 
 def _held(joint: Any, pen: Pen, angle: float) -> None:
-    """What holds one coordinate of a point, by what else holds the same body."""
+    """Draw the support that holds one coordinate of a point, by what else holds the same body."""
     marker = joint.marker
     partner = AbsoluteY if isinstance(joint, AbsoluteX) else AbsoluteX
     still = np.ptp(pen.over(marker.position), axis=0).max() <= 1e-6 * pen.unit

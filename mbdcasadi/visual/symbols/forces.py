@@ -1,4 +1,4 @@
-"""Forces and couples that are given, and weights."""
+"""Applied forces and couples, and weights."""
 
 from __future__ import annotations
 

@@ -21,14 +21,14 @@ PITCH, FEWEST = 1.5, 10
 
 @dataclass(frozen=True)
 class Wheel:
-    """One gear of a pair: where it sits, its pitch radius, and whether its teeth point inward."""
+    """One gear of a pair: its place, its pitch radius, and the sense of its teeth."""
 
     marker: Marker
     radius: float
     inward: bool
 
     def key(self, pen: Pen) -> tuple:
-        """What tells whether it is drawn already: a planet is one gear in two pairs."""
+        """Key of a gear that is drawn once: a planet is one gear in two pairs."""
         place = pen.first(self.marker.local) / pen.unit
         return (self.marker.body, *np.round(place, 6), round(self.radius / pen.unit, 6), self.inward)
 
@@ -61,8 +61,8 @@ def _meshing(pen: Pen, known: Wheel, new: Wheel, internal: bool) -> tuple[int, f
     """Number and phase of the teeth of a gear that fit into those of one that is drawn."""
     count, phase = pen.teeth[known.key(pen)]
     partner = max(FEWEST, round(count * new.radius / known.radius))
-    way = new.marker.position - known.marker.position
-    angle, other, x, y = pen.first(known.marker.angle, new.marker.angle, way)
+    centres = new.marker.position - known.marker.position
+    angle, other, x, y = pen.first(known.marker.angle, new.marker.angle, centres)
     contact = np.arctan2(y, x) + (np.pi if internal and new.radius > known.radius else 0.0)
     # by which part of a pitch the point of contact lies beyond a tooth (a gap, of a ring)
     beyond = (contact - angle - phase) * count / (2 * np.pi)
@@ -89,7 +89,7 @@ def _toothed(pen: Pen, wheel: Wheel, count: int, phase: float) -> None:
 
 
 def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
-    """Holes that show how a disc turns, where there is room for them."""
+    """Holes that show how a disc turns, if there is room for them."""
     if inside < 4.5 * pen.unit:
         return []
     size = min(0.2 * inside, 2.5 * pen.unit)
@@ -107,11 +107,11 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
         _toothed(pen, wheel, max(FEWEST, round(2 * np.pi * radius / (PITCH * u))), 0.0)
     count, phase = pen.teeth[wheel.key(pen)]
     place = ca.dot(joint.a.x_axis, joint.b.position - joint.a.position)
-    where, turn = pen.first(place, joint.b.angle - joint.a.angle)
+    along, turn = pen.first(place, joint.b.angle - joint.a.angle)
     beyond = (-np.pi / 2 - turn - phase) % (2 * np.pi / count)
     low, high = pen.span(place)
     margin, pitch = max(0.8 * radius, 4 * u), 2 * np.pi * radius / count
-    top = lines.rack_teeth(low - margin, high + margin, pitch, where - radius * beyond)
+    top = lines.rack_teeth(low - margin, high + margin, pitch, along - radius * beyond)
     base = -1.1 * pitch / np.pi - 1.3 * u
     frame = pen.on(joint.a)
     style = "ground" if joint.a.body.is_ground else "body"
@@ -147,9 +147,9 @@ def belt(joint: Belt, pen: Pen) -> None:
     ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
     for marker, radius in ((joint.a, ra), (joint.b, rb)):
         disc(pen, marker, radius)
-    way = joint.b.position - joint.a.position
-    length = float(np.hypot(*pen.first(way)))
-    frame = pen.along(joint.a.position, way)
+    centres = joint.b.position - joint.a.position
+    length = float(np.hypot(*pen.first(centres)))
+    frame = pen.along(joint.a.position, centres)
     if not joint.crossed:
         around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))
         frame.area("belt", around, layer=scene.SLOT)

@@ -20,7 +20,7 @@ ROD = 3.0
 
 @glyph.register
 def revolute(joint: Revolute, pen: Pen) -> None:
-    """A circle, on a stand where it is on the ground."""
+    """A circle, on a stand if it is on the ground."""
     for marker in joint.markers:
         if marker.body.is_ground:
             pen.stand(pen.on(marker))
@@ -29,7 +29,7 @@ def revolute(joint: Revolute, pen: Pen) -> None:
 
 @glyph.register
 def weld(joint: Weld, pen: Pen) -> None:
-    """A wall where it is on the ground, else a small square."""
+    """A wall if it is on the ground, else a small square."""
     u = pen.unit
     for fixed, moving in ((joint.a, joint.b), (joint.b, joint.a)):
         if fixed.body.is_ground:
@@ -55,7 +55,7 @@ def distance(joint: Distance, pen: Pen) -> None:
 # --- sliders ------------------------------------------------------------------------------
 @glyph.register
 def translational(joint: Translational, pen: Pen) -> None:
-    """A block on a rail; a rod in a bearing, where the body is long; a bearing that is fixed, on a moving rod."""
+    """A block on a rail; a rod in a bearing if the body is long; a fixed bearing on a moving rod."""
     low, high = pen.span(joint.displacement)
     if joint.b.body.is_ground:
         _fixed_bearing(joint, pen, low, high)
@@ -82,14 +82,14 @@ def block_on_rail(pen: Pen, marker: Marker, rail: Frame, low: float, high: float
 
 
 def _drawn(pen: Pen, frame: Frame) -> list[np.ndarray]:
-    """What other symbols have drawn of a body that is longer than wide (a rack), in the axes of a marker on it."""
+    """Outline that other symbols have drawn of a body longer than wide (a rack), in the axes of a marker on it."""
     loops = [lines.turned(loop - frame.shift, -frame.angle) for loop in pen.loops.get(frame.body, ())]  # type: ignore[arg-type]
     long, wide = np.ptp(np.vstack(loops), axis=0) if loops else (0.0, 0.0)
     return loops if long > wide else []
 
 
 def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top: float) -> None:
-    """Surface under a block that slides; on both sides where it slides up and down."""
+    """Surface under a block that slides; on both sides if it slides up and down."""
     direction = float(pen.scene.poses(pen.sample)[0, frame.number, 2]) + frame.angle
     low, high = reach
     upright = abs(np.sin(direction)) > 0.8
@@ -106,7 +106,7 @@ def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top
 
 
 def _sleeve(frame: Frame, pen: Pen, common: tuple[float, float], bottom: float, top: float) -> None:
-    """Bearing about a rod, where it passes at all times."""
+    """Bearing about the part of a rod that passes it at all times."""
     u = pen.unit
     low, high = common
     middle, half = (low + high) / 2, max(1.2 * u, min(2.2 * u, 0.35 * (high - low)))

@@ -109,7 +109,7 @@ def _damper(pen: Pen, frame: Frame, height: float, margin: float) -> None:
 
 
 def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
-    """Barrel at a, rod at b: both of one size while the length changes, where the stroke leaves room for that."""
+    """Barrel at a, rod at b: both of one size while the length changes, if the stroke leaves room for that."""
     u = pen.unit
     low, high = pen.span(length)
     barrel, h = 0.62 * low, height * u
@@ -123,7 +123,7 @@ def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
 
 
 def _anchors(element: Any, pen: Pen) -> None:
-    """Points at both ends, on a wall where an end is on the ground and nothing else stands there."""
+    """Points at both ends, on a wall if an end is on the ground and nothing else is drawn there."""
     for marker, other in ((element.a, element.b), (element.b, element.a)):
         pen.dot(pen.on(marker), 0.3)
         if marker.body.is_ground:
