@@ -1,5 +1,6 @@
 """Drawings: symbols sit where the state says, every element has one, and bad input is named."""
 
+import itertools
 import subprocess
 import sys
 
@@ -127,6 +128,25 @@ def test_teeth_mesh():
             region = Path(placed(partner, poses[k, outer.frame]))
             inside = region.contains_points(placed(gear, poses[k, inner.frame]))
             assert np.all(inside) if name == "internal Gear" else not np.any(inside), (name, k)
+
+
+@pytest.mark.parametrize("radii", [(0.04, 0.02), (0.03, 0.03), (0.05, 0.015)])
+def test_planets_mesh_with_sun_and_ring(radii):
+    """All three, over a turn of the arm, with the ring at rest and with the sun at rest."""
+    from matplotlib.path import Path
+
+    model = mbd.library.planetary_gear(*radii, planets=3)
+    for hold in ("ring", "sun"):
+        motion = mbd.kinematics(model.driven(arm=2 * np.pi * mbd.t, **{hold: 0}), np.linspace(0, 1, 9))
+        scene, poses, _ = scene_of(motion)
+        gears = {m.body: m for m in scene.marks if m.style == "body" and m.closed and len(m.loops[0]) >= 40}
+        bodies = [body.name for body in model.mechanism.bodies]
+        sun, ring = gears[bodies.index("sun")], gears[bodies.index("ring")]
+        for k, number in itertools.product(range(9), (1, 2, 3)):
+            planet = gears[bodies.index(f"planet {number}")]
+            teeth = where(planet, poses, k)
+            assert not Path(where(sun, poses, k)).contains_points(teeth).any()
+            assert Path(placed(ring.loops[1], poses[k, ring.frame])).contains_points(teeth).all()
 
 
 def test_rack_meshes_with_its_pinion():

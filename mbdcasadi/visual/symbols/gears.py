@@ -36,25 +36,39 @@ class Wheel:
 @glyph.register
 def gear(joint: Gear, pen: Pen) -> None:
     """Two gears with teeth that mesh, and their pitch circles."""
-    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
-    first = Wheel(joint.a, ra, joint.internal and ra > rb)
-    second = Wheel(joint.b, rb, joint.internal and rb > ra)
+    first, second = _wheels(pen, joint)
     if second.key(pen) in pen.teeth and first.key(pen) not in pen.teeth:
         first, second = second, first
     if first.key(pen) not in pen.teeth:
-        _toothed(pen, first, _count(pen, first.radius, second.radius), 0.0)
+        _toothed(pen, first, _count(pen, first), 0.0)
     if second.key(pen) not in pen.teeth:
         _toothed(pen, second, *_meshing(pen, first, second, joint.internal))
 
 
-def _count(pen: Pen, radius: float, other: float) -> int:
-    """Number of teeth of the first gear of a pair: near the usual pitch, and a whole number for both."""
-    small = min(radius, other)
-    usual = max(FEWEST, round(2 * np.pi * small / (PITCH * pen.unit)))
-    counts = np.arange(max(FEWEST, int(0.8 * usual)), int(1.3 * usual) + 2)
-    partner = counts * max(radius, other) / small
-    best = counts[np.argmin(np.abs(partner - np.round(partner)) + 1e-3 * np.abs(counts - usual))]
-    return int(best if radius == small else round(best * radius / small))
+def _count(pen: Pen, wheel: Wheel) -> int:
+    """Number of teeth of the first gear of a train: near the usual pitch, and a whole number for all of them.
+
+    A gear that meshes with three others or more (a sun with its planets) has a
+    multiple of their number, so that planets at equal angles mesh with sun and ring.
+    """
+    gears = [joint for joint in pen.sample.mechanism.joints if isinstance(joint, Gear)]
+    wheels = [w.key(pen) for joint in gears for w in _wheels(pen, joint)]
+    radii = np.array([key[-2] for key in dict.fromkeys(wheels)])
+    meshes = np.array([max(1, n) if (n := wheels.count(key)) > 2 else 1 for key in dict.fromkeys(wheels)])
+    small = float(radii.min())
+    usual = max(FEWEST, round(2 * np.pi * small / PITCH))
+    counts = np.arange(max(FEWEST, int(0.7 * usual)), int(1.6 * usual) + 2)
+    exact = counts[:, None] * radii / small
+    whole = np.round(exact)
+    misfit = np.abs(exact - whole).max(axis=1) + 0.5 * (whole % meshes != 0).any(axis=1)
+    best = counts[np.argmin(misfit + 1e-3 * np.abs(counts - usual))]
+    return round(best * wheel.radius / pen.unit / small)
+
+
+def _wheels(pen: Pen, joint: Gear) -> tuple[Wheel, Wheel]:
+    """Both gears of a pair."""
+    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
+    return Wheel(joint.a, ra, joint.internal and ra > rb), Wheel(joint.b, rb, joint.internal and rb > ra)
 
 
 def _meshing(pen: Pen, known: Wheel, new: Wheel, internal: bool) -> tuple[int, float]:
