@@ -101,4 +101,4 @@ from .visual.plots.identification_plots import plot_residuals
 from .visual.plots.modes import plot_modes
 from .visual.plots.plot import plot
 from .visual.plots.solution_plots import plot_solution
-from .visual.symbols import symbol as glyph
+from .visual.symbols import Glyph, glyph

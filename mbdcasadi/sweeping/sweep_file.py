@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.writing import appended_file, whole_file, writable
 
 _FORMAT = "mbdcasadi sweep 2"
 
@@ -32,13 +32,10 @@ class SweepFile:
     def __init__(self, path: str | Path, fingerprint: str):
         self.path = Path(path)
         self._fingerprint = fingerprint
+        writable(self.path)
         if not self.path.exists():
-            self._write([np.array([_FORMAT, fingerprint])], "wb")
-        try:
-            with open(self.path, "r+b"):
-                pass
-        except OSError as error:
-            raise self._unwritable(error) from None
+            with whole_file(self.path) as part, open(part, "wb") as file:
+                np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""
@@ -67,36 +64,10 @@ class SweepFile:
         return blocks
 
     def append(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
-        """Add finished cases.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be written; it is left as it was.
-        """
-        self._write([indices, values, np.array(messages, dtype=str)], "r+b")
-
-    def _write(self, arrays: list[np.ndarray], mode: str) -> None:
-        """Write arrays behind what is there, or nothing."""
-        whole = 0
-        try:
-            with open(self.path, mode) as file:
-                try:
-                    whole = file.seek(0, os.SEEK_END)
-                    for array in arrays:
-                        np.save(file, array, allow_pickle=False)
-                    file.flush()
-                    os.fsync(file.fileno())
-                except OSError:
-                    file.truncate(whole)
-                    raise
-        except OSError as error:
-            if mode == "wb" and self.path.is_file():
-                self.path.unlink()
-            raise self._unwritable(error) from None
-
-    def _unwritable(self, error: OSError) -> FileError:
-        return FileError(f"sweep: the file {self.path} cannot be written: {error.strerror or error}")
+        """Add finished cases."""
+        with appended_file(self.path) as file:
+            for array in (indices, values, np.array(messages, dtype=str)):
+                np.save(file, array, allow_pickle=False)
 
 
 def fingerprint(*parts: str | bytes | np.ndarray) -> str:

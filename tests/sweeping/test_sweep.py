@@ -492,7 +492,7 @@ def test_a_full_disk_keeps_what_was_run(tmp_path):
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4000, old[1]))
     try:
-        with pytest.raises(mbd.FileError, match=r"sweep\.bin cannot be written") as caught:
+        with pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
             mbd.sweep(*given, file=path, batch=5)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, old)
