@@ -5,9 +5,15 @@ from __future__ import annotations
 import io
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr
 from typing import Any
+
+from ..errors import MechanismWarning
+
+#: Filters of warnings belong to the process: two threads must not change them in turn.
+_WARNING_FILTERS = threading.RLock()
 
 
 @contextmanager
@@ -17,6 +23,14 @@ def quiet() -> Iterator[None]:
         yield
         return
     with redirect_stderr(io.StringIO()):
+        yield
+
+
+@contextmanager
+def without_warnings(message: str = "") -> Iterator[None]:
+    """Ignore the package's warnings that match a pattern: those of a step whose result is only tried."""
+    with _WARNING_FILTERS, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message, MechanismWarning)
         yield
 
 

@@ -184,7 +184,7 @@ class Sizes:
 
     def _sampled(self, expression: ca.SX) -> np.ndarray:
         function = ca.Function("size", self._arguments, [ca.densify(expression)])
-        return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, -1)
+        return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, expression.size2())
 
     def of_values(self, expression: ca.SX) -> float:
         """Typical absolute value of a scalar; 1 where it has none."""

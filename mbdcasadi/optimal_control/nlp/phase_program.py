@@ -1,0 +1,260 @@
+"""Rows and cost of one phase: equations of its intervals, path conditions, conditions at places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...model.conditions import Condition, stacked
+from ...results.state import State
+from ..transcription.points import CollocationPoint
+from .layout import PhaseLayout, Unknowns
+from .rows import OWN_UNIT, Rows, stack
+from .sparse_program import Piece
+
+#: Shortest segment between free times, as a fraction of the typical duration.
+SHORTEST_SEGMENT = 1e-3
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one kind, and their part of the program.
+
+    Attributes
+    ----------
+    piece : Piece
+        Expressions and places of the variables.
+    groups : list of Rows
+        Rows of one copy.
+    copies : tuple
+        For each copy the intervals that it sees, as (phase, interval); its rows stand on the last one.
+    repeated : bool
+        Whether every interval has a copy.
+    """
+
+    piece: Piece
+    groups: list[Rows]
+    copies: tuple[tuple[tuple[int, int], ...], ...]
+    repeated: bool = False
+
+
+class PhaseProgram(PhaseLayout):
+    """Blocks of a phase on a mesh of N intervals.
+
+    The mesh fractions are data, so that one compiled program serves every
+    mesh with as many intervals in each segment.
+
+    Parameters
+    ----------
+    number : int
+        Index of the phase in the problem.
+    layout : optional
+        Arguments of :class:`PhaseLayout`.
+    """
+
+    def __init__(self, number: int, *layout: Any):
+        super().__init__(*layout)
+        self.number = number
+        self.initial, self.final = self.setup.ends.initial, self.setup.ends.final
+        self._functions: dict[tuple[Condition, ...], ca.Function] = {}
+
+    # --- expressions ----------------------------------------------------------------------
+    def value(self, expression: ca.SX, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
+        """An expression of the problem at a point of an interval."""
+        return self._applied(ca.Function("e", self.arguments, [expression]), at, unknowns)
+
+    def _applied(self, function: ca.Function, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
+        at = self.scheme.expanded(at, unknowns.interval.p)
+        return function(*at.values, unknowns.interval.p, unknowns.extra)
+
+    def _integral(self, expression: ca.SX, points: Sequence[CollocationPoint], unknowns: Unknowns) -> ca.SX:
+        if expression.is_zero():
+            return ca.SX(0)
+        values = (self.value(expression, at, unknowns) for at in points)
+        weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
+        return unknowns.interval.length * sum(weighted, ca.SX(0))
+
+    def _conditions(
+        self, conditions: Sequence[Condition], at: CollocationPoint, unknowns: Unknowns, tau: float, prefix: str = ""
+    ) -> list[Rows]:
+        """Conditions at a point."""
+        if not conditions:
+            return []
+        key = tuple(conditions)
+        if key not in self._functions:
+            self._functions[key] = ca.Function("c", self.arguments, [stacked(conditions)])
+        values = ca.vertsplit(self._applied(self._functions[key], at, unknowns))
+        return condition_rows(dict(zip(conditions, values, strict=True)), self._condition_sizes, tau, prefix)
+
+    @cached_property
+    def _condition_sizes(self) -> dict[Condition, float]:
+        waypoints = [c for w in self.phase.waypoints for c in w.conditions]
+        conditions = [*(self.initial or ()), *self.final, *self.phase.path, *waypoints, *self.limit_owners]
+        limits = [c for c in conditions if not c.equality]
+        equalities = [c for c in conditions if c.equality]
+        sizes = self.sizes.of_limits([c.expression for c in limits])
+        changes = self.sizes.of_changes([c.expression for c in equalities])
+        return dict(zip(limits, sizes, strict=True)) | dict(zip(equalities, changes, strict=True))
+
+    # --- blocks ---------------------------------------------------------------------------
+    def blocks(self, parameters: np.ndarray, given: ca.SX, cost_scale: float) -> list[Block]:
+        """Intervals, then start, waypoints and end.
+
+        Parameters
+        ----------
+        parameters : numpy.ndarray
+            Places of the free parameters.
+        given : casadi.SX
+            Parameters of all phases that are given.
+        cost_scale : float
+            Size of the cost, by which it is divided.
+        """
+
+        def block(unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int], **more: Any) -> Block:
+            free = np.tile(parameters[:, None], (1, len(intervals)))
+            index = np.vstack([self.interval_index(intervals), free])
+            variables = ca.vertcat(unknowns.variables, unknowns.free)
+            piece = Piece(variables, unknowns.data, given, stack(groups), cost / cost_scale, index)
+            copies = tuple(((self.number, i),) for i in intervals)
+            return Block(piece, [g for g in groups if g.labels], copies, **more)
+
+        blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
+        for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
+            blocks.append(block(unknowns, groups, ca.SX(0), [interval]))
+        return blocks
+
+    def _interval_rows(self) -> tuple[Unknowns, list[Rows], ca.SX]:
+        """Rows of an interval, and its part of the running cost."""
+        unknowns = self.unknowns()
+        points = self.scheme.points(unknowns.interval)
+        groups = self.scheme.equations(unknowns.interval, self.reduced_scales)
+        for k, placeholder in enumerate(self.integrals):
+            gain = unknowns.next_integrals[k] - unknowns.integrals[k]
+            row = gain - self._integral(placeholder.expression, points, unknowns)
+            size = self.point_scale[self.scheme.point_size + k :][:1]
+            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, (OWN_UNIT,)))
+        groups += self._path_rows(unknowns, points)
+        return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
+
+    def _path_rows(self, unknowns: Unknowns, points: list[CollocationPoint]) -> list[Rows]:
+        """Path conditions at the stages and at the ends of the interval."""
+        scheme, groups = self.scheme, []
+        start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
+        conditions = [*self._path_at_stages, *self.limit_owners]
+        equalities = [c for c in conditions if c.equality]
+        limits = [c for c in conditions if not c.equality]
+
+        def place(some: list[Condition], at: CollocationPoint, tau: float) -> None:
+            here = [c for c in some if tau not in self._bounded_at.get(c, ())]
+            groups.extend(self._conditions(here, at, unknowns, tau))
+
+        jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
+        place(jumping, start, 0.0)
+        for tau, at in zip(scheme.stages.tolist(), points, strict=True):
+            # where inputs are joined, the end of the interval before has the row at the start
+            here = equalities if tau > 0 or not scheme.inputs.joined else []
+            place([*here, *(limits if 0 < tau < 1 else [])], at, tau)
+        place(limits, end, 1.0)
+        return groups
+
+    @property
+    def _path_at_stages(self) -> list[Condition]:
+        """Path conditions that are imposed at points: those that are not differentiated."""
+        differentiated = set(self.scheme.constraints.path_constraints)
+        return [c for c in self.phase.path if c not in differentiated]
+
+    @cached_property
+    def _bounded_at(self) -> dict[Condition, tuple[float, ...]]:
+        """Points at which a limit is a bound of a variable and needs no row."""
+        taus = tuple(self.scheme.inputs.taus.tolist())
+        return {c: taus if c.depends_on("input") else (1.0,) for c in self.limit_owners}
+
+    def _start_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
+        """Rows at the start, with the interval on which they stand."""
+        unknowns = self.unknowns()
+        interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
+        groups = self.scheme.start_rows(interval, self.reduced_scales)
+        if self.scheme.inputs.joined and self.scheme.stages[0] == 0:
+            equalities = [c for c in self._path_at_stages if c.equality]
+            groups += self._conditions(equalities, at, unknowns, 0.0)
+        if self.initial is not None:
+            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales)
+            groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
+        return [(unknowns, groups, 0)] if groups else []
+
+    def _place_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
+        """Conditions at waypoints and at the end, with the intervals that they end."""
+        points = [int(np.sum(self._segment <= k)) for k in range(len(self.phase.waypoints))]
+        places: list[tuple[str, Sequence[Condition], int]] = [
+            (f"waypoint {k + 1}", w.conditions, points[k]) for k, w in enumerate(self.phase.waypoints)
+        ]
+        result = []
+        for name, conditions, point in [*places, ("final", self.final, self.count)]:
+            if conditions:
+                unknowns = self.unknowns()
+                at = self.scheme.end(unknowns.interval)
+                result.append((unknowns, self._conditions(conditions, at, unknowns, 1.0, f"{name}: "), point - 1))
+        return result
+
+    def time_blocks(self, given: ca.SX) -> list[Block]:
+        """Order of the free times of waypoints."""
+        if self.time_count < 3:
+            return []
+        times = ca.SX.sym("m", self.time_count)
+        count = self.time_count - 1
+        names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
+        labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
+        gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
+        rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
+        piece = Piece(times, ca.SX(0, 1), given, stack([rows]), ca.SX(0), self.time_index[:, None])
+        return [Block(piece, [rows], ((),))]
+
+    # --- bounds of the variables ----------------------------------------------------------
+    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
+        scheme, mechanism = self.scheme, self.phase.mechanism
+        n, bounds = scheme.eom.q.numel(), []
+        for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
+            u, z = ([getattr(x, name) for x in symbols] for symbols in (mechanism.inputs, mechanism.states))
+            point = np.r_[np.full(2 * n, infinite), z, u if scheme.inputs.joined else []]
+            point = np.r_[point, np.full(self.point_size - point.size, infinite)]
+            inner = np.full(scheme.interval_size, infinite)
+            inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
+            times = [span[side] for span in self.phase.time_spans][: self.time_count]
+            bound = np.r_[np.tile(np.r_[point, inner], self.count), point, times] / self.scale
+            if self.initial is None:
+                state = np.r_[start.q[scheme.eom.independent], start.v[scheme.eom.independent], start.z]
+                bound[: state.size] = state / self.point_scale[: state.size]
+            bound[scheme.point_size : self.point_size] = 0.0
+            bounds.append(bound)
+        return bounds[0], bounds[1]
+
+
+def condition_rows(
+    values: dict[Condition, ca.SX], sizes: dict[Condition, float], tau: float, prefix: str = ""
+) -> list[Rows]:
+    """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
+    groups = []
+    lower_sides = {c.opposite for c in values if c.opposite in values}
+    for equality in (True, False):
+        chosen = [c for c in values if c.equality is equality and c not in lower_sides]
+        if chosen:
+            pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
+            group = Rows(
+                ca.vertcat(*[values[c] for c in chosen]),
+                tuple(prefix + c.label for c in chosen),
+                tau,
+                np.array([sizes[c] for c in chosen]),
+                (OWN_UNIT,) * len(chosen),
+                equality,
+                condition=True,
+                spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
+                opposites=tuple(prefix + other.label if other else "" for other in pairs),
+            )
+            groups.append(group)
+    return groups
