@@ -142,7 +142,7 @@ class _Search:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
         solver = Solver(self.problem, Settings.read(*self.settings), parameters, self.initial, self.best)
         counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
-        meshes = [Mesh.equal(counts, phase.setup.path.segment_times) for phase in solver.phases]
+        meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
         is_solution = isinstance(guess, Solution | Shifted)
         solution = best_of(solver, meshes, guesses(solver, starts, guess), warm=is_solution and starts is None)
         return solution if tolerance is None else refine(solver, solution, tolerance)

@@ -7,7 +7,6 @@ from typing import Any
 
 import casadi as ca
 
-from ..equations import Equations
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition
 from ..model.immutable import Immutable
@@ -78,6 +77,9 @@ class OptimalControlProblem(Immutable):
     ):
         phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
         self.phases: tuple[Phase, ...] = (phase,)
+        self.mechanism, self.equations, self.duration = phase.mechanism, phase.equations, phase.duration
+        self.initial, self.final, self.path, self.waypoints = phase.initial, phase.final, phase.path, phase.waypoints
+        self.running_cost = phase.running_cost
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
         refuse_twice(self.free_parameters, "free_parameters=")
         self.terminal_cost = read_cost(terminal_cost, "terminal_cost")
@@ -86,48 +88,6 @@ class OptimalControlProblem(Immutable):
         self._check()
         check_conditions(self)
 
-    # --- of the only phase -------------------------------------------------------------------
-    @property
-    def mechanism(self) -> Mechanism:
-        """Mechanism of the motion."""
-        return self.phases[0].mechanism
-
-    @property
-    def equations(self) -> Equations:
-        """Equations of motion of the mechanism."""
-        return self.phases[0].equations
-
-    @property
-    def duration(self) -> tuple[float, float]:
-        """Limits of the duration, s."""
-        return self.phases[0].duration
-
-    @property
-    def initial(self) -> State | tuple[Condition, ...]:
-        """Conditions at the start, or a state."""
-        return self.phases[0].initial
-
-    @property
-    def final(self) -> State | tuple[Condition, ...]:
-        """Conditions at the end, or a state."""
-        return self.phases[0].final
-
-    @property
-    def path(self) -> tuple[Condition, ...]:
-        """Conditions that hold throughout."""
-        return self.phases[0].path
-
-    @property
-    def running_cost(self) -> ca.SX:
-        """Integrand of the cost."""
-        return self.phases[0].running_cost
-
-    @property
-    def waypoints(self) -> tuple[Waypoint, ...]:
-        """Conditions at times in between."""
-        return self.phases[0].waypoints
-
-    # --- of the whole ------------------------------------------------------------------------
     @property
     def has_free_times(self) -> bool:
         """Whether the duration of a phase or the time of a waypoint is free."""

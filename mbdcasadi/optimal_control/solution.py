@@ -107,7 +107,7 @@ class PhaseSolution:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
         scheme = self.program.scheme
         statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
-        extra = dict(zip(self.program.problem.extra_parameters(self.phase), self._extra.tolist(), strict=True))
+        extra = dict(zip(self.program.extra_parameters, self._extra.tolist(), strict=True))
         return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
 
     @property
@@ -212,7 +212,7 @@ class Solution:
         for k, symbol in enumerate(phase.mechanism.parameters):
             values[k] = self.parameters.get(symbol, values[k])
         numeric = NumericEquations(phase.equations, values)
-        extra = np.array([self.parameters[s] for s in self.problem.extra_parameters(phase)])
+        extra = np.array([self.parameters[s] for s in program.extra_parameters])
         return PhaseSolution(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
 
     @property
@@ -235,21 +235,6 @@ class Solution:
     def mesh_error(self) -> float:
         """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
         return max(phase.mesh_error for phase in self.phases)
-
-    @property
-    def mesh_states(self) -> np.ndarray:
-        """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
-        return self.phases[0].mesh_states
-
-    @property
-    def end_errors(self) -> np.ndarray:
-        """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
-        return self.phases[0].end_errors
-
-    @property
-    def points_per_interval(self) -> int:
-        """Points of :attr:`trajectory` in each interval."""
-        return self.phases[0].points_per_interval
 
     @property
     def redundant(self) -> bool:

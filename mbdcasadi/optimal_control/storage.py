@@ -98,7 +98,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
-    _check_values(path, program, meshes, content)
+    _check_values(path, problem, program, meshes, content)
     statistics = json.loads(str(content["statistics"]))
     for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
         statistics[name] = [kind(**one) for one in statistics[name]]
@@ -117,9 +117,15 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     )
 
 
-def _check_values(path: str | Path, program: MotionProgram, meshes: list[Mesh], content: dict[str, np.ndarray]) -> None:
+def _check_values(
+    path: str | Path,
+    problem: OptimalControlProblem,
+    program: MotionProgram,
+    meshes: list[Mesh],
+    content: dict[str, np.ndarray],
+) -> None:
     """Refuse a solution whose cost or rows are others in this problem."""
-    low, high = program.problem.phases[0].duration
+    low, high = problem.phases[0].duration
     duration = float(content["segment times"][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")

@@ -144,7 +144,7 @@ def test_another_start_uses_what_was_compiled():
         running_cost=u**2,
     )
     mbd.optimize(problem, intervals=10)
-    built = problem.compiled.programs
+    built = dict(problem.compiled.programs)
     second = mbd.optimize(problem, intervals=10, initial=[block.x == 1, block.vx == 0])
     assert second.cost == pytest.approx(12 * 4 / 8, rel=1e-8)
     assert problem.compiled.programs == built

@@ -43,7 +43,7 @@ def test_other_starts_and_parameters_reuse_what_was_compiled(sprung, transcripti
     rel = 1e-7 if transcription == "gauss-legendre" else 1e-4
     first = mbd.optimize(problem, **settings)
     assert first.cost == pytest.approx(least_effort(3.0, 0.0, 1.0, 2.0), rel=rel)
-    built = problem.compiled.programs
+    built = dict(problem.compiled.programs)
     for stiffness, start, speed in ((3.0, 0.5, 0.0), (8.0, 0.0, 0.0), (0.5, -1.0, 2.0), (3.0, 0.0, 0.0)):
         again = mbd.optimize(
             problem, initial=[block.x == start, block.vx == speed], parameters={k: stiffness}, **settings
@@ -59,7 +59,7 @@ def test_a_state_as_the_start(sprung):
     """As a simulation hands it over in model-predictive control."""
     problem, _u, _k, block = sprung
     first = mbd.optimize(problem, intervals=16)
-    built = problem.compiled.programs
+    built = dict(problem.compiled.programs)
     state = first.simulate().state(4)
     again = mbd.optimize(problem, intervals=16, initial=state, guess=first)
     exact = least_effort(3.0, state[block.x], 1.0, 2.0, state[block.vx])

@@ -44,9 +44,9 @@ def ranks_of(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquat
     """Return the ranks for the conditions of a phase; `timed` if a time of the problem may be among the unknowns."""
     timed = timed and problem.has_free_times
     free = [*problem.free_parameters, *([numeric.eom.t] if timed else [])]
-    return problem.compiled.ranks(
-        (phase, timed, numeric.p.tobytes()), lambda: ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
-    )
+    key = phase, timed, numeric.p.tobytes()
+    make = partial(ConditionRank, numeric, ca.vertcat(ca.SX(0, 1), *free))
+    return problem.compiled.ranks.get_or_create(key, make, bounded=True)
 
 
 class ConditionRank:

@@ -10,6 +10,7 @@ import numpy as np
 from ...equations.numeric import LARGE, NumericEquations
 from ...equations.recovery import Recovery
 from ...equations.reduced import ReducedEquations
+from ...numerics.symbolic import substitute
 from ..nlp.scaling import Scales
 
 
@@ -37,7 +38,7 @@ class LeastSquaresLoads:
     def _system(self) -> ca.Function:
         eom = self.eom
         free = ca.vertcat(eom.lam, eom.u)
-        rest = -ca.substitute(eom.motion, free, ca.SX.zeros(free.numel()))
+        rest = -substitute(eom.motion, free, ca.SX.zeros(free.numel()))
         loads = ca.horzcat(eom.Phi_q.T, ca.jacobian(eom.motion, eom.u))
         return ca.Function("loads", [*eom.symbols], [ca.densify(loads), ca.densify(rest)])
 

@@ -15,7 +15,7 @@ from ...numerics.rank import analyse_rank
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
-from ..nlp.solver import PreparedPhase, Solver
+from ..nlp.solver import Solver
 from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
@@ -55,7 +55,7 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
         times = phase.segment_times(duration)
         if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")
-        return _guess(solver, guess_from_other(phase, solver.phases[0].loads, guess, times), "inverse dynamics")
+        return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
     raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
 
 
@@ -66,30 +66,31 @@ def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
 
 def _usual_guess(solver: Solver) -> Guess:
     """The motion through the conditions, or the free motion if there are none and it begins with a speed."""
-    prepared = solver.phases[0]
-    if has_free_path(solver.problem, prepared.phase) and np.any(prepared.start.v):
-        motion = _free_motion(prepared)
+    setup = solver.setups[0]
+    if has_free_path(solver.problem, setup.phase) and np.any(solver.start.v):
+        motion = _free_motion(solver)
         if motion is not None:
-            return _guess(solver, guess_from_motion(motion, prepared.path.segment_times), "free motion")
-    return _guess(solver, kinematic_guess(prepared.loads, prepared.start, prepared.path), "kinematic")
+            return _guess(solver, guess_from_motion(motion, setup.path.segment_times), "free motion")
+    return _guess(solver, kinematic_guess(setup.loads, solver.start, solver.path), "kinematic")
 
 
-def _free_motion(prepared: PreparedPhase) -> Trajectory | None:
+def _free_motion(solver: Solver) -> Trajectory | None:
     """The motion from the start with the inputs' own values; None if it cannot be simulated."""
-    mechanism = prepared.phase.mechanism
-    p = dict(zip(mechanism.parameters, prepared.numeric.p, strict=True))
-    times = np.linspace(0, prepared.path.segment_times[-1], STEPS + 1)
+    setup = solver.setups[0]
+    mechanism = setup.phase.mechanism
+    p = dict(zip(mechanism.parameters, setup.numeric.p, strict=True))
+    times = np.linspace(0, setup.path.segment_times[-1], STEPS + 1)
     try:
         with without_warnings():
-            return simulate(mechanism, times, initial=prepared.start, parameters=p)
+            return simulate(mechanism, times, initial=solver.start, parameters=p)
     except MechanismError:  # a guess through poses does as well
         return None
 
 
 def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour: a few half waves in the free directions of each pose."""
-    prepared = solver.phases[0]
-    numeric, path, scales = prepared.numeric, prepared.path, prepared.setup.scales
+    setup, path = solver.setups[0], solver.path
+    numeric, scales = setup.numeric, setup.scales
     waves = random.integers(1, 4)
     direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
@@ -104,7 +105,7 @@ def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(prepared.loads, prepared.start, replace(path, poses=np.array(moved)))
+    guess = kinematic_guess(setup.loads, solver.start, replace(path, poses=np.array(moved)))
     return _guess(solver, guess, f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
 
 

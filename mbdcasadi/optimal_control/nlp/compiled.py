@@ -13,9 +13,6 @@ import casadi as ca
 from ...model.cache import Cache
 
 if TYPE_CHECKING:
-    from ..checks.condition_rank import ConditionRank
-    from .motion_program import MotionProgram
-    from .setup import PhaseSetup
     from .solver_callback import SolverCallback
 
 #: Programs of a problem that are kept: those of the meshes of a refinement, and some more.
@@ -34,24 +31,12 @@ class CompiledProblem:
     """
 
     def __init__(self) -> None:
-        self._programs, self._setups, self._ranks = Cache(PROGRAMS), Cache(SETUPS), Cache(SETUPS)
-
-    @property
-    def programs(self) -> tuple[MotionProgram, ...]:
-        """Programs that are kept."""
-        return tuple(self._programs.values())
-
-    def program(self, key: Hashable, make: Callable[[], MotionProgram]) -> MotionProgram:
-        """Return the program of a key; make it if there is none."""
-        return self._programs.get_or_create(key, make, bounded=True)
-
-    def setup(self, key: Hashable, make: Callable[[], PhaseSetup]) -> PhaseSetup:
-        """Return the setup of a key; make it if there is none."""
-        return self._setups.get_or_create(key, make, bounded=True)
-
-    def ranks(self, key: Hashable, make: Callable[[], ConditionRank]) -> ConditionRank:
-        """Return the ranks of conditions of a key; make them if there are none."""
-        return self._ranks.get_or_create(key, make, bounded=True)
+        #: programs by what decides them besides the problem
+        self.programs = Cache(PROGRAMS)
+        #: setups of phases whose start is a state, by settings and parameter values
+        self.setups = Cache(SETUPS)
+        #: ranks of conditions, by phase and parameter values
+        self.ranks = Cache(SETUPS)
 
 
 class SolverPool:
@@ -63,6 +48,12 @@ class SolverPool:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverCallback]]] = OrderedDict()
+
+    @property
+    def idle(self) -> int:
+        """Number of solvers that are kept and not in use."""
+        with self._lock:
+            return sum(map(len, self._idle.values()))
 
     @contextmanager
     def lent(

@@ -63,7 +63,10 @@ class EndConditions:
         initial: State | Sequence[Condition],
         path: KinematicPath,
     ):
-        self._problem, self._phase, self._numeric, self._start, self._path = problem, phase, numeric, start, path
+        self._phase, self._numeric, self._start, self._path = phase, numeric, start, path
+        self._free, self._at_end = problem.free_parameters, at_end_alone(problem)
+        self._ranks = ranks_of(problem, phase, numeric, timed=True)
+        self._ranks_at_start = ranks_of(problem, phase, numeric, timed=False)
         self._prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
         self._few_rows = phase.equations.q.numel() * phase.equations.lam.numel() <= LARGE
         self.implied: dict[Condition, float] = {}
@@ -89,7 +92,7 @@ class EndConditions:
         rows = [c for c in on_states(final) if c.equality]
         if not rows or (not self._few_rows and not isinstance(end, State)):
             return final
-        ranks = ranks_of(self._problem, self._phase, self._numeric, timed=True)
+        ranks = self._ranks
         independent = ranks.independent(rows, state, self._prescribed)
         stationary = {c: self._stationary(c) for c in independent if ranks.meets_singular([c], state)}
         kept = [c for c in independent if not stationary.get(c)]
@@ -142,13 +145,13 @@ class EndConditions:
         self._initial_key = tuple(initial)
         if not self._few_rows:
             return list(initial)
-        ranks = ranks_of(self._problem, self._phase, self._numeric, timed=False)
+        ranks = self._ranks_at_start
         begin: Place = (0.0, self._start.q, self._start.v, self._start.z)
         rows = [c for c in on_states(initial) if c.equality]
         kept = ranks.independent(rows, begin, self._prescribed)
         others = [c for c in initial if c not in rows]
         fixed = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, stacked([*self._prescribed, *kept]))
-        if not others and not contains_any(fixed, self._problem.free_parameters):
+        if not others and not contains_any(fixed, self._free):
             if ranks.complete([*self._prescribed, *kept]):  # nothing that is free occurs in the rows
                 self._initial_key = ()
                 return None
@@ -157,14 +160,12 @@ class EndConditions:
 
     def are_singular(self) -> bool:
         """Whether conditions of a place say nothing to first order there, such as at the top of a circle."""
-        problem, phase = self._problem, self._phase
+        phase, ranks, times = self._phase, self._ranks, self._path.segment_times
         if not self._few_rows:
             return False
-        times = self._path.segment_times
-        at_end = [] if isinstance(phase.final, State) else [*self.final, *at_end_alone(problem)]
+        at_end = [] if isinstance(phase.final, State) else [*self.final, *self._at_end]
         places = [(0.0, list(self.initial or [])), (self._duration, at_end)]
         places += [(float(t), list(w.conditions)) for t, w in zip(times[1:-1], phase.waypoints, strict=True)]
-        ranks = ranks_of(problem, phase, self._numeric, timed=True)
         for t, conditions in places:
             rows = [c for c in on_states(conditions) if c.equality]
             q = self._path.pose_at(t)

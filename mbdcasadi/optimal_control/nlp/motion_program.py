@@ -8,7 +8,6 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ...model.conditions import Condition
 from ...results.state import State
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
@@ -45,15 +44,15 @@ class MotionProgram:
     """
 
     def __init__(self, problem: OptimalControlProblem, setups: Sequence[PhaseSetup], meshes: Sequence[Mesh]):
-        self.problem = problem
+        self._free = problem.free_parameters
         expressions = [problem.terminal_cost, *[c.expression for c in problem.boundary]]
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
-        self.placeholders: list[Placeholder] = list(nodes.values())
-        integrals = [p for p in self.placeholders if p.kind == "integral"]
+        placeholders = list(nodes.values())
+        integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases: list[PhaseProgram] = []
         first = 0
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
-            phase = PhaseProgram(number, problem, setup, mesh, integrals, first)
+            phase = PhaseProgram(problem, setup, mesh, integrals, number, first)
             self.phases.append(phase)
             first += phase.size
         free_scale = self.phases[0].free_scale
@@ -63,37 +62,38 @@ class MotionProgram:
         #: size of every variable
         self.scale = np.concatenate([*[phase.scale for phase in self.phases], free_scale])
         given = ca.vertcat(*[phase.given for phase in self.phases])
+        #: typical size of the cost, so that the solver's tolerance means the same in any unit
+        self.cost_scale = self._size_of_cost(problem.terminal_cost)
         blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, given, self.cost_scale)]
-        blocks += self._boundary_blocks(given)
+        blocks += self._boundary_blocks(problem, placeholders, given)
         self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(given)]]
         self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], given)
         self.solvers = SolverPool()
 
-    @cached_property
-    def cost_scale(self) -> float:
-        """Typical size of the cost, so that the solver's tolerance means the same in any unit."""
-        size = 0.0
+    def _size_of_cost(self, terminal: ca.SX) -> float:
+        size, last = 0.0, self.phases[-1]
         for phase in self.phases:
             running = phase.phase.running_cost
             size += 0.0 if running.is_zero() else phase.scales.time * phase.sizes.of_values(running)
-        terminal, last = self.problem.terminal_cost, self.phases[-1]
         if not terminal.is_zero():
             size += last.sizes.of_values(with_values(terminal, last.typical_value))
         return size or 1.0
 
     # --- relations between the ends -------------------------------------------------------
-    def _boundary_blocks(self, given: ca.SX) -> list[Block]:
+    def _boundary_blocks(
+        self, problem: OptimalControlProblem, placeholders: Sequence[Placeholder], given: ca.SX
+    ) -> list[Block]:
         """Boundary conditions and the terminal cost, which see the start and the end."""
-        problem, first, last = self.problem, self.phases[0], self.phases[-1]
+        first, last = self.phases[0], self.phases[-1]
         if problem.terminal_cost.is_zero() and not problem.boundary:
             return []
         begin = first.unknowns()
         end = last.unknowns(begin.free)
         at_start, at_end = first.scheme.start(begin.interval), last.scheme.end(end.interval)
-        symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in self.placeholders])
-        known = {p.node.element_hash(): symbols[k] for k, p in enumerate(self.placeholders)}
+        symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
+        known = {p.node.element_hash(): symbols[k] for k, p in enumerate(placeholders)}
         gained, values = end.next_integrals - begin.integrals, []
-        for p in self.placeholders:
+        for p in placeholders:
             if p.kind == "integral":
                 values.append(gained[next(k for k, x in enumerate(last.integrals) if x is p)])
             elif p.kind == "at_start":
@@ -109,7 +109,8 @@ class MotionProgram:
             return function(*whole.values, end.interval.p, end.extra, ca.vertcat(ca.SX(0, 1), *values))
 
         rows = {c: value(c.expression) for c in problem.boundary}
-        groups = condition_rows(rows, self._boundary_sizes, 1.0, "boundary: ")
+        sizes = last.sizes.of_changes([with_values(c.expression, lambda p: p.expression) for c in rows])
+        groups = condition_rows(rows, dict(zip(rows, sizes, strict=True)), 1.0, "boundary: ")
         cost = value(problem.terminal_cost) / self.cost_scale
         seen = [(0, 0), (len(self.phases) - 1, last.count - 1)]
         places = [first.interval_index([0]), last.interval_index([last.count - 1])]
@@ -118,18 +119,12 @@ class MotionProgram:
         piece = Piece(variables, ca.vertcat(begin.data, end.data), given, stack(groups), cost, index)
         return [Block(piece, groups, (tuple(seen),))]
 
-    @cached_property
-    def _boundary_sizes(self) -> dict[Condition, float]:
-        conditions = self.problem.boundary
-        expressions = [with_values(c.expression, lambda p: p.expression) for c in conditions]
-        return dict(zip(conditions, self.phases[-1].sizes.of_changes(expressions), strict=True))
-
     # --- what enters a solve --------------------------------------------------------------
     def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
         sides = zip(*[phase.bounds(start) for phase in self.phases], strict=True)
-        free, scale = self.problem.free_parameters, self.scale[self.parameter_index]
-        limits = np.array([p.lower for p in free]) / scale, np.array([p.upper for p in free]) / scale
+        scale = self.scale[self.parameter_index]
+        limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         lower, upper = (np.concatenate([*side, limit]) for side, limit in zip(sides, limits, strict=True))
         return lower, upper
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -17,6 +18,7 @@ from ...model.quantities import whole, yes_or_no
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 from ..guess.kinematic_guess import kinematic_path
+from ..guess.least_squares_loads import LeastSquaresLoads
 from ..phase import Phase
 from ..problem import OptimalControlProblem
 from ..transcription import TRANSCRIPTIONS, Transcription
@@ -133,6 +135,11 @@ class PhaseSetup:
     def key(self) -> Hashable:
         """Key of a program of the phase, besides the problem, the settings and the mesh."""
         return self.ends.key, tuple(self.scheme.eom.independent), tuple(self.scheme.rows)
+
+    @cached_property
+    def loads(self) -> LeastSquaresLoads:
+        """Loads and inputs for guesses."""
+        return LeastSquaresLoads(self.numeric, self.scheme.eom, self.scales)
 
     def _bound_scheme(
         self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]

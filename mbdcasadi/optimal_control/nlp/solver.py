@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Hashable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -20,7 +20,6 @@ from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.guess import Guess
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
-from ..guess.least_squares_loads import LeastSquaresLoads
 from ..phase import Phase, read_state_or_conditions
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
@@ -102,42 +101,6 @@ class BestSoFar:
         return Interrupted(f"stopped by the user; {more}", partial=partial)
 
 
-class PreparedPhase:
-    """A phase at the parameters and with the first state of one solve.
-
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to which the phase belongs.
-    setup : PhaseSetup
-        Ends, sizes, transcription; perhaps made for another start.
-    numeric : NumericEquations
-        Equations at the given parameters.
-    start : State
-        First state.
-    """
-
-    def __init__(self, problem: OptimalControlProblem, setup: PhaseSetup, numeric: NumericEquations, start: State):
-        self.problem, self.setup, self.numeric, self.start = problem, setup, numeric, start
-
-    @property
-    def phase(self) -> Phase:
-        """The phase."""
-        return self.setup.phase
-
-    @cached_property
-    def path(self) -> KinematicPath:
-        """Poses from this start on."""
-        if self.start is self.setup.start:
-            return self.setup.path
-        return kinematic_path(self.problem, self.phase, self.numeric, self.start, self.setup.path.segment_times)
-
-    @cached_property
-    def loads(self) -> LeastSquaresLoads:
-        """Loads and inputs for guesses."""
-        return LeastSquaresLoads(self.numeric, self.setup.scheme.eom, self.setup.scales)
-
-
 class Solver:
     """A problem with its parameters and its start, ready to be solved on meshes.
 
@@ -158,8 +121,10 @@ class Solver:
     ----------
     initial : State or tuple of Condition
         Conditions at the start.
-    phases : list of PreparedPhase
-        By phase.
+    start : State
+        First state, as far as the initial conditions decide it.
+    setups : list of PhaseSetup
+        Ends, sizes and transcription by phase; perhaps made for another start.
     """
 
     def __init__(
@@ -177,7 +142,11 @@ class Solver:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
-        self.phases = [self._prepared(phase, values) for phase in problem.phases]
+        numerics = [NumericEquations(x, parameter_vector(x, values)) for x in (p.equations for p in problem.phases)]
+        self.start = first_state(problem, problem.phases[0], numerics[0], self.initial)
+        if isinstance(self.initial, State):
+            check_start(problem, problem.phases[0], numerics[0], self.initial)
+        self.setups = list(map(self._setup, problem.phases, numerics))
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""
@@ -188,27 +157,28 @@ class Solver:
             check_end(self.problem, phase, "initial", conditions)
         return conditions
 
-    def _prepared(self, phase: Phase, values: dict[Any, Any]) -> PreparedPhase:
-        problem = self.problem
-        numeric = NumericEquations(phase.equations, parameter_vector(phase.equations, values))
-        start = first_state(problem, phase, numeric, self.initial)
-
-        def make() -> PhaseSetup:
-            return PhaseSetup(problem, phase, self.settings, numeric, start, self.initial)
-
+    def _setup(self, phase: Phase, numeric: NumericEquations) -> PhaseSetup:
+        """Setup of a phase; starts that are given as states share one."""
+        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial)
         if not isinstance(self.initial, State):
-            return PreparedPhase(problem, make(), numeric, start)
-        check_start(problem, phase, numeric, start)
-        setup = problem.compiled.setup((phase, self.settings.key, numeric.p.tobytes()), make)
-        return PreparedPhase(problem, setup, numeric, start)
+            return make()
+        key = phase, self.settings.key, numeric.p.tobytes()
+        return self.problem.compiled.setups.get_or_create(key, make, bounded=True)
+
+    @cached_property
+    def path(self) -> KinematicPath:
+        """Poses from this start on."""
+        setup = self.setups[0]
+        if self.start is setup.start:
+            return setup.path
+        return kinematic_path(self.problem, setup.phase, setup.numeric, self.start, setup.path.segment_times)
 
     # --- one mesh -------------------------------------------------------------------------
     def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
         """Return the program for a number of intervals, made once and kept."""
-        setups = [phase.setup for phase in self.phases]
-        counts = tuple(mesh.counts for mesh in meshes)
-        key: Hashable = (counts, self.settings.key, tuple(setup.key for setup in setups))
-        return self.problem.compiled.program(key, lambda: MotionProgram(self.problem, setups, meshes))
+        key = tuple(mesh.counts for mesh in meshes), self.settings.key, tuple(setup.key for setup in self.setups)
+        make = partial(MotionProgram, self.problem, self.setups, meshes)
+        return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False) -> Solution:
         """Solve on a mesh.
@@ -223,9 +193,9 @@ class Solver:
         began = clock.perf_counter()
         program = self.transcribe(meshes)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
-        lower, upper = program.bounds(self.phases[0].start)
+        lower, upper = program.bounds(self.start)
         x0 = np.clip(iterate.x if iterate else guess.variables(program, meshes), lower, upper)
-        data = program.data([phase.numeric.p for phase in self.phases], meshes, guess.segment_times)
+        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x0 = program.with_integrals(x0, _rows(program, x0, data))
         warmth = ("hot" if iterate else "warm") if warm else "cold"
@@ -279,7 +249,7 @@ class Solver:
             program,
             self.settings,
             self.initial,
-            [phase.numeric.p for phase in self.phases],
+            [setup.numeric.p for setup in self.setups],
             meshes,
             guess.segment_times,
             x * program.scale,
@@ -290,8 +260,8 @@ class Solver:
 
     def _other_branch(self, solution: Solution) -> OptimizationError | None:
         """The error for an optimum on another branch than the conditions ask for, if it is one."""
-        for phase, part in zip(self.phases, solution.phases, strict=True):
-            for condition, window in phase.setup.ends.implied.items():
+        for setup, part in zip(self.setups, solution.phases, strict=True):
+            for condition, window in setup.ends.implied.items():
                 # a condition at the end may come from a state, and is then none that the user stated
                 at_start = not isinstance(self.initial, State) and condition in self.initial
                 place = part.trajectory.initial if at_start else part.trajectory.final

@@ -1,0 +1,138 @@
+"""One problem solved in several threads at a time."""
+
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import casadi as ca
+import numpy as np
+import pytest
+from motions import crank_rocker, guided_block, half_turn, rest_to_rest
+
+import mbdcasadi as mbd
+from mbdcasadi.numerics.symbolic import simplify, substitute
+
+THREADS = 8
+
+
+def together(calls):
+    """Results of calls that begin at the same moment, each in a thread of its own."""
+    gate = threading.Barrier(len(calls))
+
+    def run(call):
+        gate.wait()
+        return call()
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return [future.result() for future in [pool.submit(run, call) for call in calls]]
+
+
+@pytest.fixture(autouse=True)
+def impatient():
+    """Threads take turns as often as the interpreter lets them."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.parametrize("solved", [False, True])
+def test_eight_threads_find_the_same_optimum(solved):
+    """12 d² / T³ in each, whether anything was compiled before or not; the program is made once."""
+    for _ in range(3):
+        problem, *_ = rest_to_rest(3.0, 2.0)
+        if solved:
+            mbd.optimize(problem, intervals=8)
+        solutions = together([lambda problem=problem: mbd.optimize(problem, intervals=8)] * THREADS)
+        assert [s.cost for s in solutions] == pytest.approx([13.5] * THREADS, rel=1e-9)
+        assert {s.statistics.status for s in solutions} == {"Solve_Succeeded"}
+        assert len(problem.compiled.programs) == 1 and len({id(s.program) for s in solutions}) == 1
+
+
+def test_a_linkage_is_evaluated_and_verified_in_threads():
+    """Loops, trajectories, local errors and verification."""
+    f = crank_rocker()
+    problem = half_turn(f)
+
+    def measures():
+        solution = mbd.optimize(problem, intervals=12)
+        motion = solution.trajectory
+        reaction = np.max(motion[mbd.norm(f.a.reaction_on(f.coupler).force)])
+        return [solution.cost, np.max(motion[f.tau]), reaction, solution.mesh_error, solution.verify().final_error]
+
+    found = np.array(together([measures] * THREADS))
+    np.testing.assert_allclose(found, np.tile(measures(), (THREADS, 1)), rtol=1e-6)
+
+
+def test_each_thread_has_its_own_start_parameters_and_options():
+    """As one after the other, with refinement in some and several starts in others."""
+    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
+    spring = lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]  # noqa: E731
+    block, mechanism = guided_block(1.0, u, parameters=[k], extra=spring)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=2.0,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=u**2,
+    )
+
+    def cost(i):
+        more = [{}, {"tolerance": 1e-7}, {"starts": 2}, {"options": {"ipopt.max_iter": 500}}][i % 4]
+        start = [block.x == 0.1 * i, block.vx == 0]
+        return mbd.optimize(problem, intervals=8, initial=start, parameters={k: 1.0 + i}, **more).cost
+
+    found = together([lambda i=i: cost(i) for i in range(THREADS)])
+    assert found == pytest.approx([cost(i) for i in range(THREADS)], rel=1e-8)
+
+
+def test_a_failure_in_one_thread_leaves_the_others_alone():
+    problem, _u, block = rest_to_rest(3.0, 2.0, lower=-8, upper=8)
+
+    def attempt(end):
+        try:
+            return mbd.optimize(problem, intervals=8, initial=[block.x == end, block.vx == 0]).cost
+        except mbd.OptimizationError as error:
+            return str(error)
+
+    found = together([lambda i=i: attempt(-100.0 if i % 2 else 0.0) for i in range(THREADS)])
+    assert found[::2] == pytest.approx([13.5] * (THREADS // 2), rel=1e-9)
+    assert all("infeasible" in text for text in found[1::2])
+
+
+def test_problems_are_made_in_threads():
+    """Of one mechanism, whose equations are derived once."""
+    f = crank_rocker()
+    problems = together([lambda: half_turn(f)] * THREADS)
+    assert len({id(problem.equations) for problem in problems}) == 1
+    costs = together([lambda p=p: mbd.optimize(p, intervals=8).cost for p in problems])
+    assert costs == pytest.approx([costs[0]] * THREADS, rel=1e-10)
+
+
+def test_solvers_are_lent_to_one_solve_at_a_time():
+    """One solver serves solves one after the other, and as many as run at a time are made."""
+    problem, *_ = rest_to_rest(3.0, 2.0)
+    for _ in range(3):
+        solution = mbd.optimize(problem, intervals=6)
+    assert solution.program.solvers.idle == 1
+    together([lambda: mbd.optimize(problem, intervals=6)] * THREADS)
+    assert 1 <= solution.program.solvers.idle <= THREADS
+
+
+def test_expressions_are_substituted_in_threads():
+    """Which CasADi itself does not do safely."""
+    x = ca.SX.sym("x", 4)
+    whole = x[0]
+    for k in range(40):
+        whole = ca.sin(whole) * x[k % 4] + k / 7
+    expected = float(ca.substitute(whole, x, ca.SX([1, 2, 3, 4])))
+
+    def work():
+        values = []
+        for _ in range(60):
+            values.append(float(substitute(whole, x, ca.SX([1, 2, 3, 4]))))
+            simplify(whole + 0)
+        return values
+
+    for values in together([work] * THREADS):
+        assert values == pytest.approx([expected] * 60, rel=1e-12)
