@@ -10,7 +10,7 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
-from ..model.conditions import Condition
+from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.lists import entries
 from ..model.mechanism import Mechanism
@@ -19,7 +19,6 @@ from ..model.rates import time_derivative
 from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
 from ..printing import to_text
 from ..results.state import State
-from .placeholders import read_marked_conditions
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
 BEYOND_STATES = ("acceleration", "multiplier", "input", "input rate")
@@ -49,7 +48,7 @@ class Waypoint(Immutable):
 
     def __init__(self, time: Any, conditions: Any = ()):
         self.time = _time_span(time, "Waypoint", "time")
-        self.conditions: tuple[Condition, ...] = read_marked_conditions(conditions)
+        self.conditions: tuple[Condition, ...] = read_conditions(conditions)
 
     def __repr__(self) -> str:
         low, high = self.time
@@ -69,9 +68,9 @@ class Phase(Immutable):
     duration : float or (float, float)
         Time of the phase, s; two numbers: free between them.
     initial, final : sequence of relations, or State
-        Conditions at the start and at the end; what is not stated is free, a state fixes everything.
+        Conditions at the start and at the end; a state fixes everything, anything not stated is free.
     path : sequence of relations
-        Conditions that hold throughout.
+        Conditions that hold throughout the phase.
     running_cost : expression
         Integrand of the cost.
     waypoints : sequence of Waypoint
@@ -103,7 +102,7 @@ class Phase(Immutable):
         self.duration = _time_span(duration, what, "duration")
         self.initial = read_state_or_conditions(initial, mechanism)
         self.final = read_state_or_conditions(final, mechanism)
-        self.path = read_marked_conditions(path)
+        self.path = read_conditions(path)
         self.running_cost = read_cost(running_cost, "running_cost")
         self.waypoints = _read_waypoints(waypoints, self.duration)
 
@@ -119,7 +118,7 @@ class Phase(Immutable):
 
     @property
     def has_free_times(self) -> bool:
-        """Whether the duration or the time of a waypoint is free."""
+        """True if the duration or the time of a waypoint is free."""
         return any(low < high for low, high in self.time_spans)
 
     @property
@@ -169,13 +168,13 @@ def with_rates(conditions: Sequence[Condition]) -> list[Condition]:
 
 
 def contains_any(expression: ca.SX, symbols: Sequence[ca.SX]) -> bool:
-    """Whether one of the symbols occurs in an expression."""
+    """Return True if one of the symbols occurs in an expression."""
     known = {s.element_hash() for s in symbols}
     return bool(known) and any(s.element_hash() in known for s in symbols_of(expression))
 
 
 def _prescribes_motion(condition: Condition) -> bool:
-    """Whether an equality is one in positions, or linear in velocities, and so can be differentiated.
+    """Return True if an equality is one in positions, or linear in velocities, and so can be differentiated.
 
     Imposed at stages alone such a condition would be a differential-algebraic
     equation of higher index, for which collocation at Gauss points is unstable:
@@ -204,7 +203,7 @@ def read_cost(cost: Any, name: str) -> ca.SX:
 def read_state_or_conditions(end: Any, mechanism: Mechanism) -> State | tuple[Condition, ...]:
     """Return conditions at the start or at the end, or a state of the mechanism, which fixes everything."""
     if not isinstance(end, State):
-        return read_marked_conditions(end)
+        return read_conditions(end)
     theirs, ours = equations(end.mechanism), equations(mechanism)
     for one, other in ((theirs.q, ours.q), (theirs.z, ours.z)):
         hashes = ([s.element_hash() for s in ca.vertsplit(x)] for x in (one, other))

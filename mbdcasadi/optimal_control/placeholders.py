@@ -6,14 +6,14 @@ that says which value is meant. A placeholder therefore lives exactly as long as
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
-from ..errors import ExpressionError
-from ..model.conditions import Bounded, Condition, read_conditions
 from ..model.quantities import quantity
 from ..model.symbols import register, role_of, symbols_of
 from ..printing import to_text
@@ -46,7 +46,7 @@ class Placeholder:
     @property
     def label(self) -> str:
         """Text as the user wrote it."""
-        return f"{self.kind}({to_text(self.expression)})"
+        return str(to_text(self.node))
 
 
 class _Marked(ca.SX):
@@ -55,16 +55,14 @@ class _Marked(ca.SX):
     def __init__(self, kind: str, expression: Any):
         inner = ca.SX(quantity(expression, kind, "expression"))
         super().__init__(ca.SX.binary(_MARKED, inner, MARKERS[kind]))
-        self._label = f"{kind}({to_text(inner)})"
 
     def __hash__(self) -> int:
         return self.element_hash()
 
-    def __str__(self) -> str:
-        return self._label
-
     def __repr__(self) -> str:
-        return self._label
+        return str(to_text(self))
+
+    __str__ = __repr__
 
 
 def integral(expression: Any) -> ca.SX:
@@ -101,7 +99,7 @@ def at_end(expression: Any) -> ca.SX:
 
 
 def is_marker(symbol: ca.SX) -> bool:
-    """Whether a symbol marks placeholders."""
+    """Return True if a symbol marks placeholders."""
     role = role_of(symbol)
     return role is not None and role.kind == "placeholder"
 
@@ -131,7 +129,8 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
     stack = [expression]
     while stack:
         node = stack[-1]
-        key, operands = node.element_hash(), [node.dep(k) for k in range(node.n_dep())]
+        key, source = node.element_hash(), node.dep(0) if node.is_output() else node
+        operands = [source.dep(k) for k in range(source.n_dep())]
         missing = [x for x in operands if x.element_hash() not in known]
         if key in known:
             pass
@@ -149,32 +148,13 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
 
 
 def _with_operands(node: ca.SX, old: list[ca.SX], new: list[ca.SX]) -> ca.SX:
-    """The operation of a node on other operands."""
+    """The operation of a node, or the compiled function of which it is an output, on other operands."""
     if all(a.element_hash() == b.element_hash() for a, b in zip(old, new, strict=True)):
         return node
-    if node.op() in (ca.OP_CALL, ca.OP_OUTPUT):
-        raise ExpressionError(
-            "a compiled function is applied to at_start(…), at_end(…) or integral(…); write it inside the brackets"
-        )
+    if node.is_output():
+        function = node.dep(0).which_function()
+        ends = np.cumsum([0, *(function.nnz_in(k) for k in range(function.n_in()))]).tolist()
+        parts = [ca.vertcat(ca.SX(0, 1), *new[first:last]) for first, last in itertools.pairwise(ends)]
+        outputs = function.call([ca.SX(function.sparsity_in(k), part) for k, part in enumerate(parts)])
+        return ca.vertcat(*[ca.vec(x.nz[:]) for x in outputs])[node.which_output()]
     return ca.SX.unary(node.op(), *new) if len(new) == 1 else ca.SX.binary(node.op(), *new)
-
-
-def read_marked_conditions(conditions: Any) -> tuple[Condition, ...]:
-    """Read conditions as ``read_conditions`` does; labels name placeholders as the user wrote them."""
-    single = isinstance(conditions, ca.SX | Bounded | str | dict) or not isinstance(conditions, Iterable)
-    entries = conditions if single else list(conditions)
-    rows = read_conditions(entries)
-    if not any(map(is_marker, (s for row in rows for s in row.symbols))):
-        return rows
-    named = read_conditions([_named(entry) for entry in ([entries] if single else entries)])
-    result: dict[Condition | None, Condition] = {}
-    for row, other in zip(rows, named, strict=True):
-        result[row] = row if row is other else replace(row, label=other.label, opposite=result.get(row.opposite))
-    return tuple(result.values())
-
-
-def _named(entry: Any) -> Any:
-    """A relation with symbols in place of placeholders, for its label."""
-    if isinstance(entry, Bounded):
-        return Bounded(_named(entry.lower), _named(entry.expression), _named(entry.upper))
-    return with_values(entry, lambda p: ca.SX.sym(p.label)) if isinstance(entry, ca.SX) else entry

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ExpressionError, ModelError
-from ..model.conditions import Condition
+from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.lists import listed, refuse_twice
 from ..model.mechanism import Mechanism
@@ -17,7 +17,7 @@ from ..results.state import State
 from .checks.consistency import check_conditions
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, Waypoint, read_cost
-from .placeholders import is_marker, placeholders_in, read_marked_conditions
+from .placeholders import is_marker, placeholders_in
 
 
 class OptimalControlProblem(Immutable):
@@ -83,18 +83,18 @@ class OptimalControlProblem(Immutable):
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
         refuse_twice(self.free_parameters, "free_parameters=")
         self.terminal_cost = read_cost(terminal_cost, "terminal_cost")
-        self.boundary = read_marked_conditions(boundary)
+        self.boundary = read_conditions(boundary)
         self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
 
     @property
     def has_free_times(self) -> bool:
-        """Whether the duration of a phase or the time of a waypoint is free."""
+        """True if the duration of a phase or the time of a waypoint is free."""
         return any(phase.has_free_times for phase in self.phases)
 
     def has_input_rates(self, initial: State | Sequence[Condition]) -> bool:
-        """Whether a rate of an input occurs in it, or in conditions at its start."""
+        """Return True if a rate of an input occurs in the problem, or in conditions at its start."""
         start = [] if isinstance(initial, State) else initial
         conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
         costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
@@ -102,7 +102,7 @@ class OptimalControlProblem(Immutable):
         return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
 
     def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
-        """Free parameters that the mechanism of a phase does not have."""
+        """Return the free parameters that the mechanism of a phase does not have."""
         known = phase.mechanism.parameters
         return tuple(p for p in self.free_parameters if not any(p is other for other in known))
 

@@ -98,7 +98,7 @@ class PhaseSolution:
 
     @property
     def redundant(self) -> bool:
-        """Whether constraint rows were left out because others imply them."""
+        """True if constraint rows were left out because others imply them."""
         scheme = self.program.scheme
         return len(scheme.rows) < scheme.eom.lam.numel()
 
@@ -238,7 +238,7 @@ class Solution:
 
     @property
     def redundant(self) -> bool:
-        """Whether constraint rows were left out because others imply them: reactions are not unique."""
+        """True if constraint rows were left out because others imply them: reactions are not unique."""
         return any(phase.redundant for phase in self.phases)
 
     def state(self, index: int) -> State:

@@ -30,8 +30,8 @@ def save(solution: Solution, path: str | Path) -> None:
     program, part, scheme = solution.program, solution.phases[0], solution.settings.transcription
     if type(scheme) not in TRANSCRIPTIONS.values():
         raise ModelError(
-            f"save: the solution was found by the transcription {scheme.name!r}, which is no part of the "
-            "package and so is not known where the file is read; save solution.trajectory, which can be a guess too"
+            f"save: the solution was found by the transcription {scheme.name!r}, which is not part of the "
+            "package, and not known when the file is read; save solution.trajectory, which can be a guess too"
         )
     settings = {"transcription": scheme.name, "degree": scheme.degree, "control": solution.settings.control}
     content: dict[str, Any] = {

@@ -77,7 +77,7 @@ def test_a_class_of_the_package_is_its_name(turn):
 
 def test_is_not_saved_by_name(turn, tmp_path):
     own = mbd.optimize(turn, intervals=10, transcription=Midpoint)
-    with pytest.raises(mbd.ModelError, match=r"'midpoint', which is no part of the package.*save solution.trajectory"):
+    with pytest.raises(mbd.ModelError, match=r"'midpoint', which is not part of the package.*save solution.trajectory"):
         own.save(tmp_path / "own.npz")
     own.trajectory.save(tmp_path / "motion.npz")
     assert not (tmp_path / "own.npz").exists()

@@ -112,7 +112,7 @@ class ConditionRank:
         return rows - rows @ span.T @ span
 
     def fixed(self, conditions: Sequence[Condition], others: Sequence[Condition] = ()) -> list[bool]:
-        """Whether each condition depends on the constraints, and on other conditions, at every state."""
+        """Return for each condition whether it depends on the constraints, and on other conditions, at every state."""
         if not conditions or not self.states:
             return [False] * len(conditions)
         result = np.ones(len(conditions), bool)
@@ -135,7 +135,7 @@ class ConditionRank:
     def independent(
         self, conditions: Sequence[Condition], state: Place, others: Sequence[Condition] = ()
     ) -> list[Condition]:
-        """Conditions independent of other ones: those on positions first, of these the steepest at a state."""
+        """Conditions that are independent of others: those on positions first, of these the steepest at a state."""
         if self.count(conditions, others) == len(conditions):
             return list(conditions)
         kept: list[Condition] = []
@@ -154,12 +154,12 @@ class ConditionRank:
         return [c for c in conditions if c in kept]
 
     def meets_singular(self, conditions: Sequence[Condition], state: Place) -> bool:
-        """Whether conditions that are independent elsewhere depend on the constraints at a state: atop a circle."""
+        """Return True if conditions depend on the constraints at this state, though not elsewhere: atop a circle."""
         left = np.linalg.svd(self._rest(conditions, state, self.span(state)), compute_uv=False)
         return len(left) < len(conditions) or bool(np.min(left, initial=1.0) < SINGULARITY_TOLERANCE)
 
     def complete(self, conditions: Sequence[Condition]) -> bool:
-        """Whether conditions and constraints together decide the whole state, but for the branch."""
+        """Return True if conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
 
     def value_under(self, limit: Condition, rows: Sequence[Condition]) -> float | None:

@@ -37,7 +37,7 @@ class Iterate:
     lam_g: np.ndarray
 
     def belongs_to(self, program: MotionProgram, meshes: Sequence[Mesh]) -> bool:
-        """Whether it is an iterate of a program on a mesh."""
+        """Return True if it is an iterate of a program on a mesh."""
         return self.program is program and all(map(Mesh.is_same, self.meshes, meshes))
 
 

@@ -101,7 +101,7 @@ def kinematic_path(
 
 
 def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
-    """Whether no condition after the start contains positions: the motion may go anywhere."""
+    """Return True if no condition after the start contains positions: the motion may go anywhere."""
     if isinstance(phase.final, State):
         return False
     later = [*phase.conditions, *problem.boundary]

@@ -78,6 +78,6 @@ def _linear(eom: ReducedEquations, conditions: Sequence[Condition], x: ca.SX) ->
 
 
 def _is_solved(matrix: np.ndarray, x: np.ndarray, right: np.ndarray) -> bool:
-    """Whether ``A x + r = 0`` up to rounding."""
+    """Return True if ``A x + r = 0`` up to rounding."""
     terms = 1 + np.abs(matrix) @ np.abs(x) + np.abs(right)
     return bool(np.all(np.abs(matrix @ x + right) <= LINEAR_TOLERANCE * terms))

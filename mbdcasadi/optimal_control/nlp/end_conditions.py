@@ -159,7 +159,7 @@ class EndConditions:
         return [*kept, *others, *self._windows(rows, kept, ranks)]
 
     def are_singular(self) -> bool:
-        """Whether conditions of a place say nothing to first order there, such as at the top of a circle."""
+        """Return True if conditions of a place say nothing to first order there, such as at the top of a circle."""
         phase, ranks, times = self._phase, self._ranks, self._path.segment_times
         if not self._few_rows:
             return False

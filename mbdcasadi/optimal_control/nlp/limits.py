@@ -111,7 +111,7 @@ def _of_start(solution: Solution) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class _Bound:
-    """A limit of an input or a first-order state where it is the bound of a variable."""
+    """A limit of an input or a first-order state that is the bound of a variable."""
 
     label: str
     sign: int

@@ -61,13 +61,13 @@ class MotionProgram:
         self.parameter_index = np.arange(first, self.size)
         #: size of every variable
         self.scale = np.concatenate([*[phase.scale for phase in self.phases], free_scale])
-        given = ca.vertcat(*[phase.given for phase in self.phases])
+        p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
         self.cost_scale = self._size_of_cost(problem.terminal_cost)
-        blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, given, self.cost_scale)]
-        blocks += self._boundary_blocks(problem, placeholders, given)
-        self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(given)]]
-        self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], given)
+        blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
+        blocks += self._boundary_blocks(problem, placeholders, p)
+        self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
+        self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
         self.solvers = SolverPool()
 
     def _size_of_cost(self, terminal: ca.SX) -> float:
@@ -81,7 +81,7 @@ class MotionProgram:
 
     # --- relations between the ends -------------------------------------------------------
     def _boundary_blocks(
-        self, problem: OptimalControlProblem, placeholders: Sequence[Placeholder], given: ca.SX
+        self, problem: OptimalControlProblem, placeholders: Sequence[Placeholder], p: ca.SX
     ) -> list[Block]:
         """Boundary conditions and the terminal cost, which see the start and the end."""
         first, last = self.phases[0], self.phases[-1]
@@ -91,32 +91,32 @@ class MotionProgram:
         end = last.unknowns(begin.free)
         at_start, at_end = first.scheme.start(begin.interval), last.scheme.end(end.interval)
         symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
-        known = {p.node.element_hash(): symbols[k] for k, p in enumerate(placeholders)}
+        known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
         gained, values = end.next_integrals - begin.integrals, []
-        for p in placeholders:
-            if p.kind == "integral":
-                values.append(gained[next(k for k, x in enumerate(last.integrals) if x is p)])
-            elif p.kind == "at_start":
-                values.append(first.value(p.expression, at_start, begin))
+        for x in placeholders:
+            if x.kind == "integral":
+                values.append(gained[next(k for k, other in enumerate(last.integrals) if other is x)])
+            elif x.kind == "at_start":
+                values.append(first.value(x.expression, at_start, begin))
             else:
-                values.append(last.value(p.expression, at_end, end))
+                values.append(last.value(x.expression, at_end, end))
         whole = last.scheme.expanded(at_end, end.interval.p)
 
         def value(expression: ca.SX) -> ca.SX:
             """An expression with values for its placeholders; other symbols are taken at the end."""
-            named = with_values(expression, lambda p: known[p.node.element_hash()])
+            named = with_values(expression, lambda x: known[x.node.element_hash()])
             function = ca.Function("boundary", [*last.arguments, symbols], [named])
             return function(*whole.values, end.interval.p, end.extra, ca.vertcat(ca.SX(0, 1), *values))
 
         rows = {c: value(c.expression) for c in problem.boundary}
-        sizes = last.sizes.of_changes([with_values(c.expression, lambda p: p.expression) for c in rows])
+        sizes = last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in rows])
         groups = condition_rows(rows, dict(zip(rows, sizes, strict=True)), 1.0, "boundary: ")
         cost = value(problem.terminal_cost) / self.cost_scale
         seen = [(0, 0), (len(self.phases) - 1, last.count - 1)]
         places = [first.interval_index([0]), last.interval_index([last.count - 1])]
         index = np.r_[places[0].ravel(), places[1].ravel(), self.parameter_index][:, None]
         variables = ca.vertcat(begin.variables, end.variables, begin.free)
-        piece = Piece(variables, ca.vertcat(begin.data, end.data), given, stack(groups), cost, index)
+        piece = Piece(variables, ca.vertcat(begin.data, end.data), p, stack(groups), cost, index)
         return [Block(piece, groups, (tuple(seen),))]
 
     # --- what enters a solve --------------------------------------------------------------
@@ -166,7 +166,7 @@ class MotionProgram:
 
     @property
     def has_integrals(self) -> bool:
-        """Whether integrals are among the variables."""
+        """True if integrals are among the variables."""
         return any(phase.integrals for phase in self.phases)
 
     def with_integrals(self, x: np.ndarray, rows: np.ndarray) -> np.ndarray:

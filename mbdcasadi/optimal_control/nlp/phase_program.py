@@ -125,8 +125,8 @@ class PhaseProgram:
         self.time_count = len(self.phase.waypoints) + 2 if problem.has_free_times else 0
         self.free_scale = np.array([parameter_size(p.value, p.lower, p.upper) for p in self._free])
         self.size = self.count * self.stride + self.point_size + self.time_count
-        #: parameters of the mechanism that are given
-        self.given = ca.SX.sym("p", eom.p.numel())
+        #: parameters of the mechanism, of which free ones are not used
+        self.p = ca.SX.sym("p", eom.p.numel())
         self.initial, self.final = setup.ends.initial, setup.ends.final
         self._functions: dict[tuple[Condition, ...], ca.Function] = {}
 
@@ -190,7 +190,7 @@ class PhaseProgram:
 
     def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Parameters of the mechanism with the free ones substituted, and free parameters that it does not have."""
-        p, extra = ca.SX(self.given), []
+        p, extra = ca.SX(self.p), []
         for k, symbol in enumerate(self._free):
             place = next((i for i, x in enumerate(self.phase.mechanism.parameters) if x is symbol), None)
             if place is None:
@@ -243,24 +243,24 @@ class PhaseProgram:
         return dict(zip(limits, sizes, strict=True)) | dict(zip(equalities, changes, strict=True))
 
     # --- blocks ---------------------------------------------------------------------------
-    def blocks(self, parameters: np.ndarray, given: ca.SX, cost_scale: float) -> list[Block]:
+    def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:
         """Intervals, then start, waypoints and end.
 
         Parameters
         ----------
-        parameters : numpy.ndarray
+        free_index : numpy.ndarray
             Places of the free parameters.
-        given : casadi.SX
-            Parameters of all phases that are given.
+        p : casadi.SX
+            Parameters of the mechanisms of all phases.
         cost_scale : float
             Size of the cost, by which it is divided.
         """
 
         def block(unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int], **more: Any) -> Block:
-            free = np.tile(parameters[:, None], (1, len(intervals)))
+            free = np.tile(free_index[:, None], (1, len(intervals)))
             index = np.vstack([self.interval_index(intervals), free])
             variables = ca.vertcat(unknowns.variables, unknowns.free)
-            piece = Piece(variables, unknowns.data, given, stack(groups), cost / cost_scale, index)
+            piece = Piece(variables, unknowns.data, p, stack(groups), cost / cost_scale, index)
             copies = tuple(((self.number, i),) for i in intervals)
             return Block(piece, [g for g in groups if g.labels], copies, **more)
 
@@ -297,7 +297,7 @@ class PhaseProgram:
         jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
         place(jumping, start, 0.0)
         for tau, at in zip(scheme.stages.tolist(), points, strict=True):
-            # where inputs are joined, the end of the interval before has the row at the start
+            # if inputs are joined, the end of the interval before has the row at the start
             here = equalities if tau > 0 or not scheme.inputs.joined else []
             place([*here, *(limits if 0 < tau < 1 else [])], at, tau)
         place(limits, end, 1.0)
@@ -342,7 +342,7 @@ class PhaseProgram:
                 result.append((unknowns, self._conditions(conditions, at, unknowns, 1.0, f"{name}: "), point - 1))
         return result
 
-    def time_blocks(self, given: ca.SX) -> list[Block]:
+    def time_blocks(self, p: ca.SX) -> list[Block]:
         """Order of the free times of waypoints."""
         if self.time_count < 3:
             return []
@@ -352,7 +352,7 @@ class PhaseProgram:
         labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
         gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
         rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
-        piece = Piece(times, ca.SX(0, 1), given, stack([rows]), ca.SX(0), self.time_index[:, None])
+        piece = Piece(times, ca.SX(0, 1), p, stack([rows]), ca.SX(0), self.time_index[:, None])
         return [Block(piece, [rows], ((),))]
 
     # --- bounds of the variables ----------------------------------------------------------

@@ -210,7 +210,7 @@ class Solver:
                     answer = solver(**arguments)
                 stats = solver.stats()
                 seconds = clock.perf_counter() - began
-                # CasADi leaves the count open where IPOPT refuses to begin
+                # CasADi leaves the count open if IPOPT refuses to begin
                 iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
                 statistics = SolveStatistics(
                     iterations, status, seconds, built - began, program.size, program.lower.size

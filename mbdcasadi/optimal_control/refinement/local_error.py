@@ -81,7 +81,7 @@ def state_errors(part: PhaseSolution) -> np.ndarray:
 
 
 def inner_errors(part: PhaseSolution) -> np.ndarray:
-    """Largest errors inside the intervals to first order (N, 2 n), where accelerations differ from those of the forces.
+    """Largest errors inside the intervals to first order (N, 2 n), by the accelerations that the forces do not give.
 
     With the difference r at a point s of an interval of length h: ``h ∫ r ds`` in
     the velocities and ``h² ∫∫ r ds ds`` in the coordinates. At the ends of the

@@ -57,7 +57,7 @@ class Mesh:
         return np.concatenate([np.diff(fractions) for fractions in self.segments])
 
     def is_same(self, other: Mesh) -> bool:
-        """Whether another mesh has the same points."""
+        """Return True if another mesh has the same points."""
         return self.counts == other.counts and all(map(np.array_equal, self.segments, other.segments))
 
     def times(self, segment_times: np.ndarray) -> np.ndarray:
