@@ -19,7 +19,7 @@ from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, role_of, symbols_of
 from ..model.symbols import t as time
-from ..numerics.symbolic import substitute
+from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
 from .saddle import SaddlePoint, forward_dynamics
 
@@ -119,7 +119,7 @@ class Equations:
         jacobian_q = ca.jacobian(self.Phi, self.q)
         jacobian_v = ca.jacobian(self.velocity_rows, self.v)
         order = np.argsort(np.r_[self.position_rows, np.flatnonzero(~flags)], kind="stable")
-        rest = substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
+        rest = ca.substitute(self.velocity_rows, self.v, ca.SX.zeros(self.v.numel()))
         rows = [int(k) for k in order]
         self.Phi_q = ca.vertcat(jacobian_q, jacobian_v)[rows, :] if rows else ca.SX(0, self.q.numel())
         self.nu = ca.vertcat(-ca.jacobian(self.Phi, self.t), -rest)[rows]
@@ -175,6 +175,7 @@ class Equations:
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------
+    @symbolic
     def function(self, expression: Any) -> ca.Function:
         """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``; the most recent ones are kept.
 

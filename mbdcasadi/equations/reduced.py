@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from ..numerics.symbolic import substitute
 from .derivation import Equations
 from .explicit import ExplicitRow, explicit_rows
 
@@ -90,7 +89,7 @@ class ReducedEquations:
     def _derive(self, solved: list[ExplicitRow], places: list[int]) -> None:
         eom, error = self.whole, ca.SX.sym("e", len(solved))
         missed = _coordinates(eom, solved, error)
-        q = substitute(missed, error, ca.SX.zeros(error.numel()))
+        q = ca.substitute(missed, error, ca.SX.zeros(error.numel()))
         v = ca.jtimes(q, ca.vertcat(self.q, self.t), ca.vertcat(self.v, 1))
         a = ca.jtimes(v, ca.vertcat(self.q, self.v, self.t), ca.vertcat(self.v, self.a, 1))
         self._all = [ca.densify(x) for x in (q, v, a)]
@@ -101,13 +100,13 @@ class ReducedEquations:
         self.motion = ca.jtimes(q, self.q, load, True)
         self.Phi_q = rows @ ca.jacobian(q, self.q)
         self.nu = nu - rows @ ca.jacobian(q, self.t)
-        self.gamma = gamma - rows @ substitute(a, self.a, ca.SX.zeros(self.a.numel()))
-        pull = -ca.densify(substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
+        self.gamma = gamma - rows @ ca.substitute(a, self.a, ca.SX.zeros(self.a.numel()))
+        pull = -ca.densify(ca.substitute(ca.jtimes(missed, error, load, True), error, ca.SX.zeros(error.numel())))
         lam = ca.SX(eom.lam)
         if self.explicit:
             lam[self.explicit] = pull
         (z_rate,) = self.of(eom.z_rate)
-        self.z_rate = substitute(z_rate, _some(eom.lam, self.explicit), pull)
+        self.z_rate = ca.substitute(z_rate, _some(eom.lam, self.explicit), pull)
         self.expansion = ca.Function("expansion", [*self.symbols], [ca.densify(x) for x in (q, v, a, lam)])
 
     @property
@@ -132,7 +131,7 @@ class ReducedEquations:
             return expressions
         eom = self.whole
         symbols = [x[self._dependent] for x in (eom.q, eom.v, eom.a)]
-        return substitute(list(expressions), symbols, [x[self._dependent] for x in self._all])
+        return ca.substitute(list(expressions), symbols, [x[self._dependent] for x in self._all])
 
 
 def _some(column: ca.SX, places: list[int]) -> ca.SX:
@@ -147,8 +146,8 @@ def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.
     for one, miss in zip(solved, ca.vertsplit(error), strict=True):
         own = symbols[one.coordinate]
         row = _put_in(rows[one.place], {k: (symbols[k], found[k]) for k in one.given})
-        value = (miss - substitute(row, own, ca.SX(0))) / one.factor
-        found |= {k: substitute(found[k], own, value) for k in one.moved}
+        value = (miss - ca.substitute(row, own, ca.SX(0))) / one.factor
+        found |= {k: ca.substitute(found[k], own, value) for k in one.moved}
         found[one.coordinate] = value
     return ca.vertcat(*[found.get(k, symbol) for k, symbol in enumerate(symbols)])
 
@@ -157,4 +156,4 @@ def _put_in(row: ca.SX, given: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
     if not given:
         return row
     symbols, values = zip(*given.values(), strict=True)
-    return substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))
+    return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))

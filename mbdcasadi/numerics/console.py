@@ -11,9 +11,7 @@ from contextlib import contextmanager, redirect_stderr
 from typing import Any
 
 from ..errors import MechanismWarning
-
-#: Filters of warnings belong to the process: two threads must not change them in turn.
-_WARNING_FILTERS = threading.RLock()
+from .symbolic import LOCK
 
 
 @contextmanager
@@ -29,7 +27,8 @@ def quiet() -> Iterator[None]:
 @contextmanager
 def without_warnings(message: str = "") -> Iterator[None]:
     """Ignore the package's warnings that match a pattern: those of a step whose result is only tried."""
-    with _WARNING_FILTERS, warnings.catch_warnings():
+    # filters belong to the process: two threads must not change them in turn
+    with LOCK, warnings.catch_warnings():
         warnings.filterwarnings("ignore", message, MechanismWarning)
         yield
 

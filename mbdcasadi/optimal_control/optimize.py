@@ -10,6 +10,7 @@ import numpy as np
 from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.symbols import number
+from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import tell_monitors
 from .guess.multistart import best_of, guesses
@@ -105,24 +106,25 @@ def optimize(
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
     best = BestSoFar()
-    search = _Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
-    accuracy = None if tolerance is None else _tolerance(tolerance)
     try:
-        if continuation is None:
-            solution = search.solve(parameters, guess, starts, accuracy)
-        else:
-            steps = read_continuation(problem, continuation, parameters)
+        with LOCK:
+            search = _Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
+            accuracy = None if tolerance is None else _tolerance(tolerance)
+            if continuation is None:
+                solution = search.solve(parameters, guess, starts, accuracy)
+            else:
+                steps = read_continuation(problem, continuation, parameters)
 
-            def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
-                pairs = [*pairs_of(parameters, "parameters="), *values.items()]
-                return search.solve(pairs, near, starts if first else None, accuracy if last else None)
+                def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
+                    pairs = [*pairs_of(parameters, "parameters="), *values.items()]
+                    return search.solve(pairs, near, starts if first else None, accuracy if last else None)
 
-            solution = by_continuation(steps, solve, guess)
-        if accuracy is None and not isinstance(guess, Solution | Shifted):
-            warn_of_coarse_mesh(solution)
-        for part in solution.phases:
-            if any(getattr(element, "monitors", ()) for element in part.phase.mechanism.elements):
-                tell_monitors(part.trajectory)
+                solution = by_continuation(steps, solve, guess)
+            if accuracy is None and not isinstance(guess, Solution | Shifted):
+                warn_of_coarse_mesh(solution)
+            for part in solution.phases:
+                if any(getattr(element, "monitors", ()) for element in part.phase.mechanism.elements):
+                    tell_monitors(part.trajectory)
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution

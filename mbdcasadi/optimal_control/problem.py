@@ -13,6 +13,7 @@ from ..model.immutable import Immutable
 from ..model.lists import listed, refuse_twice
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, describe, role_of, symbols_of
+from ..numerics.symbolic import symbolic
 from ..results.state import State
 from .checks.consistency import check_conditions
 from .nlp.compiled import CompiledProblem
@@ -62,6 +63,7 @@ class OptimalControlProblem(Immutable):
 
     _symbolic = True
 
+    @symbolic
     def __init__(
         self,
         mechanism: Mechanism,
@@ -123,11 +125,10 @@ class OptimalControlProblem(Immutable):
             named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(phase.waypoints, start=1)]
             for name, conditions in named:
                 self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
-            self._check_expression(phase, "running_cost", phase.running_cost, placeholders=False)
-        last = self.phases[-1]
-        self._check_expression(last, "terminal_cost", self.terminal_cost, placeholders=True)
-        for row in self.boundary:
-            self._check_expression(last, f"boundary: {row.label}", row.expression, placeholders=True)
+            self._check_expressions(phase, {"running_cost": phase.running_cost}, placeholders=False)
+        expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
+        expressions |= {"terminal_cost": self.terminal_cost}
+        self._check_expressions(self.phases[-1], expressions, placeholders=True)
         inputs = any(phase.mechanism.inputs for phase in self.phases)
         if not inputs and not self.free_parameters and not self.has_free_times:
             raise ModelError(
@@ -142,23 +143,26 @@ class OptimalControlProblem(Immutable):
         ExpressionError
             Naming the condition and the symbol.
         """
-        for row in conditions:
-            self._check_expression(phase, f"{name}: {row.label}", row.expression, placeholders=False)
+        expressions = {f"{name}: {row.label}": row.expression for row in conditions}
+        self._check_expressions(phase, expressions, placeholders=False)
 
-    def _check_expression(self, phase: Phase, where: str, expression: ca.SX, *, placeholders: bool) -> None:
+    def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, placeholders: bool) -> None:
         groups = (*phase.equations.symbols, phase.input_rates, *self.extra_parameters(phase))
         known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
-        marked = placeholders_in(expression)
-        misplaced = [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked
-        if misplaced:
-            raise ExpressionError(
-                f"{where} contains {misplaced[0].label}, which belongs in boundary= or terminal_cost="
-            )
-        for symbol in symbols_of(expression):
-            if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
-                role = role_of(symbol)
-                hint = "; list it in free_parameters= or in the mechanism" if role and role.kind == "parameter" else ""
-                raise ExpressionError(f"{where} contains {describe(symbol)}, which the mechanism does not have{hint}")
+        for where, expression in expressions.items():
+            marked = placeholders_in(expression)
+            for misplaced in [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked:
+                raise ExpressionError(
+                    f"{where} contains {misplaced.label}, which belongs in boundary= or terminal_cost="
+                )
+            for symbol in symbols_of(expression):
+                if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
+                    role = role_of(symbol)
+                    is_parameter = role is not None and role.kind == "parameter"
+                    hint = "; list it in free_parameters= or in the mechanism" if is_parameter else ""
+                    raise ExpressionError(
+                        f"{where} contains {describe(symbol)}, which the mechanism does not have{hint}"
+                    )
 
     def __repr__(self) -> str:
         low, high = self.duration

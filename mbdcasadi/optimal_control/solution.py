@@ -16,6 +16,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import Parameter, number
+from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from ..simulation.simulate import simulate
@@ -103,6 +104,7 @@ class PhaseSolution:
         return len(scheme.rows) < scheme.eom.lam.numel()
 
     @cached_property
+    @symbolic
     def trajectory(self) -> OptimalMotion:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
         scheme = self.program.scheme
@@ -121,6 +123,7 @@ class PhaseSolution:
         return (len(self.trajectory) - 1) // self.mesh.count
 
     @cached_property
+    @symbolic
     def end_errors(self) -> np.ndarray:
         """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
         return end_errors(self)
@@ -271,10 +274,12 @@ class Solution:
         return Shifted(self, number(time, "shifted", "time"))
 
     # --- verification ---------------------------------------------------------------------
+    @symbolic
     def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Verification:
         """Simulate by IDAS from the first state with the input polynomials of the solution."""
         return verification(self, reltol, abstol)
 
+    @symbolic
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
         """Simulate the mechanism with the inputs of the solution, from other starts or with other parameters."""
         taken = {"times", "duration", "inputs"} & set(settings)
@@ -298,6 +303,7 @@ class Solution:
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property
+    @symbolic
     def costates(self) -> dict[str, np.ndarray | float]:
         """Sensitivities of the cost to limits and conditions, by label.
 
@@ -309,11 +315,13 @@ class Solution:
         return costates(self)
 
     @cached_property
+    @symbolic
     def active_limits(self) -> list[ActiveLimit]:
         """Limits that are active, and when; the costliest first."""
         return active_limits(self)
 
     @cached_property
+    @symbolic
     def limit_excess(self) -> dict[str, float]:
         """Amounts by which limits are passed between the points at which they are held, by label, in their own unit."""
         return limit_excess(self)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileError, ModelError
+from ..numerics.symbolic import symbolic
 from ..results.archives import read_arrays, write_arrays
 from .nlp.motion_program import MotionProgram
 from .nlp.setup import Settings
@@ -51,6 +52,7 @@ def save(solution: Solution, path: str | Path) -> None:
     write_arrays(path, content)
 
 
+@symbolic
 def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
     """Read what ``Solution.save`` wrote.
 

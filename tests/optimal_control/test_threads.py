@@ -4,13 +4,12 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import casadi as ca
 import numpy as np
 import pytest
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.numerics.symbolic import simplify, substitute
+from mbdcasadi.numerics.symbolic import LOCK, numeric_work, symbolic
 
 THREADS = 8
 
@@ -77,10 +76,11 @@ def test_each_thread_has_its_own_start_parameters_and_options():
         running_cost=u**2,
     )
 
+    starts = [[block.x == 0.1 * i, block.vx == 0] for i in range(THREADS)]
+
     def cost(i):
         more = [{}, {"tolerance": 1e-7}, {"starts": 2}, {"options": {"ipopt.max_iter": 500}}][i % 4]
-        start = [block.x == 0.1 * i, block.vx == 0]
-        return mbd.optimize(problem, intervals=8, initial=start, parameters={k: 1.0 + i}, **more).cost
+        return mbd.optimize(problem, intervals=8, initial=starts[i], parameters={k: 1.0 + i}, **more).cost
 
     found = together([lambda i=i: cost(i) for i in range(THREADS)])
     assert found == pytest.approx([cost(i) for i in range(THREADS)], rel=1e-8)
@@ -89,24 +89,32 @@ def test_each_thread_has_its_own_start_parameters_and_options():
 def test_a_failure_in_one_thread_leaves_the_others_alone():
     problem, _u, block = rest_to_rest(3.0, 2.0, lower=-8, upper=8)
 
-    def attempt(end):
+    starts = [[block.x == place, block.vx == 0] for place in (0.0, -100.0)]
+
+    def attempt(start):
         try:
-            return mbd.optimize(problem, intervals=8, initial=[block.x == end, block.vx == 0]).cost
+            return mbd.optimize(problem, intervals=8, initial=start).cost
         except mbd.OptimizationError as error:
             return str(error)
 
-    found = together([lambda i=i: attempt(-100.0 if i % 2 else 0.0) for i in range(THREADS)])
+    found = together([lambda i=i: attempt(starts[i % 2]) for i in range(THREADS)])
     assert found[::2] == pytest.approx([13.5] * (THREADS // 2), rel=1e-9)
     assert all("infeasible" in text for text in found[1::2])
 
 
 def test_problems_are_made_in_threads():
-    """Of one mechanism, whose equations are derived once."""
+    """Of one mechanism, whose equations are derived once; expressions are made before."""
     f = crank_rocker()
-    problems = together([lambda: half_turn(f)] * THREADS)
-    assert len({id(problem.equations) for problem in problems}) == 1
-    costs = together([lambda p=p: mbd.optimize(p, intervals=8).cost for p in problems])
-    assert costs == pytest.approx([costs[0]] * THREADS, rel=1e-10)
+    arguments = dict(
+        initial=[f.o2.angle == 0.5, f.crank.omega == 0],
+        final=[f.o2.angle == 0.5 + np.pi, f.crank.omega == 0],
+        running_cost=f.tau**2,
+    )
+    for _ in range(5):
+        problems = together([lambda: mbd.OptimalControlProblem(f.mechanism, 0.6, **arguments)] * THREADS)
+        assert len({id(problem.equations) for problem in problems}) == 1
+        costs = together([lambda p=p: mbd.optimize(p, intervals=8).cost for p in problems])
+        assert costs == pytest.approx([costs[0]] * THREADS, rel=1e-10)
 
 
 def test_solvers_are_lent_to_one_solve_at_a_time():
@@ -119,20 +127,34 @@ def test_solvers_are_lent_to_one_solve_at_a_time():
     assert 1 <= solution.program.solvers.idle <= THREADS
 
 
-def test_expressions_are_substituted_in_threads():
-    """Which CasADi itself does not do safely."""
-    x = ca.SX.sym("x", 4)
-    whole = x[0]
-    for k in range(40):
-        whole = ca.sin(whole) * x[k % 4] + k / 7
-    expected = float(ca.substitute(whole, x, ca.SX([1, 2, 3, 4])))
+def test_one_thread_at_a_time_works_with_expressions():
+    """But for the time in which it computes with numbers, however deep it stands in such work."""
+    inside, most, entered = [], [], threading.Semaphore(0)
 
-    def work():
-        values = []
-        for _ in range(60):
-            values.append(float(substitute(whole, x, ca.SX([1, 2, 3, 4]))))
-            simplify(whole + 0)
-        return values
+    @symbolic
+    def work(wait):
+        with LOCK:
+            inside.append(1)
+            most.append(len(inside))
+            if wait:
+                inside.pop()
+                with numeric_work():
+                    assert entered.acquire(timeout=20), "nobody else came in"
+                inside.append(1)
+            inside.pop()
+        entered.release()
 
-    for values in together([work] * THREADS):
-        assert values == pytest.approx([expected] * 60, rel=1e-12)
+    together([lambda: work(True), lambda: work(False)])
+    together([lambda: work(False)] * THREADS)
+    assert max(most) == 1
+    assert LOCK.acquire(blocking=False)
+    LOCK.release()
+
+
+def test_numeric_work_outside_of_symbolic_work():
+    with numeric_work():
+        pass
+    with LOCK, pytest.raises(ZeroDivisionError), numeric_work():
+        raise ZeroDivisionError
+    assert LOCK.acquire(blocking=False)
+    LOCK.release()

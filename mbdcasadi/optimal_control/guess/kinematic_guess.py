@@ -22,7 +22,6 @@ from ...model.conditions import Condition, stacked
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest, solve
 from ...numerics.rank import dependent_rows, unit_rows
-from ...numerics.symbolic import substitute
 from ...results.state import State
 from ..phase import BEYOND_STATES, Phase, contains_any
 from ..placeholders import Placeholder, placeholders_in, with_values
@@ -216,7 +215,7 @@ def _on_positions(conditions: Sequence[Condition], extra: Sequence[Any]) -> list
     if not extra:
         return rows
     symbols, values = ca.vertcat(*extra), ca.DM([p.value for p in extra])
-    return [Condition(substitute(c.expression, symbols, values), True, c.label) for c in rows]
+    return [Condition(ca.substitute(c.expression, symbols, values), True, c.label) for c in rows]
 
 
 def _periodic(problem: OptimalControlProblem, phase: Phase, start: State) -> list[Condition]:

@@ -10,7 +10,6 @@ import numpy as np
 from ...equations.numeric import LARGE, NumericEquations
 from ...equations.recovery import Recovery
 from ...equations.reduced import ReducedEquations
-from ...numerics.symbolic import substitute
 from ..nlp.scaling import Scales
 
 
@@ -38,7 +37,7 @@ class LeastSquaresLoads:
     def _system(self) -> ca.Function:
         eom = self.eom
         free = ca.vertcat(eom.lam, eom.u)
-        rest = -substitute(eom.motion, free, ca.SX.zeros(free.numel()))
+        rest = -ca.substitute(eom.motion, free, ca.SX.zeros(free.numel()))
         loads = ca.horzcat(eom.Phi_q.T, ca.jacobian(eom.motion, eom.u))
         return ca.Function("loads", [*eom.symbols], [ca.densify(loads), ca.densify(rest)])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 
 from ...model.cache import Cache
+from ...numerics.symbolic import LOCK
 
 if TYPE_CHECKING:
     from .solver_callback import SolverCallback
@@ -46,13 +46,12 @@ class SolverPool:
     """
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
         self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverCallback]]] = OrderedDict()
 
     @property
     def idle(self) -> int:
         """Number of solvers that are kept and not in use."""
-        with self._lock:
+        with LOCK:
             return sum(map(len, self._idle.values()))
 
     @contextmanager
@@ -60,7 +59,7 @@ class SolverPool:
         self, key: Hashable, make: Callable[[], tuple[ca.Function, SolverCallback]]
     ) -> Iterator[tuple[ca.Function, SolverCallback]]:
         """Lend the solver of a key and its callback, made if none is idle; leaving the context returns it."""
-        with self._lock:
+        with LOCK:
             idle = self._idle.setdefault(key, [])
             self._idle.move_to_end(key)
             while len(self._idle) > OPTION_SETS:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from functools import cached_property, partial
 from typing import Any
 
@@ -15,6 +16,7 @@ from ...equations.numeric import NumericEquations
 from ...errors import Interrupted, ModelError
 from ...model.conditions import Condition
 from ...numerics.console import interruptible, quiet
+from ...numerics.symbolic import numeric_work
 from ...results.state import State
 from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
@@ -142,10 +144,11 @@ class Solver:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
-        numerics = [NumericEquations(x, parameter_vector(x, values)) for x in (p.equations for p in problem.phases)]
-        self.start = first_state(problem, problem.phases[0], numerics[0], self.initial)
+        first, equations = problem.phases[0], [phase.equations for phase in problem.phases]
+        numerics = [NumericEquations(eom, parameter_vector(eom, values)) for eom in equations]
+        self.start = first_state(problem, first, numerics[0], self.initial)
         if isinstance(self.initial, State):
-            check_start(problem, problem.phases[0], numerics[0], self.initial)
+            check_start(problem, first, numerics[0], self.initial)
         self.setups = list(map(self._setup, problem.phases, numerics))
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
@@ -201,12 +204,12 @@ class Solver:
         warmth = ("hot" if iterate else "warm") if warm else "cold"
         if warmth == "warm" and program.violation(_rows(program, x0, data)) > WARM_VIOLATION:
             warmth = "cold"
-        with program.solvers.lent(*self._solver_key(program, warmth)) as (solver, callback):
+        with self._lent_solver(program, warmth) as (solver, callback):
             built = clock.perf_counter()
             arguments = dict(x0=x0, p=data, lbx=lower, ubx=upper, lbg=program.lower, ubg=0.0)
             arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
             with interruptible(raising=False) as interruption:
-                with callback.watching(interruption, self.settings.progress), quiet():
+                with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
                     answer = solver(**arguments)
                 stats = solver.stats()
                 seconds = clock.perf_counter() - began
@@ -229,11 +232,13 @@ class Solver:
             raise error
         return solution
 
-    def _solver_key(self, program: MotionProgram, warmth: str) -> tuple[Hashable, Any]:
-        """Key of a compiled solver of a program, and a function that makes one."""
+    def _lent_solver(
+        self, program: MotionProgram, warmth: str
+    ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
+        """A compiled solver of a program, and its callback."""
         options = self.settings.options
         key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
-        return key, lambda: _make_solver(program, DEFAULTS | WARM_START[warmth], options)
+        return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
 
     def _solution(
         self,

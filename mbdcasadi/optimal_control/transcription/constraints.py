@@ -9,7 +9,6 @@ import numpy as np
 
 from ...equations.reduced import ReducedEquations
 from ...model.conditions import Condition, stacked
-from ...numerics.symbolic import substitute
 from ..nlp.rows import OWN_UNIT, Rows
 from ..nlp.scaling import Scales
 
@@ -52,7 +51,7 @@ class MotionConstraints:
         position_jacobian = ca.jacobian(prescribed, eom.q)
         speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
         self.jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
-        at_rest = substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
+        at_rest = ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
         nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -at_rest)
         bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
         self.gamma = ca.vertcat(eom.gamma[self.rows], bend)

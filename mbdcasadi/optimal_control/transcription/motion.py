@@ -12,7 +12,7 @@ from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
 from ...model.symbols import Parameter
-from ...numerics.symbolic import substitute
+from ...numerics.symbolic import symbolic
 from ...results.trajectory import Statistics, Trajectory
 from ..phase import Phase
 from .base import Transcription
@@ -50,15 +50,16 @@ class OptimalMotion(Trajectory):
         super().__init__(phase.mechanism, t, q, v, a, z, lam, u, p, **more)
         self._phase, self._polynomials, self._extra = phase, polynomials, extra
 
+    @symbolic
     def _compiled(self, expression: ca.SX) -> tuple[ca.Function, tuple[np.ndarray, ...]]:
         if self._extra:
             symbols, values = ca.vertcat(*self._extra), ca.DM(list(self._extra.values()))
-            expression = substitute(expression, symbols, values)
+            expression = ca.substitute(expression, symbols, values)
         rates = self._phase.input_rates
         if not rates.numel() or not ca.depends_on(ca.vec(expression), rates):
             return super()._compiled(expression)
         eom = self.equations
-        eom.function(substitute(expression, rates, ca.SX.zeros(rates.numel())))  # refuses unknown symbols
+        eom.function(ca.substitute(expression, rates, ca.SX.zeros(rates.numel())))  # refuses unknown symbols
         arguments = super()._compiled(ca.SX(0))[1]
         function = ca.Function("expression", [*eom.symbols, rates], [ca.densify(expression)])
         return function, (*arguments, self._polynomials.input_rates(self.t))
