@@ -10,6 +10,7 @@ An analysis therefore holds :data:`LOCK` while it prepares its functions, and gi
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,8 @@ T = TypeVar("T")
 
 #: Held by the thread that works with expressions; it may take it several times.
 LOCK = threading.RLock()
+if hasattr(os, "register_at_fork"):  # a child process must not inherit the lock of a thread that it does not have
+    os.register_at_fork(after_in_child=LOCK._at_fork_reinit)  # type: ignore[attr-defined]
 
 
 def symbolic(function: Callable[P, T]) -> Callable[P, T]:

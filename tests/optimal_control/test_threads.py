@@ -1,5 +1,6 @@
 """One problem solved in several threads at a time."""
 
+import os
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -158,3 +159,28 @@ def test_numeric_work_outside_of_symbolic_work():
         raise ZeroDivisionError
     assert LOCK.acquire(blocking=False)
     LOCK.release()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork processes")
+def test_a_process_that_is_forked_meanwhile_can_optimise():
+    """The child has only the thread that forked, and must not wait for one that holds the lock."""
+    problem, *_ = rest_to_rest(3.0, 2.0)
+    held, done = threading.Event(), threading.Event()
+
+    def hold():
+        with LOCK:
+            held.set()
+            done.wait(60)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    held.wait()
+    child = os.fork()
+    if child == 0:
+        right = abs(mbd.optimize(problem, intervals=4).cost - 13.5) < 1e-6
+        os._exit(0 if right else 1)
+    try:
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    finally:
+        done.set()
+        thread.join()

@@ -89,11 +89,7 @@ def _refuse_fixed_path(problem: OptimalControlProblem, phase: Phase) -> None:
 
 
 def check_end(
-    problem: OptimalControlProblem,
-    phase: Phase,
-    name: str,
-    conditions: Sequence[Condition],
-    time: float | None = None,
+    problem: OptimalControlProblem, phase: Phase, name: str, conditions: Sequence[Condition], time: float | None = None
 ) -> None:
     """Check the conditions at the start, at the end, or at another time of a phase.
 

@@ -57,9 +57,5 @@ def verification(solution: Solution, reltol: float, abstol: float) -> Verificati
     planned = part.trajectory.q[:: part.points_per_interval], part.trajectory.z[:: part.points_per_interval]
     difference = np.abs(np.hstack([motion.q - planned[0], (motion.z - planned[1]) / part.state_ranges]))
     return Verification(
-        motion,
-        float(np.max(difference[-1])),
-        float(np.max(difference)),
-        motion.drift.position,
-        local_errors(part),
+        motion, float(np.max(difference[-1])), float(np.max(difference)), motion.drift.position, local_errors(part)
     )

@@ -293,10 +293,7 @@ class Transcription(ABC):
     def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
         constraints = self.constraints
-        return [
-            constraints.position_rows(q, t, p, tau, scales),
-            constraints.velocity_rows(q, v, t, p, tau, scales),
-        ]
+        return [constraints.position_rows(q, t, p, tau, scales), constraints.velocity_rows(q, v, t, p, tau, scales)]
 
     def corrections(
         self, t: ca.SX, q: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
