@@ -240,6 +240,11 @@ class Solution:
         return max(phase.mesh_error for phase in self.phases)
 
     @property
+    def points_per_interval(self) -> int:
+        """Points of :attr:`trajectory` in each interval."""
+        return self.phases[0].points_per_interval
+
+    @property
     def redundant(self) -> bool:
         """True if constraint rows were left out because others imply them: reactions are not unique."""
         return any(phase.redundant for phase in self.phases)
