@@ -225,7 +225,7 @@ def test_a_coarse_mesh_of_linear_forces_is_told():
         mechanism, 1.0, [one.phi == 0, two.phi == 0, *rest], [one.phi == 3, two.phi == 3, *rest], running_cost=torque**2
     )
     with pytest.warns(mbd.MechanismWarning, match="mesh of 5 intervals is too coarse"):
-        assert np.max(mbd.optimize(problem, intervals=5).end_errors) > 0.1
+        assert np.max(mbd.optimize(problem, intervals=5).phases[0].end_errors) > 0.1
 
 
 def test_a_coarse_mesh_of_a_fast_state_is_told():
