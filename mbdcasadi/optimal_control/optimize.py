@@ -43,7 +43,7 @@ def optimize(
 ) -> Solution:
     """Find the motion of least cost by direct collocation.
 
-    Several threads may solve one problem at the same time.
+    Several threads may solve one problem at the same time; expressions must be made before.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ def test_variables_of_its_own(turn):
 
 class Stubborn(Midpoint):
     def __init__(self):
-        super().__init__()
+        """Nothing is made of a degree."""
 
 
 def test_a_class_that_takes_no_degree(turn):

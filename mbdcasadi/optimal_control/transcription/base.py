@@ -62,6 +62,7 @@ class Transcription(ABC):
     """
 
     name: ClassVar[str]
+    degree: int = 3
     order: int
     stages: np.ndarray
     quadrature: np.ndarray
