@@ -19,6 +19,7 @@ from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, role_of, symbols_of
 from ..model.symbols import t as time
+from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
 from .saddle import SaddlePoint, forward_dynamics
 
@@ -174,6 +175,7 @@ class Equations:
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------
+    @symbolic
     def function(self, expression: Any) -> ca.Function:
         """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``; the most recent ones are kept.
 

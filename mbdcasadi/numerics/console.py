@@ -5,12 +5,16 @@ from __future__ import annotations
 import io
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr
 from typing import Any
 
 import casadi as ca
 import numpy as np
+
+from ..errors import MechanismWarning
+from .symbolic import LOCK
 
 #: Parts of the messages with which CasADi's linear solvers and root finders refuse a singular matrix.
 _SINGULAR = (
@@ -30,6 +34,15 @@ def quiet() -> Iterator[None]:
         yield
         return
     with redirect_stderr(io.StringIO()):
+        yield
+
+
+@contextmanager
+def without_warnings(message: str = "") -> Iterator[None]:
+    """Ignore the package's warnings that match a pattern: those of a step whose result is only tried."""
+    # filters belong to the process: two threads must not change them in turn
+    with LOCK, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message, MechanismWarning)
         yield
 
 

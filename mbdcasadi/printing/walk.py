@@ -202,6 +202,9 @@ def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Operation("logic", _LOGIC[op], arguments))
     if op == ca.OP_NOT:
         return forms.of(Operation("negation", "not", arguments))
+    if op == ca.OP_PRINTME and node.dep(1).is_symbolic():
+        # an expression with a mark, such as at_end(x): see optimal_control/placeholders.py
+        return forms.of(Operation("call", node.dep(1).name(), arguments[:1]))
     if node.is_call():
         return forms.of(Operation("call", node.which_function().name(), arguments, node.element_hash()))
     if node.is_output():

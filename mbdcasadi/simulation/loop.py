@@ -36,6 +36,9 @@ from .uniqueness import Uniqueness
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
+#: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
+#: relative tolerances, from which a constraint counts as one that jumps.
+LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
@@ -250,6 +253,9 @@ class Run:
         if outputs.recovery.left_over > APART:
             x, failure = self._together(times, x)
             times = times[: len(x)]
+        elif passage is None and (leap := self._leap(times, path.x[1:], x)) is not None:
+            x, failure = leap
+            times = times[: len(x)]
         arc.stepper.note_turning(x)
         crossings = self._crossings(piece.start, times, x, passage)
         deciding = [c for c in crossings if self._decides(c.event)]
@@ -357,6 +363,31 @@ class Run:
                 last = x[k - 1] if k else self._x
                 return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
         return x, None
+
+    def _leap(
+        self, times: np.ndarray, integrated: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, IntegrationFailure] | None:
+        """Outputs up to one to which only a jump of a constraint leads, and the failure there; None without a jump.
+
+        A row that jumps with the coordinates (an angle by ``atan2``) has a derivative
+        without the jump: the integrator passes by it, and the projection makes up for it at once.
+        """
+        numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
+        correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
+        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)
+        found = np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
+        if not found.size:
+            return None
+        k = int(found[0])
+        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
+        row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
+        moved = int(np.argmax(correction[k]))
+        message = (
+            f"the constraints are not continuous: '{row}' jumps before t = {times[k]:.6g} s, where "
+            f"{numeric.eom.coordinate_names[moved]} would have to leap by {(x - integrated)[k, moved]:.3g}"
+        )
+        last = x[k - 1] if k else self._x
+        return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""

@@ -29,7 +29,9 @@ def test_what_holds_symbols_says_what_to_do(swing):
     ]  # fmt: skip
     for thing in things:
         for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
-            with pytest.raises(mbd.MechanismError, match="cannot be pickled.*the same function.*save, and read_trajectory"):
+            with pytest.raises(
+                mbd.MechanismError, match="cannot be pickled.*the same function.*save, and read_trajectory"
+            ):
                 pickle.dumps(thing, protocol)
 
 

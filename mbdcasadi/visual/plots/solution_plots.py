@@ -130,9 +130,9 @@ def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
     """Limits of an input as expressions: of those that are linear in it, and hold no other input."""
     limits = []
     others = [u for u in solution.problem.mechanism.inputs if u is not symbol]
-    for condition in (*solution.problem.path, *solution.program.limit_owners):
+    for condition in (limit for phase in solution.phases for limit in phase.limits):
         slope = ca.jacobian(condition.expression, symbol)
-        if condition.equality or not slope.nnz() or ca.depends_on(slope, symbol):
+        if not slope.nnz() or ca.depends_on(slope, symbol):
             continue
         limit = ca.simplify(ca.substitute(symbol - condition.expression / slope, symbol, 0))
         if not others or not ca.depends_on(condition.expression, ca.vertcat(*others)):
