@@ -15,6 +15,7 @@ from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .guess.multistart import best_of, guesses
 from .guess.parameter_continuation import by_continuation, read_continuation
+from .nlp.held_limits import warn_of_passed_limits
 from .nlp.setup import Settings
 from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
@@ -122,6 +123,7 @@ def optimize(
                 solution = by_continuation(steps, solve, guess)
             if accuracy is None and not isinstance(guess, Solution | Shifted):
                 warn_of_coarse_mesh(solution)
+            warn_of_passed_limits(solution)
             for part in solution.phases:
                 if validity_conditions(part.phase.mechanism):
                     report_validity(part.trajectory)

@@ -21,7 +21,7 @@ from .refinement.mesh import Mesh
 from .solution import Solution
 from .transcription import TRANSCRIPTIONS
 
-_FORMAT = "mbdcasadi solution 3"
+_FORMAT = "mbdcasadi solution 4"
 #: Relative difference of costs, and difference of scaled rows, up to which two problems count as the same.
 SAME_TOLERANCE = 1e-6
 
@@ -39,6 +39,7 @@ def save(solution: Solution, path: str | Path) -> None:
         "format": _FORMAT,
         "settings": json.dumps(settings),
         "statistics": json.dumps(asdict(solution.statistics)),
+        "held": json.dumps(program.held),
         "cost": solution.cost,
         "x": solution.variables,
         "segment times": part.segment_times,
@@ -94,6 +95,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     if len(segments) != len(waypoints) + 1:
         raise FileError(f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(waypoints)}")
     solver = Solver(problem, settings)
+    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in json.loads(str(content["held"])))
     program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]
     theirs = content["row labels"].tolist()

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, reduced_equations
@@ -150,7 +151,9 @@ class PhaseSetup:
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)
-        basis = input_basis(settings.control, inner, joined, rates=problem.has_input_rates(initial))
+        limited = any(np.isfinite([u.lower, u.upper]).any() for u in self.phase.mechanism.inputs)
+        rates = problem.has_input_rates(initial)
+        basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
         return settings.transcription.bound_to(constraints, self.numeric.weights[eom.independent], basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:
