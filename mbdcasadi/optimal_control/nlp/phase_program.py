@@ -310,14 +310,17 @@ class PhaseProgram:
     def _input_limit_rows(self, unknowns: Unknowns, at: CollocationPoint) -> list[Rows]:
         """Limits of inputs and of their rates alone, at the control points of their polynomials."""
         groups: list[Rows] = []
-        if any(self._limits_of_inputs.values()):
+        if self._own_limits_in_rows or any(self._limits_of_inputs.values()):
             columns = self.scheme.input_control_points(unknowns.interval)
             for (kind, limits), points in zip(self._limits_of_inputs.items(), columns, strict=True):
-                # if inputs are joined, the end of the interval before has the row at the start
-                first = 1 if kind == "u" and self.scheme.inputs.joined else 0
-                for j in range(first, points.size2() if limits else 0):
-                    here = replace(at, **{kind: points[:, j]})
-                    groups += self._conditions(limits, here, unknowns, j / max(points.size2() - 1, 1))
+                count, ends = points.size2(), kind == "u" and self.scheme.inputs.joined
+                for j in range(count):
+                    # if inputs are joined, the end of the interval before has the row at the start, and own limits are
+                    # bounds of the variables at both ends
+                    here = [] if ends and j == 0 else list(limits)
+                    here += self._own_limits_in_rows if kind == "u" and not (ends and j in (0, count - 1)) else []
+                    at_control_point = replace(at, **{kind: points[:, j]})
+                    groups += self._conditions(here, at_control_point, unknowns, j / max(count - 1, 1))
         return groups
 
     @property
@@ -344,6 +347,11 @@ class PhaseProgram:
     def _limits_of_states(self) -> list[Condition]:
         """Limits of first-order states, which are bounds of variables at the mesh points alone."""
         return [c for c in self.limit_owners if c.depends_on("state")]
+
+    @cached_property
+    def _own_limits_in_rows(self) -> list[Condition]:
+        """Limits that inputs carry themselves, if the bounds of their unknowns do not keep them everywhere."""
+        return [] if self.scheme.inputs.bounded else [c for c in self.limit_owners if c.depends_on("input")]
 
     @cached_property
     def _limits_of_inputs(self) -> dict[str, list[Condition]]:
