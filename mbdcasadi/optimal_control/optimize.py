@@ -77,8 +77,7 @@ def optimize(
         ``GaussLegendre(degree=2)``.
     control : {"polynomial", "linear", "constant"}
         Course of the inputs on the intervals. Polynomials are those that the stages determine, of one degree less if
-        an input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``
-        says how far they are passed in between.
+        an input drives a first-order state. Limits of inputs hold everywhere on the intervals.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
@@ -101,8 +100,9 @@ def optimize(
     Warns
     -----
     MechanismWarning
-        If a contact of the solution would have to pull, or an element leaves its range of validity; if the mesh is
-        too coarse for the motion that was found (not checked if ``guess=`` is a solution).
+        If a contact of the solution would have to pull, or an element leaves its range of validity; if a path limit
+        is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse for
+        the motion that was found (not checked if ``guess=`` is a solution).
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
