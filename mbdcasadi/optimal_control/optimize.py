@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ from ..model.symbols import number
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
+from .checks.failure import OptimizationError
 from .guess.multistart import best_of, guesses
 from .guess.parameter_continuation import by_continuation, read_continuation
 from .nlp.held_limits import warn_of_passed_limits
-from .nlp.setup import Settings
+from .nlp.setup import Settings, is_open_chain
 from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
@@ -144,11 +146,29 @@ class _Search:
 
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
-        solver = Solver(self.problem, Settings.read(*self.settings), parameters, self.initial, self.best)
+        settings = Settings.read(*self.settings)
         counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
-        meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
-        is_solution = isinstance(guess, Solution | Shifted)
-        solution = best_of(solver, meshes, guesses(solver, starts, guess), warm=is_solution and starts is None)
+        near = guess.solution if isinstance(guess, Shifted) else guess
+        if isinstance(near, Solution) and starts is None:
+            settings = replace(settings, angles=near.settings.angles)
+        elif near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
+            settings = replace(settings, angles=True)
+
+        def solve(settings: Settings) -> tuple[Solver, Solution]:
+            solver = Solver(self.problem, settings, parameters, self.initial, self.best)
+            meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
+            candidates = guesses(solver, starts, guess)
+            return solver, best_of(solver, meshes, candidates, warm=isinstance(near, Solution) and starts is None)
+
+        try:
+            solver, solution = solve(settings)
+        except OptimizationError as error:
+            if not settings.angles or near is not None:
+                raise
+            try:  # in all coordinates another way may be found
+                solver, solution = solve(replace(settings, angles=False))
+            except OptimizationError:
+                raise error from None
         return solution if tolerance is None else refine(solver, solution, tolerance)
 
 

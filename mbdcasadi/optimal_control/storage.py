@@ -35,6 +35,7 @@ def save(solution: Solution, path: str | Path) -> None:
             "package, and not known when the file is read; save solution.trajectory, which can be a guess too"
         )
     settings = {"transcription": scheme.name, "degree": scheme.degree, "control": solution.settings.control}
+    settings["angles"] = solution.settings.angles
     content: dict[str, Any] = {
         "format": _FORMAT,
         "settings": json.dumps(settings),

@@ -125,6 +125,17 @@ class Guess:
         return x / program.scale
 
 
+def guess_at_rest(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
+    """Poses without velocities, accelerations, loads and inputs."""
+    sample_moving = kinematic_guess(loads, start, path).sample
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        values = sample_moving(wanted)
+        return {name: x if name in ("q", "z") else 0 * x for name, x in values.items()}
+
+    return PhaseGuess(sample, path.segment_times)
+
+
 def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
     """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
     times, poses = path.times, path.poses

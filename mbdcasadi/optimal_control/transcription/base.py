@@ -297,8 +297,10 @@ class Transcription(ABC):
         motion, acceleration = self._residuals(*at.values[:-1], p)
         labels = tuple(f"equation of motion of {name}" for name in self.eom.coordinate_names)
         units = tuple("N m" if angle else "N" for angle in scales.angles)
+        # in angles alone a solver is led astray by large residuals that count little: angles jump within an interval
+        size = scales.load * (1 if self.eom.is_chain else scales.steps**2)
         return [
-            Rows(motion, labels, tau, scales.load * scales.steps**2, units),
+            Rows(motion, labels, tau, size, units),
             self.constraints.acceleration_rows(acceleration, tau, scales),
         ]
 
