@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..model.symbols import number
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
+from .checks.branch import refuse_branch_jump
 from .checks.failure import OptimizationError
 from .guess.multistart import best_of, guesses
 from .guess.parameter_continuation import by_continuation, read_continuation
@@ -23,15 +25,18 @@ from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
 from .refinement.mesh import Mesh
-from .refinement.refine import refine
+from .refinement.refine import refine, refine_if_coarse
 from .solution import Shifted, Solution
 from .transcription import Transcription
+
+#: Intervals of a mesh whose number is not given.
+INTERVALS = 40
 
 
 def optimize(
     problem: OptimalControlProblem,
     *,
-    intervals: int = 40,
+    intervals: int | None = None,
     degree: int = 3,
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | None = None,
@@ -52,8 +57,9 @@ def optimize(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    intervals : int, default 40
-        Number of intervals of the mesh, of equal length between waypoints.
+    intervals : int, optional
+        Number of intervals of the mesh, of equal length between waypoints. Default is 40, and intervals that turn out
+        to be too coarse for the motion that was found are split.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -95,7 +101,8 @@ def optimize(
     OptimizationError
         If the solver does not succeed: its status in words,
         ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
-        the `tolerance`; then ``.partial`` is the solution on the last one.
+        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval; then
+        ``.partial`` is the solution on the last one.
     Interrupted
         After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 
@@ -124,6 +131,7 @@ def optimize(
 
                 solution = by_continuation(steps, solve, guess)
             if accuracy is None and not isinstance(guess, Solution | Shifted):
+                refuse_branch_jump(solution)
                 warn_of_coarse_mesh(solution)
             warn_of_passed_limits(solution)
             for part in solution.phases:
@@ -147,18 +155,22 @@ class _Search:
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
         settings = Settings.read(*self.settings)
-        counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
+        waypoints = len(self.problem.phases[0].waypoints)
+        counts = max(INTERVALS, 2 * (waypoints + 1)) if self.intervals is None else _count(self.intervals, waypoints)
         near = guess.solution if isinstance(guess, Shifted) else guess
         if isinstance(near, Solution) and starts is None:
             settings = replace(settings, angles=near.settings.angles)
         elif near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
             settings = replace(settings, angles=True)
 
+        automatic = self.intervals is None and near is None and tolerance is None
+
         def solve(settings: Settings) -> tuple[Solver, Solution]:
             solver = Solver(self.problem, settings, parameters, self.initial, self.best)
             meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
-            candidates = guesses(solver, starts, guess)
-            return solver, best_of(solver, meshes, candidates, warm=isinstance(near, Solution) and starts is None)
+            warm = isinstance(near, Solution) and starts is None
+            settle = partial(refine_if_coarse, solver) if automatic else None
+            return solver, best_of(solver, meshes, guesses(solver, starts, guess), warm=warm, settle=settle)
 
         try:
             solver, solution = solve(settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,6 +22,9 @@ from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, has_free_path
+
+#: Relative difference of costs below which solutions are the same.
+SAME_COST = 1e-6
 
 
 def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
@@ -119,11 +123,32 @@ def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     return _guess(solver, guess, f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
 
 
-def best_of(solver: Solver, meshes: list[Mesh], candidates: list[Guess], *, warm: bool) -> Solution:
+def best_of(
+    solver: Solver,
+    meshes: list[Mesh],
+    candidates: list[Guess],
+    *,
+    warm: bool,
+    settle: Callable[[Solution], tuple[Solution, bool]] | None = None,
+) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start
     first, and if these fail once more without them.
+
+    Parameters
+    ----------
+    solver : Solver
+        Problem to be solved.
+    meshes : list of Mesh
+        Meshes by phase.
+    candidates : list of Guess
+        Guesses.
+    warm : bool
+        Whether the guesses are solutions of nearly the same problem.
+    settle : callable, optional
+        Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
+        is chosen by what it is on a mesh that holds.
 
     Raises
     ------
@@ -148,7 +173,19 @@ def best_of(solver: Solver, meshes: list[Mesh], candidates: list[Guess], *, warm
         reports.append(Start(description, cost, s.iterations, s.status))
     if not solutions:
         raise errors[-1]
-    best = min(solutions, key=lambda solution: solution.cost)
+    best = _settled(solutions, settle) if settle else min(solutions, key=lambda solution: solution.cost)
     if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best
+
+
+def _settled(solutions: list[Solution], settle: Callable[[Solution], tuple[Solution, bool]]) -> Solution:
+    """The best of solutions on meshes that hold, or on those that were tried."""
+    best: tuple[bool, float] | None = None
+    for solution in sorted(solutions, key=lambda solution: solution.cost):
+        if best is not None and best[0] is False and solution.cost >= best[1] * (1 - SAME_COST):
+            break
+        settled, holds = settle(solution)
+        if best is None or (not holds, settled.cost) < best:
+            best, found = (not holds, settled.cost), settled
+    return found

@@ -31,8 +31,9 @@ ROUNDS = 3
 
 
 class PassedLimit(NamedTuple):
-    """A limit that a solution passes: by how much, in its own unit and as a share of its size, and when, s."""
+    """A limit that a solution passes in a phase: by how much, in its own unit and as a share of its size; when, s."""
 
+    phase: int
     label: str
     amount: float
     share: float
@@ -57,7 +58,7 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
 def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     found = []
-    for part in solution.phases:
+    for number, part in enumerate(solution.phases):
         limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
         sizes = np.array([part.program.size_of(c) for c in limits])
         near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
@@ -73,7 +74,7 @@ def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> lis
             time, amount = float(times[worst]), float(values[worst])
             share = amount / _size(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
-                found.append(PassedLimit(limit.label, amount, share, time))
+                found.append(PassedLimit(number, limit.label, amount, share, time))
     return found
 
 

@@ -212,7 +212,7 @@ class Solver:
             if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
                 self.held = before
                 break
-            held.statistics = _together(solution.statistics, held.statistics)
+            held.statistics = together(solution.statistics, held.statistics)
             solution, passed = held, share
         return solution
 
@@ -322,11 +322,12 @@ class Solver:
         return None
 
 
-def _together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics:
+def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics:
     """Statistics of a solve that went on from another one."""
     return replace(
         second,
         iterations=first.iterations + second.iterations,
+        starts=first.starts,
         seconds=first.seconds + second.seconds,
         build_seconds=first.build_seconds + second.build_seconds,
     )
