@@ -35,7 +35,7 @@ class BranchJump:
     def __str__(self) -> str:
         return (
             f"from t = {self.begin:.6g} to {self.end:.6g} s {self.coordinate} jumps by {self.step:.3g} to another "
-            f"branch of the linkage, for which {self.row} would have to open"
+            f"branch of the linkage (halfway {self.row} is missed most)"
         )
 
 
