@@ -445,6 +445,31 @@ def test_efforts_that_do_nothing():
         mbd.inverse_dynamics(mechanism, TIMES, motion={block.x: mbd.sin(mbd.t)}, efforts=[side])
 
 
+def test_efforts_against_friction_by_reactions():
+    """A block pushed up a slope by a horizontal force: ``F cos α - m g sin α - μ N = m a, N = m g cos α + F sin α``."""
+    slope, mu, mass = 0.3, 0.5, 2.0
+    block = mbd.Body("block", mass=mass, inertia=0.1, pose=(0, 0, slope))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, slope), block.at(0, 0, 0))
+    F = mbd.Input("F")
+    forces = [
+        mbd.Gravity(),
+        mbd.JointFriction("rub", guide, mbd.Coulomb(mu, 1e-5)),
+        mbd.Force("push", block.at(0, 0), (F, 0)),
+    ]
+    model = mbd.Mechanism([block], [guide], forces=forces, inputs=[F])
+    course = mbd.t + 0.5 * mbd.t**2
+    run = mbd.inverse_dynamics(model, np.linspace(0, 1, 5), motion={guide.displacement: course}, efforts=[F])
+    c, s = np.cos(slope), np.sin(slope)
+    wanted = mass * (1 + 9.81 * s + mu * 9.81 * c) / (c - mu * s)
+    np.testing.assert_allclose(run[F], wanted, rtol=1e-6)
+    normal = np.linalg.norm(run[guide.reaction_on(block).force], axis=1)
+    np.testing.assert_allclose(normal, mass * 9.81 * c + wanted * s, rtol=1e-6)
+    again = mbd.simulate(
+        model, np.linspace(0, 1, 5), initial=[guide.displacement == 0, block.vx == c], inputs={F: wanted}
+    )
+    np.testing.assert_allclose(again[guide.displacement], run[guide.displacement], atol=1e-4)
+
+
 def test_refuses_what_is_not_linear():
     """A torque in the square of an input."""
     u = mbd.Input("u")
