@@ -6,6 +6,9 @@ The message names the element, the quantity, the value and the remedy.
 
 from __future__ import annotations
 
+import sys
+import warnings
+from pathlib import Path
 from typing import Any
 
 
@@ -82,3 +85,14 @@ class Interrupted(KeyboardInterrupt):
 
 class MechanismWarning(UserWarning):
     """A remark on a result that is valid."""
+
+
+_PACKAGE = str(Path(__file__).parent)
+
+
+def warn(message: str, category: type[Warning] = MechanismWarning) -> None:
+    """Warn at the line that called this package, however deep inside it the remark is made."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)

@@ -102,15 +102,21 @@ class Signals:
         if self.samples:
             # a time that misses its sample by rounding belongs to the interval that begins there
             slack = 1e-12 * max(abs(self.grid[0]), abs(self.grid[-1]), self.grid[-1] - self.grid[0])
-            k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, self.grid.size - 2)
-            steps = np.diff(self.grid)
+            steps = np.append(np.diff(self.grid), np.inf)[: max(self.grid.size - 1, 1)]
+            k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, steps.size - 1)
             for values in self.samples.values():
-                rows += [values[k], (np.diff(values) / steps)[k]]
+                slopes = np.diff(values, append=values[-1:])[: steps.size] / steps
+                rows += [values[k], slopes[k]]
             rows.append(self.grid[k])
         for polynomial in self.polynomials.values():
             k = polynomial.interval(begins)
             rows += [*polynomial.coefficients[k].T, polynomial.breaks[k]]
         return np.vstack(rows)
+
+    def at_time(self, t: float) -> ca.SX:
+        """Expressions of the inputs (n_u,) in ``q, v, z, p`` and t, with what holds by intervals taken at a time."""
+        channel = self.channel_from(np.array([t]))
+        return self.expressions if channel is None else ca.substitute(self.expressions, self.channel, ca.SX(channel))
 
     def values(
         self,

@@ -7,7 +7,6 @@ branch. IPOPT is the fallback if Gauss–Newton steps do not converge.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, ConditionError, MechanismWarning
+from ..errors import AssemblyError, ConditionError, warn
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.homotopy import Step, follow
@@ -223,11 +222,9 @@ class PoseProblem:
             q = self._from_other_starts(target, estimate)
         if q is None:
             raise self._conditions_missed(conditions, _closest(outcomes))
-        warnings.warn(
+        warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
             "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
-            MechanismWarning,
-            stacklevel=6,
         )
         return q
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.values import pairs_of, position_in
-from ..errors import Interrupted, MechanismWarning, ModelError
+from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice
@@ -167,7 +166,7 @@ def identify(
             partial=fit,
         )
     if any("cannot be distinguished" in r or "no trace" in r for r in fit.identifiability):
-        warnings.warn("identify: " + "; ".join(fit.identifiability), MechanismWarning, stacklevel=2)
+        warn("identify: " + "; ".join(fit.identifiability))
     return fit
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
-
 import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismWarning
+from ..errors import warn
 from ..model.mechanism import Mechanism
 from ..model.validity import ValidityCondition
 from .columns import has_multipliers
@@ -73,4 +71,4 @@ def report_validity(motion: Trajectory) -> None:
             unit = f" {condition.unit}" if condition.unit else ""
             text = f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.6g}{unit})"
             motion.statistics.notes.append(text)
-            warnings.warn(text, MechanismWarning, stacklevel=3)
+            warn(text)

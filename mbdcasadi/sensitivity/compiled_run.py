@@ -63,7 +63,15 @@ class MotionSetup(Setup):
         reltol: float | None = None,
         abstol: float | None = None,
     ):
-        super().__init__(mechanism, analysis, times=times, initial=initial, inputs=inputs, parameters=parameters)
+        super().__init__(
+            mechanism,
+            analysis,
+            times=times,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            takes_duration=False,
+        )
         self.differentiable_start = DifferentiableStart(self.numeric, initial, float(self.grid[0]), self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)

@@ -6,7 +6,6 @@ border of the first one that is left; then its side is changed, and the integrat
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.switches import margin_rates_of, margins_of, sides_of
-from ..errors import MechanismWarning, SimulationError
+from ..errors import SimulationError, warn
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
@@ -263,11 +262,9 @@ class Passage:
             )
         if abs(rate) <= GRAZING * fastest and k not in self._grazed:
             self._grazed.add(k)
-            warnings.warn(
+            warn(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion nearly only touches the border of "
                 "the jump: derivatives beyond are large, and hold for small changes alone",
-                MechanismWarning,
-                stacklevel=2,
             )
         self._flip(k, rate)
         self._leave_borders(passed=k)

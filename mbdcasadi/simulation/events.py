@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..errors import ExpressionError, MechanismWarning, ModelError
+from ..errors import ExpressionError, ModelError, warn
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
@@ -300,11 +299,9 @@ class EventWatch:
             if int(index) not in self._not_a_number:
                 self._not_a_number.add(int(index))
                 time = float(times[np.argmax(np.isnan(values[:, index]))])
-                warnings.warn(
+                warn(
                     f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
                     "a negative number, or a division by zero); there it cannot take place",
-                    MechanismWarning,
-                    stacklevel=2,
                 )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismWarning, SimulationError
+from ..errors import SimulationError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
@@ -110,7 +109,14 @@ def simulate(
     True
     """
     setup = Setup(
-        mechanism, "simulate", times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
+        mechanism,
+        "simulate",
+        times=times,
+        duration=duration,
+        initial=initial,
+        inputs=inputs,
+        parameters=parameters,
+        takes_controller=True,
     )
     read = read_events(events)
     modes = _modes(setup, read)
@@ -127,7 +133,7 @@ def simulate(
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
     for sentence in run.unresolved():
         motion.statistics.notes.append(sentence)
-        warnings.warn(sentence, MechanismWarning, stacklevel=2)
+        warn(sentence)
     _tell_exceeded_limits(mechanism, motion)
     report_validity(motion)
     return motion
@@ -197,9 +203,7 @@ def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
         values = motion.inputs[:, k]
         slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
-            warnings.warn(
+            warn(
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
                 f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
-                MechanismWarning,
-                stacklevel=3,
             )

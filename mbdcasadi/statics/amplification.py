@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import MechanismWarning
+from ..errors import warn
 from ..kinematics.mobility import mobility
 from ..kinematics.singular import describe_singularity
 from ..numerics.tolerances import NEARLY_SINGULAR, RANK
@@ -72,4 +71,4 @@ def warn_of(pose: Amplification) -> None:
         )
     else:
         what = f"the pose is singular, and reactions to other loads than these may be without bound; {pose.text}"
-    warnings.warn(f"equilibrium: {what}", MechanismWarning, stacklevel=4)
+    warn(f"equilibrium: {what}")

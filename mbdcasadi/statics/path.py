@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.inputs import read_signals
 from ..arguments.values import pairs_of
-from ..equations.numeric import NumericEquations
+from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, Parameter, as_expression, number
@@ -18,7 +17,7 @@ from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
-from .equilibrium import Equilibrium, EquilibriumError, equilibrium
+from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
 from .statics import NEUTRAL, Statics
 
 #: Points of a path that is asked to go on for ever.
@@ -100,12 +99,12 @@ def equilibrium_path(
     first, last = (number(x, "equilibrium_path", name) for x, name in ((start, "start"), (end, "end")))
     if first == last or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
-    values = {"inputs": pairs_of(inputs, "inputs="), "parameters": pairs_of(parameters, "parameters=")}
+    values: dict[str, Any] = {"inputs": pairs_of(inputs, "inputs="), "parameters": pairs_of(parameters, "parameters=")}
     kind = "inputs" if isinstance(parameter, Input) else "parameters"
     values[kind] = [pair for pair in values[kind] if pair[0] is not parameter] + [(parameter, first)]
-    origin = equilibrium(mechanism, conditions, values["inputs"], values["parameters"], prefer=prefer, t=t)
-    numeric = NumericEquations(origin.equations, origin.parameters)
-    statics = Statics(numeric, read_signals(numeric.eom, values["inputs"]), origin.t, [parameter])
+    setup = Setup(mechanism, "equilibrium_path", t=t, initial=conditions, **values)
+    origin = equilibrium_of(setup, prefer=prefer)
+    statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
     return Follower(statics, parameter, first, last, steps).run(origin)
 
 

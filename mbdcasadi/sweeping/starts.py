@@ -10,7 +10,7 @@ import numpy as np
 from ..assembly.consistent_start import consistent_start
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, MechanismWarning, SimulationError
+from ..errors import MechanismError, MechanismWarning, SimulationError, warn
 from ..numerics.console import call_each
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import FOUND
@@ -117,7 +117,7 @@ def repeat_for_case(caught: list[warnings.WarningMessage], case: int) -> None:
     """Warn of what was caught while a case was prepared, with the case."""
     for warning in caught:
         if issubclass(warning.category, MechanismWarning):
-            warnings.warn(f"sweep, case {case}: {warning.message}", MechanismWarning, stacklevel=5)
+            warn(f"sweep, case {case}: {warning.message}")
         else:
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 

@@ -24,6 +24,7 @@ from ..errors import (
     ModelError,
     SimulationError,
     SingularityError,
+    warn,
 )
 from ..integrators import Integrator
 from ..model.conditions import read_conditions
@@ -200,7 +201,9 @@ class _Plan:
         with warnings.catch_warnings():
             # limits of what varies are looked at in all cases
             warnings.simplefilter("ignore", MechanismWarning)
-            self.setup = Setup(mechanism, "sweep", times=times, parameters=self._parameters(0), **shared)
+            self.setup = Setup(
+                mechanism, "sweep", times=times, parameters=self._parameters(0), takes_duration=False, **shared
+            )
         self.p, self.levels = self._values()
         self._report_exceeded_limits()
 
@@ -226,11 +229,9 @@ class _Plan:
             beyond = np.flatnonzero((values < parameter.lower) | (values > parameter.upper))
             if beyond.size:
                 shown = ", ".join(str(k) for k in beyond[:5]) + (" …" if beyond.size > 5 else "")
-                warnings.warn(
+                warn(
                     f"sweep: parameter '{parameter.label}' is beyond its limits {parameter.lower:.6g} … "
                     f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given",
-                    MechanismWarning,
-                    stacklevel=4,
                 )
 
     def fingerprint(self, named: list[tuple[Any, ca.SX]]) -> str:

@@ -12,7 +12,7 @@ from ..errors import MechanismError, SingularityError
 from ..numerics.tolerances import RANK
 from ..results.trajectory import Trajectory
 
-#: Equations of motion that no effort can balance are told from this share of the loads on.
+#: An equation of motion counts as out of balance from this share of the loads on.
 BALANCE_TOLERANCE = 1e-6
 
 
