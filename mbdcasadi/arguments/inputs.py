@@ -240,7 +240,12 @@ class _Reader:
 
 
 def read_signals(
-    eom: Equations, inputs: Any, times: np.ndarray | None = None, *, carried: Mapping[Any, float] | None = None
+    eom: Equations,
+    inputs: Any,
+    times: np.ndarray | None = None,
+    *,
+    carried: Mapping[Any, float] | None = None,
+    fixed: Mapping[Any, float] | None = None,
 ) -> Signals:
     """Read ``inputs=``.
 
@@ -255,6 +260,8 @@ def read_signals(
         The output grid; without it samples are refused.
     carried : mapping of Input to float, optional
         Values that a start brings along, for inputs that are not given others.
+    fixed : mapping of Input to float, optional
+        Values that the analysis itself sets, over all others.
     """
     mechanism = eom.mechanism
     values: list[Any] = [u.value for u in mechanism.inputs]
@@ -267,6 +274,8 @@ def read_signals(
     for key, value in () if controller else pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
         values[k] = _of_solution(value, mechanism.inputs[k])
+    for key, value in (fixed or {}).items():
+        values[position_in(mechanism.inputs, key, "inputs=")] = value
     for k, value in enumerate(values):
         reader.read(k, value)
     return reader.signals(controller)

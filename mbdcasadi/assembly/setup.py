@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +14,7 @@ from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError, SimulationError, warn
 from ..model.mechanism import Mechanism
-from ..model.symbols import number
+from ..model.symbols import Parameter, number
 from ..results.state import State
 from .consistent_start import carried_by, consistent_start
 
@@ -44,6 +45,8 @@ class Setup:
         Values of inputs, over those of a state.
     parameters : mapping or list of pairs, optional
         Values of parameters, over those of a state.
+    fixed : mapping of Parameter or Input to float, optional
+        Values that the analysis itself sets, over all others.
     takes_controller : bool, default False
         Whether the analysis calls a sampled controller.
     takes_duration : bool, default True
@@ -83,6 +86,7 @@ class Setup:
         initial: Any = (),
         inputs: Any = None,
         parameters: Any = None,
+        fixed: Mapping[Any, float] | None = None,
         takes_controller: bool = False,
         takes_duration: bool = True,
     ):
@@ -96,10 +100,17 @@ class Setup:
         else:
             self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
         carried = carried_by(initial, mechanism)
-        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
+        own = dict(fixed or {})
+        pairs = pairs_of(parameters, "parameters=")
+        over = {key: value for key, value in own.items() if isinstance(key, Parameter)}
+        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs) | over)
         _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(
-            self.eom, inputs, self.grid if t is _UNSET else None, carried=carried["inputs"]
+            self.eom,
+            inputs,
+            self.grid if t is _UNSET else None,
+            carried=carried["inputs"],
+            fixed={key: value for key, value in own.items() if key not in over},
         )
         if self.signals.controller is not None and not takes_controller:
             raise ModelError(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.values import pairs_of, position_in
+from ..equations import equations
 from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
 from ..model.mechanism import Mechanism
@@ -127,6 +128,7 @@ def identify(
     wanted = listed(unknowns, Parameter, "unknowns=")
     if not wanted:
         raise ModelError("identify: unknowns= is empty; name the parameters to identify")
+    equations(mechanism)  # refuses what is none
     places = [position_in(mechanism.parameters, u, "unknowns=") for u in wanted]
     given = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
     motions = read_experiments(times, data, experiments, **given)

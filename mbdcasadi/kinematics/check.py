@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..assembly.consistent_start import refuse_inconsistent
 from ..assembly.pose import GAP_TOLERANCE, PoseProblem
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
@@ -138,6 +139,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     open_rows: dict[str, float] = {}
     if state is not None:
         q = np.atleast_1d(state[eom.q])
+        refuse_inconsistent(numeric, t, q, np.atleast_1d(state[eom.v]))
     else:
         q, open_rows = _pose(numeric, t)
     here = numeric.rank(t, q)

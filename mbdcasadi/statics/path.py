@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.values import pairs_of
 from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
@@ -99,10 +98,8 @@ def equilibrium_path(
     first, last = (number(x, "equilibrium_path", name) for x, name in ((start, "start"), (end, "end")))
     if first == last or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
-    values: dict[str, Any] = {"inputs": pairs_of(inputs, "inputs="), "parameters": pairs_of(parameters, "parameters=")}
-    kind = "inputs" if isinstance(parameter, Input) else "parameters"
-    values[kind] = [pair for pair in values[kind] if pair[0] is not parameter] + [(parameter, first)]
-    setup = Setup(mechanism, "equilibrium_path", t=t, initial=conditions, **values)
+    given: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
+    setup = Setup(mechanism, "equilibrium_path", **given, fixed={parameter: first})
     origin = equilibrium_of(setup, prefer=prefer)
     statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
     return Follower(statics, parameter, first, last, steps).run(origin)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arguments.values import pairs_of, position_in
 from ..assembly.setup import Setup
+from ..equations import equations
 from ..errors import (
     AssemblyError,
     FileError,
@@ -125,6 +126,7 @@ def sweep(
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
+    equations(mechanism)  # refuses what is none
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)
