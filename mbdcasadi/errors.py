@@ -12,16 +12,8 @@ from pathlib import Path
 from typing import Any
 
 
-class MechanismError(ValueError):
-    """Base class of all errors that concern a mechanism or an analysis of it.
-
-    Attributes
-    ----------
-    time : float or None
-        Time at which a run stopped, s.
-    partial : Trajectory, Solution or None
-        Result that was computed before the run stopped.
-    """
+class _Stop(BaseException):
+    """End of a run, with its time and what had been computed."""
 
     def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
         super().__init__(message)
@@ -31,6 +23,18 @@ class MechanismError(ValueError):
     def __reduce__(self) -> tuple:
         # what had been computed holds symbols, which do not travel to another process; the message does
         return type(self), self.args, self.__dict__ | {"partial": None}
+
+
+class MechanismError(_Stop, ValueError):
+    """Base class of all errors that concern a mechanism or an analysis of it.
+
+    Attributes
+    ----------
+    time : float or None
+        Time at which a run stopped, s.
+    partial : Trajectory, Solution or None
+        Result that was computed before the run stopped.
+    """
 
 
 class ModelError(MechanismError):
@@ -71,16 +75,8 @@ class FileError(MechanismError):
     """A file cannot be read or written; the message names it."""
 
 
-class Interrupted(KeyboardInterrupt):
+class Interrupted(_Stop, KeyboardInterrupt):
     """The user stopped a run (Ctrl-C); the result computed so far is in ``partial``."""
-
-    def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
-        super().__init__(message)
-        self.time = time
-        self.partial = partial
-
-    def __reduce__(self) -> tuple:
-        return type(self), self.args, self.__dict__ | {"partial": None}
 
 
 class MechanismWarning(UserWarning):

@@ -29,7 +29,7 @@ GAP_TOLERANCE = 1e-6
 #: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
 HELD_TOLERANCE, INEQUALITY_TOLERANCE = 1e-6, 1e-7
 #: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
-PERTURBATION = 1e-4
+SINGULAR_PERTURBATION = 1e-4
 
 
 class PoseProblem:
@@ -129,7 +129,7 @@ class PoseProblem:
 
     def _perturbed(self, q: np.ndarray) -> np.ndarray:
         """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
-        return q + PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
+        return q + SINGULAR_PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
 
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""

@@ -30,7 +30,7 @@ SAMPLES, MOST_SEGMENTS = 8, 10
 #: Rounds in which the noise of each measured quantity is estimated, and the change of it that ends them.
 ROUNDS, SAME_NOISE = 6, 0.01
 #: Noise that is rounding, relative to the range of the samples.
-ROUNDING = 1e-9
+NOISE_TOLERANCE = 1e-9
 
 
 def identify(
@@ -280,6 +280,6 @@ def _noise(motions: Sequence[Experiment], outcome: Outcome, loss: Loss) -> list[
     factor = loss.spread(np.concatenate(weighted)) if weighted else 1.0
     for e, r in zip(motions, residuals, strict=True):
         rows = [loss.spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
-        least = ROUNDING * _range(e)
+        least = NOISE_TOLERANCE * _range(e)
         found.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
     return found

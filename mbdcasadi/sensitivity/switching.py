@@ -17,11 +17,10 @@ from ..errors import SimulationError, warn
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
+from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..simulation.impacts import INSTANT, velocity_after
 from .held_system import HeldSystem
 
-#: Value of a quantity at its border that is rounding, relative to the coordinates; its rate, relative to velocities.
-ROUNDING, REST = 1e-12, 1e-9
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
 GRAZING = 1e-4
 #: Rate that is none, relative to the largest one: nothing passes, and the instant has no derivative.
@@ -34,7 +33,7 @@ MOST_SWITCHES = 500
 CLOSER = np.r_[2.0 ** -np.arange(12, 3, -2), np.linspace(0, 1, 11)[1:]]
 #: Distance from the border, relative to the larger one at the ends of an interval, to which a cubic must come for a
 #: closer look.
-NEAR = 0.1
+NEAR_BORDER = 0.1
 #: Length of the stretch that is integrated after a switch, in lengths of the one before it.
 AHEAD = 4.0
 #: Jump of velocities, relative to their size, that is rounding.
@@ -215,7 +214,7 @@ class Passage:
         slopes = margin_rates_of(w, rates, self.sides, whole)[watched]
         # what stands at its border at the start goes inside from there
         margins[:, 0] = np.maximum(margins[:, 0], 0.0)
-        rounding = ROUNDING * (1 + np.max(np.abs(x)))
+        rounding = ZERO_VALUE * (1 + np.max(np.abs(x)))
         left, visits = margins[:, 1:] < -rounding, _may_visit(margins, slopes, np.diff(times))
         for k in np.flatnonzero(np.any(left | visits, axis=0)):
             candidates = np.flatnonzero(left[:, k] | visits[:, k])
@@ -321,7 +320,7 @@ class Passage:
             margins = margins_of(w, self.sides, self._system.whole)
             outwards = margin_rates_of(w, rates, self.sides, self._system.whole) < 0
             near = np.abs(margins) <= self._near(rates)
-            moving = np.abs(rates) > REST * (1 + self._speed)
+            moving = np.abs(rates) > AT_REST * (1 + self._speed)
             if at_start:
                 outwards = np.where(moving, outwards, self._leaves_from_rest(near & ~moving))
                 moving = near
@@ -342,7 +341,7 @@ class Passage:
         soon = self._time + 1e-2 * self._watch_step
         x = self._integrated(self._time, self._x, np.array([soon]), np.zeros(1, bool))
         w = self._call(self._system.quantities, np.array([soon]), x, self.sides)[0]
-        rounding = ROUNDING * (1 + np.max(np.abs(self._x)))
+        rounding = ZERO_VALUE * (1 + np.max(np.abs(self._x)))
         found: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
         return found
 
@@ -395,7 +394,7 @@ class Passage:
 
     def _near(self, rates: np.ndarray) -> np.ndarray:
         """Distances from the borders that are rounding."""
-        return np.maximum(self._instant * np.abs(rates), ROUNDING * (1 + np.max(np.abs(self._x))))
+        return np.maximum(self._instant * np.abs(rates), ZERO_VALUE * (1 + np.max(np.abs(self._x))))
 
     def _columns(self, times: np.ndarray) -> np.ndarray:
         """Values of the channel in the intervals that end at times (rows, k)."""
@@ -459,7 +458,7 @@ def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> 
     for i, k in np.argwhere(dips):
         cubic = (1 + 2 * s) * (1 - s) ** 2 * begin[i, k] + s**2 * (3 - 2 * s) * end[i, k]
         cubic += lengths[k] * (s * (1 - s) ** 2 * down[i, k] - s**2 * (1 - s) * up[i, k])
-        found[i, k] = np.min(cubic) < NEAR * max(begin[i, k], end[i, k])
+        found[i, k] = np.min(cubic) < NEAR_BORDER * max(begin[i, k], end[i, k])
     return found
 
 

@@ -13,7 +13,7 @@ from ..numerics.tolerances import NEARLY_SINGULAR, RANK
 from .statics import Statics
 
 #: Relative singular value below which reactions may be amplified, and by how much before it is reported.
-NEAR, REPORTED = 1e-4, 1e3
+NEAR_SINGULAR_LOADS, REPORTED = 1e-4, 1e3
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,11 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     jacobian = numeric.velocity(statics.t, q)[0]
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian), full_matrices=False)
     relative = values / max(float(np.max(values)), np.finfo(float).tiny)
-    if np.min(relative) > NEAR:
+    if np.min(relative) > NEAR_SINGULAR_LOADS:
         return None
     reactions = left.T @ (numeric.scale.row_size(jacobian) * lam)
     load = float(np.linalg.norm(values * reactions))
-    near = (relative > RANK) & (relative < NEAR)
+    near = (relative > RANK) & (relative < NEAR_SINGULAR_LOADS)
     reaction = float(np.linalg.norm(reactions[near]))
     factor = reaction / load if reaction > REPORTED * load > 0 else 0.0
     around = mobility(numeric, statics.t, q) if np.min(relative) < NEARLY_SINGULAR else None

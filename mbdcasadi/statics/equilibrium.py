@@ -25,7 +25,7 @@ from .statics import Statics, Stiffness
 #: Speed of a driver that counts as rest (m/s or rad/s).
 REST_TOLERANCE = 1e-9
 #: Violation of an inequality that is rounding, in its own unit.
-INEQUALITY_TOLERANCE = 1e-8
+CONDITION_TOLERANCE = 1e-8
 
 
 class EquilibriumError(MechanismError):
@@ -215,7 +215,7 @@ def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray
 
 def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
     for row in rows:
-        if not row.equality and result[row.expression] > INEQUALITY_TOLERANCE:
+        if not row.equality and result[row.expression] > CONDITION_TOLERANCE:
             raise EquilibriumError(
                 f"equilibrium: the equilibrium that was found breaks the condition {row.label} by "
                 f"{result[row.expression]:.6g}; start from a pose nearer to the one that is meant"

@@ -24,7 +24,7 @@ MOST_POINTS = 2000
 #: Smallest step of a path, as a share of the usual one.
 SMALLEST_STEP = 1e-6
 #: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
-LARGEST_TURN, STRAIGHT = 0.2, 0.7
+PATH_TURN, STRAIGHT = 0.2, 0.7
 #: Singular values below this share vanish at a critical point: by rounding they would throw a step off the path.
 SINGULAR = 1e-9
 #: Accuracy to which a critical value is found, relative to the range.
@@ -263,7 +263,7 @@ class Follower:
             return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
 
         x = newton(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
-        if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
+        if x is None or largest((x - point.x)[self._turns]) > PATH_TURN:
             return None
         following = self._point(x, point.tangent)
         return following if following.tangent @ point.tangent > STRAIGHT else None

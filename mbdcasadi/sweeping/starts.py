@@ -21,15 +21,16 @@ STEPS = (1, 8, 32)
 
 
 class StartPath:
-    """The way from one start to those at other parameters: a compiled function and arrays, nothing of the model.
+    """The path from one start to those at other parameters: a compiled function and arrays, nothing of the model.
 
     The parameters are changed in steps, so that every case stays on the branch
-    of the first; what does not arrive in small turns is not reached.
+    of the first; what does not arrive in small turns is not reached. All cases
+    take the same even steps, since one call of compiled code moves them all.
 
     Parameters
     ----------
     setup : MotionSetup
-        The mechanism at the parameters from which the way begins.
+        The mechanism at the parameters at its beginning.
     """
 
     def __init__(self, setup: MotionSetup):
