@@ -84,7 +84,7 @@ class Signals:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether an input changes by intervals."""
+        """True if an input changes by intervals."""
         return bool(self.channel.numel())
 
     @property
@@ -218,7 +218,7 @@ class _Reader:
         self.structure.append(("polynomial", value.terms))
 
     def signals(self, controller: SampledController | None) -> Signals:
-        """What was read."""
+        """The signals of all inputs."""
         none = ca.SX(0, 1)
         parametrised = ca.vertcat(none, *self.expressions)
         levels = ca.vertcat(none, *self.levels)

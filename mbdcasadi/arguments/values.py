@@ -1,4 +1,4 @@
-"""What the analyses are given as mappings: parameter values and times, checked."""
+"""Values of parameters, and times, as an analysis is given them, checked."""
 
 from __future__ import annotations
 

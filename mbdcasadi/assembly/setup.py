@@ -139,7 +139,7 @@ class Setup:
 
     @cached_property
     def has_redundant_rows(self) -> bool:
-        """Whether constraint rows depend on each other at the start."""
+        """True if constraint rows depend on each other at the start."""
         return self.numeric.has_redundant_rows(self.start.t, self.start.q)
 
 

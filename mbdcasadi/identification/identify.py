@@ -246,7 +246,7 @@ def _search(
 
 
 def _one_quantity(motions: Sequence[Experiment]) -> bool:
-    """Whether a common factor of all weights is all that the noise could change."""
+    """True if a common factor of all weights is all that the noise could change."""
     return all(e.weighted for e in motions) or (len(motions) == 1 and motions[0].samples.shape[0] == 1)
 
 

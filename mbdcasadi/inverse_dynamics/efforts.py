@@ -33,15 +33,15 @@ class EffortProblem:
         self.redundant = False
         eom = numeric.eom
         self._labels = [eom.mechanism.inputs[k].label for k in self.unknown]
-        sought = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
-        slope = ca.jacobian(eom.Q, sought)
-        for what, symbols in (("the efforts sought", sought), ("the multipliers", eom.lam)):
+        free = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
+        slope = ca.jacobian(eom.Q, free)
+        for what, symbols in (("the efforts", free), ("the multipliers", eom.lam)):
             if symbols.numel() and ca.depends_on(slope if what.startswith("the e") else eom.Q, symbols):
                 raise MechanismError(
                     f"inverse_dynamics: the forces depend on {what} in a way that is not linear; "
                     "drive the mechanism instead, and read driver.effort"
                 )
-        rest = ca.substitute(eom.Q, sought, ca.SX.zeros(sought.numel()))
+        rest = ca.substitute(eom.Q, free, ca.SX.zeros(free.numel()))
         arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.u, eom.p]
         terms = [eom.Phi_q, slope, rest - eom.mass_diagonal * eom.a]
         self._terms = ca.Function("terms", arguments, [ca.densify(term) for term in terms])
@@ -68,22 +68,22 @@ class EffortProblem:
         rank_rows = _rank(matrix[:, :, :m]) if m else np.zeros(times.size, int)
         freedom = n - int(np.median(rank_rows))
         self.redundant = bool(np.median(rank_rows) < m)
-        sought = ", ".join(repr(label) for label in self._labels) or "none"
+        names = ", ".join(repr(label) for label in self._labels) or "none"
         if w < freedom:
             raise MechanismError(
                 f"the motion is over-determined by {freedom - w}: the mechanism has {freedom} degrees of freedom and "
-                f"{w} effort{'s' if w != 1 else ''} ({sought}) to move them; name more inputs in efforts="
+                f"{w} effort{'s' if w != 1 else ''} ({names}) to move them; name more inputs in efforts="
             )
         if w > freedom:
             raise MechanismError(
-                f"the efforts are under-determined by {w - freedom}: {w} efforts ({sought}) for {freedom} degree"
+                f"the efforts are under-determined by {w - freedom}: {w} efforts ({names}) for {freedom} degree"
                 f"{'s' if freedom != 1 else ''} of freedom; fix some of them by inputs="
             )
         short = rank_rows + w - _rank(matrix)
         if np.any(short > 0):
             k = int(np.argmax(short > 0))
             raise SingularityError(
-                f"the efforts {sought} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
+                f"the efforts {names} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
                 "the joints alone (a dead point for them); let them act at another place",
                 time=float(times[k]),
             )

@@ -195,7 +195,7 @@ def _contradictory(
     if open_rows:
         wanted = np.zeros(eom.lam.numel())
         wanted[eom.position_rows] = numeric.position(t, q)[0]
-    elif singular:  # what a driver asks for in a singular pose is told with that pose
+    elif singular:  # what a driver asks for in a singular pose is reported with that pose
         return ()
     else:
         wanted = numeric.velocity(t, q)[1]

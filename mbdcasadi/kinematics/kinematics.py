@@ -136,7 +136,7 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
 
 
 def _refine(numeric: NumericEquations):
-    """Interpolated poses are corrected, and their rates solved anew."""
+    """Interpolated poses are corrected, and their rates solved again."""
 
     def corrected(
         t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray

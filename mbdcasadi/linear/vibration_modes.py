@@ -104,7 +104,7 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     if not model.is_steady:
         warn(
             "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
-            f"({', '.join(model.state_names[: model.speeds])}) tell it; its eigenvalues say little of what follows. "
+            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues say little of what follows. "
             "Of a steady turn give linearize coordinates= that do not see it, such as an angle or a slide",
         )
     if not model.A.size:

@@ -205,5 +205,5 @@ class _Nearest:
 
 
 def found(residual: Any) -> bool:
-    """Whether a start was found, by its residual."""
+    """True if a start was found, by its residual."""
     return bool(np.isfinite(residual)) and largest(np.asarray(residual)) <= FOUND

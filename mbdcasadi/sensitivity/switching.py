@@ -1,7 +1,7 @@
 """Instants at which a motion passes from one side of a switch to another.
 
 Between two such instants the equations are smooth. They are found by integration with all switches held, at the
-border of the first one that is left; then its side is changed, and the integration begins anew.
+border of the first one that is left; then its side is changed, and the integration starts again.
 """
 
 from __future__ import annotations
@@ -335,7 +335,7 @@ class Passage:
         )
 
     def _leaves_from_rest(self, at_rest: np.ndarray) -> np.ndarray:
-        """Which of the switches that stand still at their borders are beyond these a little later."""
+        """Switches that stand still at their borders and are beyond them a little later."""
         if not np.any(at_rest[self._watched]):
             return np.zeros(at_rest.size, bool)
         soon = self._time + 1e-2 * self._watch_step
@@ -450,7 +450,7 @@ class Passage:
 
 
 def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Which margins may be negative for a while between two knots, by cubic interpolation (rows, k)."""
+    """True for margins that may be negative for a while between two knots, by cubic interpolation (rows, k)."""
     begin, end, down, up = margins[:, :-1], margins[:, 1:], slopes[:, :-1], slopes[:, 1:]
     dips = (begin >= 0) & (end >= 0) & (down < 0) & (up > 0)
     found = np.zeros(dips.shape, bool)
@@ -463,7 +463,7 @@ def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> 
 
 
 def _same_derivative(one: np.ndarray, one_rate: float, other: np.ndarray, other_rate: float) -> bool:
-    """Whether two instants have the same derivative: ``slope / rate`` of the quantities that pass their borders."""
+    """True if two instants have the same derivative: ``slope / rate`` of the quantities that pass their borders."""
     if one_rate == 0 or other_rate == 0:
         return False
     a, b = one / one_rate, other / other_rate

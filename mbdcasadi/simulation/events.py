@@ -133,9 +133,9 @@ class EventWatch:
                 self._offset[index] = float(state[self.events[index].expression])
 
     def moves_through(self, state: State) -> list[bool]:
-        """Whether each expression passes zero, if it is there, in the direction in which the event counts.
+        """True for each expression at zero that passes it in the direction in which the event counts.
 
-        One whose rate is not known, or that counts in both directions, does not by itself.
+        One whose rate is not known, or that counts in both directions, does not.
         """
         limit = at_rest(state)
         return [
@@ -144,7 +144,7 @@ class EventWatch:
         ]
 
     def rests(self, state: State) -> list[bool]:
-        """Whether each expression stands still at a state; one whose rate is not known counts as moving."""
+        """True for each expression that stands still at a state; one whose rate is not known counts as moving."""
         limit = at_rest(state)
         return [
             known and abs(rate) <= limit for rate, known in zip(self.rates(state), self._rate_is_known, strict=True)

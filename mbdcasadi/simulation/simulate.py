@@ -72,7 +72,7 @@ def simulate(
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
-        absolute one is a thousandth of it (of their largest deflection) at the most.
+        absolute one is a thousandth of it (of their largest deflection) at most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -83,20 +83,20 @@ def simulate(
     Returns
     -------
     Trajectory
-        At the output times; up to the event, where a terminal one took place.
+        At the output times; up to the event, if a terminal one took place.
 
     Raises
     ------
     SimulationError
-        Where the integrator stops: the time, the cause, and ``.partial``.
+        If the integrator stops: the time, the cause, and ``.partial``.
     Interrupted
         On Ctrl-C, with ``.partial``.
 
     Warns
     -----
     MechanismWarning
-        Where the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
-        where inputs pass their limits, and where an element leaves what it is made for.
+        If the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
+        if inputs pass their limits, or an element leaves its range of validity.
 
     Examples
     --------
@@ -134,7 +134,7 @@ def simulate(
     for sentence in run.unresolved():
         motion.statistics.notes.append(sentence)
         warn(sentence)
-    _tell_exceeded_limits(mechanism, motion)
+    _report_exceeded_limits(mechanism, motion)
     report_validity(motion)
     return motion
 
@@ -198,7 +198,7 @@ def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Int
     return integrator.replace(abstol=absolute_tolerance(numeric, integrator.abstol))
 
 
-def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
+def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
     for k, u in enumerate(mechanism.inputs):
         values = motion.inputs[:, k]
         slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))

@@ -49,7 +49,7 @@ PASSAGE_ACCELERATION_TOLERANCE, PASSAGE_POSITION_TOLERANCE = 1e-3, 1e-6
 
 
 def has_loops(eom: Equations) -> bool:
-    """Whether constraints close loops: only then they can become dependent in particular poses.
+    """True if constraints close loops: only then they can become dependent in particular poses.
 
     A tree of pins, slides and welds is regular in every pose.
     """
@@ -282,7 +282,7 @@ class Trail:
         self._parts: list[tuple[np.ndarray, np.ndarray]] = []
 
     def begin(self, time: float, x: np.ndarray) -> None:
-        """Forget what was before: the motion begins anew."""
+        """Forget what was before: the motion restarts."""
         self._parts = [(np.array([time]), x[None, :])]
 
     def add(self, times: np.ndarray, x: np.ndarray) -> None:

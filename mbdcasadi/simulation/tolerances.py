@@ -17,14 +17,14 @@ NARROW = {
 }
 #: Largest absolute tolerance, as a share of the velocity over which friction is smoothed, or
 #: of the way over which bristles bend: with tolerances near to
-#: that velocity every integrator steps over the change of sign and gives wrong motions without a word.
+#: that velocity every integrator steps over the change of sign and gives wrong motions silently.
 FRICTION_SHARE = 1e-3
 #: Smallest absolute tolerance that an integrator can keep to.
 SMALLEST_FOR_FRICTION = 1e-13
 
 
 def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
-    """What friction is spread over the least: how far, the element, and words for it; None without any."""
+    """The narrowest width over which friction is smoothed, its element, and words for it; None without any."""
     found: list[tuple[float, Any, str]] = []
     eom = numeric.eom
     for element in eom.mechanism.elements:

@@ -91,7 +91,7 @@ class StartPath:
 
 
 def assembled_start(setup: MotionSetup, parameters: np.ndarray, case: int) -> np.ndarray:
-    """Assemble the start of one case by itself (n_x,).
+    """Assemble the start of one case (n_x,).
 
     Raises
     ------

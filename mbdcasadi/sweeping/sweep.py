@@ -72,7 +72,7 @@ def sweep(
 
     What travels to the workers are ``casadi.Function`` objects and arrays: they
     find the starts of their cases by continuation from that of one of them, and
-    integrate. A start that is not reached so is assembled here by itself. A
+    integrate. A start that is not reached this way is assembled here. A
     case that fails is kept as such, with its message, and the others go on.
 
     Parameters
@@ -110,7 +110,7 @@ def sweep(
     ModelError
         For cases that do not fit the mechanism.
     FileError
-        Where the file belongs to another sweep.
+        If the file belongs to another sweep.
     Interrupted
         On Ctrl-C; ``.partial`` holds what was finished.
 
@@ -313,7 +313,7 @@ class _Jobs:
         self.width = self.setup.grid.size * sum(e.numel() for _, e in named)
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Course], dict[int, str]]:
-        """Where the motions of cases are cut, and why some have none."""
+        """Cuts of the motions of cases, and the reasons why some have none."""
         found, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
         channel = self._motion.channel()
         shared: Course | None = None
@@ -333,7 +333,7 @@ class _Jobs:
         return found, failures
 
     def parcel(self, course: Course) -> Parcel:
-        """What is compiled for a course and others of its pattern."""
+        """The compiled batch for a course and others of its pattern."""
         if course.pattern not in self._parcels:
             setup, motion = self.setup, self._motion
             n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size

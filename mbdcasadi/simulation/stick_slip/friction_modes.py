@@ -30,7 +30,7 @@ FRICTION_TOLERANCE = 1e-7
 #: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
 #: alone makes a joint turn: the guide of a crank at its dead centre.
 TURNS = 1e-6
-#: Modes of the frictions at rest that are tried at one instant, at the most.
+#: Modes of the frictions at rest that are tried at one instant, at most.
 TRIALS = 729
 
 #: Sign of the sliding speed in each sense.
@@ -39,7 +39,7 @@ SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
 
 @dataclass(frozen=True)
 class FrictionMode:
-    """What sticks and what slides.
+    """A choice of which frictions stick and which slide.
 
     Attributes
     ----------
@@ -253,7 +253,7 @@ class FrictionModes(Modes):
         by_pose: Sequence[int],
         broken: dict[int, float],
     ) -> bool:
-        """Whether friction at rest is below its limit, and what starts to slide does so in its sense.
+        """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
         What others that stick hold may exert any force up to its limit.
         """
