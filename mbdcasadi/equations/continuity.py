@@ -1,4 +1,4 @@
-"""Switches over which an expression is continuous all the same: the knots of splines, the touch of a contact.
+"""Switches over which an expression is continuous nevertheless: the knots of splines, the touch of a contact.
 
 Where a switch passes its border the expression must have the same value on
 both sides. That is looked at in points of the border, found on random lines
@@ -213,7 +213,7 @@ class _Trial:
     def _holds_beyond_others(
         self, k: int, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> bool:
-        """Whether other switches, on their sides that were not seen in points of the border, change nothing."""
+        """True if other switches change nothing on their sides that were not seen in points of the border."""
         seen = np.any(before != before[:, :1], axis=1) | np.any(after != before, axis=1)
         seen[k] = True
         unseen = np.flatnonzero(~seen)
@@ -235,7 +235,7 @@ class _Trial:
     def _agree(
         self, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray, owner: np.ndarray
     ) -> np.ndarray:
-        """Whether the values for both sides are the same in points of borders, by rounding (points,)."""
+        """True if the values for both sides are the same in points of borders, by rounding (points,)."""
         if not owner.size:
             return np.zeros(0, bool)
         one, two = (self._held(points, self._values, sides).full() for sides in (before, after))

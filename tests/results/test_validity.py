@@ -1,4 +1,4 @@
-"""What elements ask to be watched along a motion: told with time and size, left out where it is not known."""
+"""Validity conditions of elements along a motion: reported with time and size, left out if not known."""
 
 import warnings
 

@@ -15,7 +15,7 @@ from ..errors import MechanismError, SingularityError
 from ..numerics.tolerances import RANK
 from ..results.trajectory import Trajectory
 
-#: Equations of motion that no effort can balance are told from this share of the loads on.
+#: An equation of motion counts as out of balance from this share of the loads on.
 BALANCE_TOLERANCE = 1e-6
 #: Steps of Newton's method, halvings of a step, and the relative step that is rounding.
 NEWTON_STEPS, HALVINGS, NO_STEP = 60, 12, 1e-13
@@ -105,22 +105,22 @@ class EffortProblem:
         rank_rows = _rank(matrix[:, :, :m]) if m else np.zeros(times.size, int)
         freedom = n - int(np.median(rank_rows))
         self.redundant = bool(np.median(rank_rows) < m)
-        sought = ", ".join(repr(label) for label in self._labels) or "none"
+        names = ", ".join(repr(label) for label in self._labels) or "none"
         if w < freedom:
             raise MechanismError(
                 f"the motion is over-determined by {freedom - w}: the mechanism has {freedom} degrees of freedom and "
-                f"{w} effort{'s' if w != 1 else ''} ({sought}) to move them; name more inputs in efforts="
+                f"{w} effort{'s' if w != 1 else ''} ({names}) to move them; name more inputs in efforts="
             )
         if w > freedom:
             raise MechanismError(
-                f"the efforts are under-determined by {w - freedom}: {w} efforts ({sought}) for {freedom} degree"
+                f"the efforts are under-determined by {w - freedom}: {w} efforts ({names}) for {freedom} degree"
                 f"{'s' if freedom != 1 else ''} of freedom; fix some of them by inputs="
             )
         short = rank_rows + w - _rank(matrix)
         if np.any(short > 0):
             k = int(np.argmax(short > 0))
             raise SingularityError(
-                f"the efforts {sought} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
+                f"the efforts {names} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
                 "the joints alone (a dead point for them); let them act at another place",
                 time=float(times[k]),
             )

@@ -241,7 +241,7 @@ def test_of_a_simulation():
 
 
 def test_output_driven_torque_at_the_input():
-    """The rocker's course is prescribed, the crank's torque is sought: by the power balance."""
+    """The rocker's course is prescribed, the crank's torque is found: by the power balance."""
     f = motor_four_bar()
     start = float(f.rocker.pose_estimate[2])
     law = start + 0.3 * mbd.sin(2 * mbd.t)
@@ -306,7 +306,7 @@ def test_refuses_data_that_are_no_motion():
 
 
 def test_other_inputs_are_known():
-    """What is not sought is given: a brake at the rocker takes its power."""
+    """Other inputs are given: a brake at the rocker takes its power."""
     f = motor_four_bar()
     start = float(f.rocker.pose_estimate[2])
     run = mbd.inverse_dynamics(
@@ -316,7 +316,7 @@ def test_other_inputs_are_known():
     given = run[f.crank_torque * f.crank.omega + f.rocker_torque * f.rocker.omega]
     np.testing.assert_allclose(given, power(run, f.mechanism.bodies), atol=1e-9)
     np.testing.assert_allclose(run[f.rocker_torque], -0.5 * run[f.rocker.omega], atol=1e-12)
-    with pytest.raises(mbd.MechanismError, match="crank torque.*given and sought"):
+    with pytest.raises(mbd.MechanismError, match="crank torque.*in inputs= and in efforts="):
         mbd.inverse_dynamics(
             f.mechanism, TIMES, motion={f.D.angle: start}, efforts=[f.crank_torque], inputs={f.crank_torque: 1.0}
         )
@@ -333,7 +333,7 @@ def test_effort_elsewhere():
 
 
 def test_efforts_between_times():
-    """.at() solves anew for the efforts."""
+    """.at() solves again for the efforts."""
     f = motor_four_bar()
     motion = {f.A.angle: 0.5 + 0.4 * mbd.sin(3 * mbd.t)}
     fine = np.linspace(0.01, 0.99, 23)
@@ -343,7 +343,7 @@ def test_efforts_between_times():
 
 
 def test_efforts_with_redundant_rows():
-    """Two guides in line: the effort is found all the same, and the note says what is not unique."""
+    """Two guides in line: the effort is found nevertheless, and the note says what is not unique."""
     push = mbd.Input("push")
     block = mbd.Body("block", mass=2.0, inertia=0.1)
     guides = [mbd.Translational(f"guide {k}", mbd.ground.at(k, 0), block.at(k, 0)) for k in range(2)]
@@ -401,7 +401,7 @@ def test_refuses_rates_that_break_the_constraints():
 
 
 def test_too_few_and_too_many_efforts():
-    """By how many, and which are sought."""
+    """By how many, and which efforts are free."""
     f = motor_four_bar()
     motion = {f.A.angle: 0.5 + 0.4 * mbd.sin(3 * mbd.t)}
     with pytest.raises(mbd.MechanismError, match="under-determined by 1.*crank torque"):
@@ -514,7 +514,7 @@ def test_lock_up():
 
 
 def test_states_and_drivers_go_together():
-    """A first-order state follows its own equation, which a prescribed motion does not tell: said, or integrated."""
+    """A first-order state is not determined by a prescribed motion: reported, or integrated."""
     current = mbd.StateVariable("current", value=0.0)
     rod = mbd.Body("rod", mass=1, inertia=1, pose=(0.5, 0, 0))
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))
