@@ -7,13 +7,12 @@ they do so most. What is left over is the error of the mesh: the motion passes a
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from ...errors import MechanismWarning
+from ...errors import warn
 from ...model.conditions import Condition, stacked
 
 if TYPE_CHECKING:
@@ -126,10 +125,8 @@ def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
 def warn_of_passed_limits(solution: Solution) -> None:
     """Warn of limits that a motion passes between the points at which they are held."""
     for limit in passed_limits(solution):
-        warnings.warn(
+        warn(
             f"the limit {limit.label} is passed by {limit.amount:.3g} at t = {limit.time:.6g} s, between the points at "
             f"which it is held ({100 * limit.share:.2g} % of it); take more intervals=, or tolerance= for a mesh that "
-            "is refined",
-            MechanismWarning,
-            stacklevel=3,
+            "is refined"
         )

@@ -12,7 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...arguments.values import pairs_of, parameter_vector
+from ...arguments.values import pairs_of
+from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import Interrupted, ModelError
 from ...model.conditions import Condition
@@ -148,9 +149,13 @@ class Solver:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
-        first, equations = problem.phases[0], [phase.equations for phase in problem.phases]
-        numerics = [NumericEquations(eom, parameter_vector(eom, values)) for eom in equations]
-        self.start = first_state(problem, first, numerics[0], self.initial)
+        first = problem.phases[0]
+        read = [
+            Setup(phase.mechanism, "optimize", t=0.0, initial=self.initial if phase is first else (), parameters=values)
+            for phase in problem.phases
+        ]
+        numerics = [setup.numeric for setup in read]
+        self.start = first_state(problem, first, numerics[0], self.initial, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
         self.setups = list(map(self._setup, problem.phases, numerics))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -10,7 +9,7 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
-from ...errors import MechanismWarning
+from ...errors import warn
 from ...numerics.collocation import gauss
 
 if TYPE_CHECKING:
@@ -61,13 +60,11 @@ def _warn_of_coarse_phase(part: PhaseSolution) -> None:
     others = int(np.sum(errors > COARSE_ERROR)) - 1
     begin, end = part.mesh_times[worst : worst + 2]
     more = f"; so do {others} others" if others else ""
-    warnings.warn(
+    warn(
         f"the mesh of {part.mesh.count} intervals is too coarse for the motion that was found: the interval from "
         f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g} "
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
-        "tolerance= for a mesh that is refined",
-        MechanismWarning,
-        stacklevel=4,
+        "tolerance= for a mesh that is refined"
     )
 
 
@@ -76,12 +73,10 @@ def _warn_of_states(part: PhaseSolution) -> None:
     sums = np.sum(state_errors(part), axis=0)
     for state, error in zip(part.phase.mechanism.states, sums, strict=True):
         if error > COARSE_STATE_ERROR:
-            warnings.warn(
+            warn(
                 f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the "
                 f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
-                "tolerance= for a mesh that is refined",
-                MechanismWarning,
-                stacklevel=5,
+                "tolerance= for a mesh that is refined"
             )
 
 
