@@ -36,7 +36,7 @@ INTERVALS = 40
 def optimize(
     problem: OptimalControlProblem,
     *,
-    intervals: int | None = None,
+    intervals: int | str = "auto",
     degree: int = 3,
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | None = None,
@@ -57,9 +57,9 @@ def optimize(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    intervals : int, optional
-        Number of intervals of the mesh, of equal length between waypoints. Default is 40, and intervals that turn out
-        to be too coarse for the motion that was found are split.
+    intervals : int or "auto"
+        Number of intervals of the mesh, of equal length between waypoints. With "auto", the default, there are 40, and
+        those that turn out to be too coarse for the motion that was found, or to pass limits, are split.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -152,18 +152,22 @@ class _Search:
     settings: tuple[Any, ...]
     best: BestSoFar
 
+    @property
+    def _is_automatic(self) -> bool:
+        return isinstance(self.intervals, str) and self.intervals == "auto"
+
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
         settings = Settings.read(*self.settings)
         waypoints = len(self.problem.phases[0].waypoints)
-        counts = max(INTERVALS, 2 * (waypoints + 1)) if self.intervals is None else _count(self.intervals, waypoints)
+        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
         near = guess.solution if isinstance(guess, Shifted) else guess
         if isinstance(near, Solution) and starts is None:
             settings = replace(settings, angles=near.settings.angles)
         elif near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
             settings = replace(settings, angles=True)
 
-        automatic = self.intervals is None and near is None and tolerance is None
+        automatic = self._is_automatic and near is None and tolerance is None
 
         def solve(settings: Settings) -> tuple[Solver, Solution]:
             solver = Solver(self.problem, settings, parameters, self.initial, self.best)
