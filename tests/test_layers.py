@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import importlib.util
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -103,3 +105,35 @@ def test_the_picture_shows_the_layers():
     text = layers.TARGET.read_text(encoding="utf-8")
     places = {name: text.find(f">{name}</text>") for name in HEIGHT}
     assert all(place > 0 for place in places.values()), places
+
+
+# --- docs/architecture.md -----------------------------------------------------------------------
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("path", sorted(set(re.findall(r"`((?:mbdcasadi|docs|tests)/[\w/.]+)`", PAGE))))
+def test_paths_of_the_page_exist(path):
+    """Files and folders that the page names."""
+    assert (ROOT / path).exists()
+
+
+@pytest.mark.parametrize("path, name", re.findall(r"\| `(mbdcasadi/[\w/.]+)` \| `(\w+)` \|", PAGE))
+def test_names_of_the_walks_are_defined(path, name):
+    """Each step of the two walks is a class or a function of its file."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    defined = {node.name for node in ast.walk(tree) if isinstance(node, ast.ClassDef | ast.FunctionDef)}
+    assert name in defined
+
+
+@pytest.mark.parametrize("names, path", re.findall(r"\| `([A-Z_]+)`[^|]*in `(mbdcasadi/[\w/.]+)` \|", PAGE))
+def test_lists_of_the_page_are_defined(names, path):
+    """Each list in which a new thing is entered stands in its file."""
+    module = importlib.import_module(path.removesuffix(".py").removesuffix("/__init__").replace("/", "."))
+    assert len(getattr(module, names))
+
+
+def test_rooms_of_the_page_are_those_of_the_list():
+    """Each once, from the bottom to the top."""
+    rooms = re.findall(r"^\| `(\w+)` \| [^|]*\| `mbdcasadi/\w", PAGE, re.MULTILINE)
+    assert sorted(rooms) == sorted(set(HEIGHT) - {"__init__", "__main__"})
+    assert [HEIGHT[room] for room in rooms] == sorted(HEIGHT[room] for room in rooms)

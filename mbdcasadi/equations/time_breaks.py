@@ -97,36 +97,6 @@ def merge_breaks(parts: Sequence[TimeBreaks]) -> TimeBreaks:
     return TimeBreaks(times[first], merged, np.vstack([part.transients for part in parts]), parts[0].width)
 
 
-def time_breaks(expressions: ca.SX, t: ca.SX, p: ca.SX, p_values: np.ndarray, start: float, end: float) -> TimeBreaks:
-    """Find the instants at which expressions switch in time alone.
-
-    Parameters
-    ----------
-    expressions : casadi.SX
-        Of any shape, in time, parameters and any other symbols.
-    t : casadi.SX
-        Time.
-    p : casadi.SX
-        Symbols whose values are known (k,).
-    p_values : numpy.ndarray
-        Their values.
-    start, end : float
-        The interval, s; its ends do not count.
-
-    Returns
-    -------
-    TimeBreaks
-        A comparison with a coordinate is none of these, as it switches with the motion.
-
-    Examples
-    --------
-    >>> t, k = ca.SX.sym("t"), ca.SX.sym("k")
-    >>> time_breaks(ca.if_else(t < k, 1, 0), t, k, [2.0], 0.0, 10.0).times.tolist()
-    [2.0]
-    """
-    return TimeFunctions(expressions, t, p).breaks(np.asarray(p_values, float), start, end)
-
-
 class TimeFunctions:
     """Parts of expressions that depend on time and known symbols alone, and the instants at which they switch.
 
@@ -142,6 +112,12 @@ class TimeFunctions:
         Symbols whose values are known (k,).
     others : (casadi.SX, numpy.ndarray), optional
         Other symbols with typical values, at which it is seen what jumps; other ones get values near to one.
+
+    Examples
+    --------
+    >>> t, k = ca.SX.sym("t"), ca.SX.sym("k")
+    >>> TimeFunctions(ca.if_else(t < k, 1, 0), t, k).breaks(np.array([2.0]), 0.0, 10.0).times.tolist()
+    [2.0]
     """
 
     def __init__(self, expressions: ca.SX, t: ca.SX, p: ca.SX, others: tuple[ca.SX, np.ndarray] | None = None):
