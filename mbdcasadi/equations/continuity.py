@@ -148,7 +148,19 @@ class _Trial:
                 before, after = self._across(k)
                 low.append(before)
                 high.append(after)
+        for k in range(len(self._switches)):
+            if low[k].shape[1] < FEWEST_HITS:
+                low[k], high[k] = self._borrowed(k, np.hstack(low), np.hstack(high))
         return low, high
+
+    def _borrowed(self, k: int, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of points for other switches that lie on both sides of a border too.
+
+        A quantity that is zero on a whole side, as a penetration, has no gradient there that leads to its border.
+        """
+        before, after = (sides_of(self._at(points)[k : k + 1], self._whole[k : k + 1])[0] for points in (low, high))
+        chosen = np.flatnonzero(before != after)[:HITS]
+        return low[:, chosen], high[:, chosen]
 
     def _across(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of points on both sides of a border that random lines do not meet, by Newton's method."""

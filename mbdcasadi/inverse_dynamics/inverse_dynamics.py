@@ -16,6 +16,7 @@ from ..equations.driven import driven_equations
 from ..errors import MechanismError, SingularityError
 from ..kinematics.kinematics import driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
+from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
 from ..numerics.console import call_each
@@ -57,8 +58,10 @@ def inverse_dynamics(
     duration : float, optional
         Instead of `times`: 201 outputs from 0 to the duration, s.
     motion : Trajectory, or mapping of expression to function of time, optional
-        The motion: a trajectory of the same bodies, or what is prescribed, as
-        expressions in ``mbd.t`` or callables of it; then a list of pairs
+        The motion: a trajectory of the same bodies, or what is prescribed:
+        expressions in ``mbd.t``, callables of it, splines of SciPy, or samples
+        at `times`, which a curve of degree five interpolates (noise in them
+        must be removed before: accelerations amplify it). A list of pairs
         ``[(expression, value)]`` does the same.
     efforts : sequence of Input
         Inputs to find, on which the forces depend linearly.
@@ -181,7 +184,8 @@ def _course(setup: Setup, motion: Any, progress: bool) -> Trajectory:
     if isinstance(motion, Trajectory):
         same = grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
         return motion if same else motion.at(grid)
-    drivers = [_as_driver(k, expression, value) for k, (expression, value) in enumerate(pairs_of(motion, "motion="))]
+    prescribed = pairs_of(motion, "motion=")
+    drivers = [_as_driver(k, expression, value, grid) for k, (expression, value) in enumerate(prescribed)]
     if not drivers:
         raise MechanismError("inverse_dynamics: motion= prescribes nothing")
     driven = mechanism.replace(drivers=[*mechanism.drivers, *drivers])
@@ -196,9 +200,16 @@ def _course(setup: Setup, motion: Any, progress: bool) -> Trajectory:
     return kinematic_trajectory(numeric, course)
 
 
-def _as_driver(index: int, expression: Any, value: Any) -> Driver:
-    course = value(time) if callable(value) and not isinstance(value, ca.SX) else value
-    return Driver(f"motion {index + 1} ({ca.SX(expression)})", expression, course)
+def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray) -> Driver:
+    name = f"motion {index + 1} ({ca.SX(expression)})"
+    course = expression_of(time, value)
+    if callable(course) and not isinstance(course, ca.SX):
+        course = course(time)
+    elif isinstance(course, Sequence | np.ndarray) and np.ndim(course):
+        if len(course) != grid.size:
+            raise MechanismError(f"{name}: one sample for each of the {grid.size} times is needed, got {len(course)}")
+        course = through_samples(time, grid, course)
+    return Driver(name, expression, course)
 
 
 def _of_motion(setup: Setup, course: Trajectory, unknown: Sequence[int], tolerance: float) -> Trajectory:

@@ -131,11 +131,8 @@ def simulate(
     may_repeat = abstol is None and asked is not method and setup.signals.controller is None
     run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
-    for sentence in run.unresolved():
-        motion.statistics.notes.append(sentence)
-        warn(sentence)
     _report_exceeded_limits(mechanism, motion)
-    report_validity(motion)
+    report_validity(motion, run.unresolved())
     return motion
 
 

@@ -28,6 +28,8 @@ from .path import Path, hermite_states
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
 ENTRY = 0.01
+#: Poses about the lowest pivot at which it is looked at again.
+CLOSE = 64
 #: Turn of a body between two poses at which the pivot is looked at, rad.
 PIVOT_TURN = 0.05
 #: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
@@ -172,11 +174,13 @@ class SingularPassage:
 
     def smallest(self, path: Path) -> float:
         """Smallest pivot along a path, relative to the one of the entry."""
-        times = self._finer(path)
-        n = self._numeric.eom.q.numel()
-        return float(np.min(self._regularity.at(times, hermite_states(path, times, n)[:, :n]))) / (
-            ENTRY * self._largest
-        )
+        n, times, values = self._numeric.eom.q.numel(), self._finer(path), np.zeros(0)
+        for _ in range(2):  # first everywhere, then about the lowest
+            values = self._regularity.at(times, hermite_states(path, times, n)[:, :n])
+            k = int(np.argmin(values))
+            around = times[max(k - 1, 0)], times[min(k + 1, times.size - 1)]
+            times = np.linspace(*around, CLOSE)
+        return float(np.min(values)) / (ENTRY * self._largest)
 
     # --- passing ----------------------------------------------------------------------------------
     def across(self, time: float, begin: float, way: Way, limit: float) -> Passage | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.values import inputs_and_parameters, position_in
@@ -253,6 +254,14 @@ def _left_over(statics: Statics, x: np.ndarray) -> str:
         if soft
         else "the forces may have no balance near this pose"
     )
+    rubbing = [
+        e.description for e in eom.mechanism.elements if any(ca.depends_on(s.expression, eom.v) for s in e.smoothings)
+    ]
+    if soft and rubbing:
+        remedy = (
+            f"no force holds it back in some direction: smoothed friction ({', '.join(rubbing[:3])}) gives way slowly "
+            "at rest; DryFriction sticks"
+        )
     return (
         f"equilibrium: no state at rest was found; at the start the forces that are not balanced act on "
         f"{', '.join(parts) or 'nothing'} (N or N m){singular}; {remedy}; "
