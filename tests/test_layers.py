@@ -26,7 +26,7 @@ HEIGHT = {room: -level for level, rooms in enumerate(layers.LAYERS) for room in 
 INNER = {
     "model": ("geometry", "joints", "forces"),
     "optimal_control": ("transcription",),
-    "simulation": ("formulations", "stick_slip"),
+    "simulation": ("formulations",),
     "visual": ("drawing", "plots"),
 }
 

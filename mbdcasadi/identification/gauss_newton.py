@@ -24,7 +24,7 @@ DAMPING = 1e-12
 
 
 @dataclass
-class Outcome:
+class GaussNewtonOutcome:
     """End of the Gauss–Newton iteration.
 
     Attributes
@@ -58,8 +58,8 @@ def gauss_newton(
     weights: Sequence[np.ndarray],
     iterations: int,
     loss: Loss,
-    report: Callable[[Outcome], None] = lambda outcome: None,
-) -> Outcome:
+    report: Callable[[GaussNewtonOutcome], None] = lambda outcome: None,
+) -> GaussNewtonOutcome:
     """Minimise the loss of the weighted residuals with all gaps closed.
 
     Parameters
@@ -87,7 +87,7 @@ def gauss_newton(
         scaled, slopes, closed = of_residual * residual, of_slope[:, None] * jacobian, of_slope * closing
         step = _step(slopes, scaled + closed, limits[0] - theta, limits[1] - theta)
         size = largest(step / np.maximum(np.maximum(np.abs(theta), typical), 1e-12))
-        outcome = Outcome(theta, jacobian, residual, [f.outputs for f in found], count, False)
+        outcome = GaussNewtonOutcome(theta, jacobian, residual, [f.outputs for f in found], count, False)
         report(outcome)
         if size <= SETTLED and largest(gaps) <= CLOSED:
             outcome.converged = True

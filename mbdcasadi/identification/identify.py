@@ -19,7 +19,7 @@ from ..numerics.console import keyboard_interrupts
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
-from .gauss_newton import Outcome, gauss_newton
+from .gauss_newton import GaussNewtonOutcome, gauss_newton
 from .loss import LINEAR, Loss
 from .shooting import Shooting
 
@@ -142,11 +142,11 @@ def identify(
         tolerances = {name: TOLERANCE if value is None else value for name, value in tolerances.items()}
     own = [pairs_of(e.parameters, "parameters=") for e in motions]
 
-    def fit_of(outcome: Outcome) -> Fit:
+    def fit_of(outcome: GaussNewtonOutcome) -> Fit:
         found = outcome.theta, outcome.jacobian, outcome.residual, outcome.outputs, outcome.iterations
         return Fit(mechanism, motions, wanted, *found, own, counts)
 
-    so_far: list[Outcome] = []
+    so_far: list[GaussNewtonOutcome] = []
     try:
         with keyboard_interrupts():
             shootings = [
@@ -214,8 +214,8 @@ def _search(
     motions: Sequence[Experiment],
     iterations: int,
     loss: Loss,
-    so_far: list[Outcome],
-) -> Outcome:
+    so_far: list[GaussNewtonOutcome],
+) -> GaussNewtonOutcome:
     """Gauss–Newton with the weights given, or with those that the residuals ask for.
 
     A robust loss knows outliers from the noise only near to the solution: the
@@ -224,7 +224,7 @@ def _search(
     noise, taken = _first_noise(motions), 0
     present = LINEAR
 
-    def report(outcome: Outcome) -> None:
+    def report(outcome: GaussNewtonOutcome) -> None:
         so_far[:] = [replace(outcome, iterations=taken + outcome.iterations)]
 
     for _ in range(ROUNDS):
@@ -272,7 +272,7 @@ def _range(experiment: Experiment) -> np.ndarray:
     return np.where(found > 0, found, 1.0)
 
 
-def _noise(motions: Sequence[Experiment], outcome: Outcome, loss: Loss) -> list[np.ndarray]:
+def _noise(motions: Sequence[Experiment], outcome: GaussNewtonOutcome, loss: Loss) -> list[np.ndarray]:
     """Standard deviation of the residuals of each row, not below rounding; with weights the one factor of all rows."""
     found = []
     residuals = [y - e.samples for e, y in zip(motions, outcome.outputs, strict=True)]

@@ -19,7 +19,7 @@ from ..results.state import State
 from ..simulation.modes import SingleMode
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from .design_variables import DesignVariables
-from .differentiable_motion import Course, DifferentiableMotion
+from .differentiable_motion import Cuts, DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
 
 #: Patterns of cuts for which compiled functions are kept.
@@ -152,7 +152,7 @@ class CompiledRun:
         return self._call(function, d, self.guess, *course.arguments, y, weights, remedy=remedy)[0].full().ravel()
 
     # --- the course ---------------------------------------------------------------------------
-    def _course(self, d: np.ndarray) -> Course:
+    def _course(self, d: np.ndarray) -> Cuts:
         """The cuts of the motion."""
         p, right, z, levels, channel = (part.full() for part in self._given(d))
         start = None
@@ -162,7 +162,7 @@ class CompiledRun:
             start = x.full().ravel()
         return self.motion.course(start, p.ravel(), levels.ravel(), channel)
 
-    def _of(self, course: Course) -> Compiled:
+    def _of(self, course: Cuts) -> Compiled:
         """The compiled run for a course and others of its pattern."""
         pattern = course.pattern
         if pattern not in self._compiled:
@@ -172,7 +172,7 @@ class CompiledRun:
         self._compiled.move_to_end(pattern)
         return self._compiled[pattern]
 
-    def _function(self, course: Course) -> ca.Function:
+    def _function(self, course: Cuts) -> ca.Function:
         """``(d, guess, cuts, sides, borders) -> (y, X, residual of the start, its solution)``."""
         start, motion = self.setup.differentiable_start, self.motion
         d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)

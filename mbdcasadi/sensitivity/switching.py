@@ -76,7 +76,7 @@ class Cut:
     impulse: bool = False
 
 
-class Passage:
+class BorderPassage:
     """A motion that is followed from cut to cut.
 
     Parameters

@@ -10,20 +10,22 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ...assembly.setup import Setup
-from ...equations import equations
-from ...equations.numeric import NumericEquations
-from ...errors import SimulationError, SingularityError
-from ...model.events import Event
-from ...model.forces.friction.modes import Senses, switching, variant_in
-from ...model.mechanism import Mechanism
-from ...model.rates import time_derivative
-from ...numerics.rank import analyse_rank
-from ...numerics.tolerances import AT_REST
-from ...results.state import State
-from ...results.trajectory import Trajectory
-from ..impacts import velocities_with
-from ..modes import Modes
+from ..assembly.assemble import decide_friction_by
+from ..assembly.consistent_start import consistent_start
+from ..assembly.setup import Setup
+from ..equations import equations
+from ..equations.numeric import NumericEquations
+from ..errors import SimulationError, SingularityError
+from ..model.events import Event
+from ..model.forces.friction.modes import Senses, switching, variant_in
+from ..model.mechanism import Mechanism
+from ..model.rates import time_derivative
+from ..numerics.rank import analyse_rank
+from ..numerics.tolerances import AT_REST
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from .impacts import velocities_with
+from .modes import Modes
 
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 FRICTION_TOLERANCE = 1e-7
@@ -290,3 +292,22 @@ def _stops(friction: Any) -> str:
 
 def _breaks(friction: Any) -> str:
     return f"{friction.name} breaks away"
+
+
+def start_with_friction(setup: Setup) -> State:
+    """Find the consistent start; accelerations and reactions belong to the friction that the laws allow there."""
+    modes = FrictionModes(setup)
+    time = float(setup.grid[0])
+    state = consistent_start(modes.numeric(modes.free), setup.initial, time, setup.signals)
+    found = modes.holding(state, {})
+    if found is not None:
+        return modes.whole(*found)
+    names = ", ".join(friction.description for friction in modes.frictions)
+    obstacle = SingularityError(
+        f"neither sticking nor sliding of {names} meets the laws of friction at t = {time:.6g} s: it jams", time=time
+    )
+    lam, a = modes.multipliers(modes.free, state)[0], state.a
+    return State(setup.mechanism, time, state.q, state.v, a, state.z, lam, state.inputs, state.parameters, obstacle)
+
+
+decide_friction_by(start_with_friction)
