@@ -159,8 +159,8 @@ class TimeFunctions:
         times = np.zeros(0)
         for level in range(1 + max(self._zeros.depth, self._integers.depth)):
             borders = np.r_[start, times, end]
-            found = [group.roots(level, p, borders) for group in (self._integers, self._zeros)]
-            times = _unique(np.concatenate([times, *found]), start, end)
+            roots = [group.roots(level, p, borders) for group in (self._integers, self._zeros)]
+            times = _unique(np.concatenate([times, *roots]), start, end)
         transients = self._transients.transients(p, np.r_[start, times, end])
         short = transients[:, 1] < SHORT_TRANSIENT * (end - start)
         return TimeBreaks(times, self.orders(p, start, times, end), transients[short], resolution(start, end))
@@ -285,11 +285,11 @@ class _Switches:
 
     def roots(self, level: int, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of the functions of one depth of nesting; between two borders those of lower depth do not switch."""
-        found = [np.zeros(0)]
+        roots = [np.zeros(0)]
         for straight, search in ((True, self._affine_roots), (False, self._sampled_roots)):
             if self.count and (level, straight) in self._groups:
-                found.append(search(self._groups[level, straight], p, borders))
-        return np.concatenate(found)
+                roots.append(search(self._groups[level, straight], p, borders))
+        return np.concatenate(roots)
 
     def _affine_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of functions that are affine between borders."""
@@ -304,12 +304,12 @@ class _Switches:
                 return root[np.isfinite(root)]
             half = np.abs(slope) * (high - low) / 2
             lowest, highest = np.ceil(value - half), np.floor(value + half)
-        found = []
+        roots = []
         moving = np.isfinite(value) & np.isfinite(slope) & (slope != 0) & (highest >= lowest)
         for g, k in np.argwhere(moving):
             integers = np.arange(lowest[g, k], highest[g, k] + 1)
-            found.append(middle[k] + (integers - value[g, k]) / slope[g, k])
-        return np.concatenate([np.zeros(0), *found])
+            roots.append(middle[k] + (integers - value[g, k]) / slope[g, k])
+        return np.concatenate([np.zeros(0), *roots])
 
     def _sampled_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of other functions: samples are made denser until no more of them appear."""
@@ -329,15 +329,15 @@ class _Switches:
             return np.zeros((0, 2))
         points = _samples(borders, FEWEST_SAMPLES)
         value, slope, bend = (x.full() for x in self._curved(points[None, :], p))
-        found = [np.zeros((0, 2))]
+        transients = [np.zeros((0, 2))]
         for g in range(self.count):
             for level, samples, rates in ((0, value[g], slope[g]), (1, slope[g], bend[g])):
                 places = _Sampled(self._curved, g, p, points, samples, rates, level=level).crossings()
                 if places.size:
                     rate = np.abs(self._curved(places[None, :], p)[level + 1].full()[g])
                     with np.errstate(divide="ignore"):
-                        found.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
-        return np.vstack(found)
+                        transients.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
+        return np.vstack(transients)
 
 
 class _Sampled:

@@ -166,11 +166,11 @@ class Shooting:
         self, k: int, theta: np.ndarray, seeds: np.ndarray, towards: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, self.nodes[k], theta)
-        given = [self.nodes[k], theta, *cuts]
+        arguments = [self.nodes[k], theta, *cuts]
         directions = [seeds, towards, *still(cuts, seeds.shape[1])]
         try:
-            results = call(segment.function, *given)
-            moved = call(segment.derivative("forward", seeds.shape[1]), *given, *results, *directions)
+            results = call(segment.function, *arguments)
+            moved = call(segment.derivative("forward", seeds.shape[1]), *arguments, *results, *directions)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         # the directions of a matrix stand side by side
@@ -194,11 +194,11 @@ class Shooting:
     def _start_slope(self, theta: np.ndarray) -> np.ndarray:
         start, count = self.setup.differentiable_start, len(self.places)
         p = self._parameters(theta)
-        given = [p, start.right, start.z_estimate, self.guess]
-        seeds = [np.zeros((np.size(g), count)) for g in given]
+        arguments = [p, start.right, start.z_estimate, self.guess]
+        seeds = [np.zeros((np.size(g), count)) for g in arguments]
         seeds[0][self.places] = np.eye(count)
         forward = start.function.forward(count)
-        return forward(*given, *start.function(*given), *seeds)[0].full()
+        return forward(*arguments, *start.function(*arguments), *seeds)[0].full()
 
     def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, x0, theta)

@@ -139,9 +139,9 @@ class CompiledRun:
         """Outputs and their derivatives (n, n_d), by forward sensitivities."""
         y, size = self.values(d), self.design.size
         course = self._course(d)
-        given = [self.guess, *course.arguments]
+        arguments = [self.guess, *course.arguments]
         function = self._of(course).derivative("forward", size)
-        slope = self._call(function, d, *given, y, np.eye(size), *still(given, size))
+        slope = self._call(function, d, *arguments, y, np.eye(size), *still(arguments, size))
         return y, slope.full()
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -224,8 +224,8 @@ class Compiled:
 
     def __init__(self, function: ca.Function, outputs: int | None = None):
         self.function = function
-        given = function.mx_in()
-        self._values = function if outputs is None else ca.Function("values", given, function(*given)[:outputs])
+        arguments = function.mx_in()
+        self._values = function if outputs is None else ca.Function("values", arguments, function(*arguments)[:outputs])
         self._derivatives: dict[tuple[str, int], ca.Function] = {}
 
     def derivative(self, kind: str, count: int) -> ca.Function:

@@ -234,12 +234,12 @@ class DifferentiableMotion:
         SimulationError
             At a jump through which no derivative can be carried, with the name of the element.
         """
-        given = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
-        if given not in self._courses:
-            self._courses[given] = self._found_course(x0, p, levels, channel, first, last)
+        key = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
+        if key not in self._courses:
+            self._courses[key] = self._found_course(x0, p, levels, channel, first, last)
             while len(self._courses) > COURSES:
                 self._courses.popitem(last=False)
-        return self._courses[given]
+        return self._courses[key]
 
     def _found_course(
         self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
@@ -313,9 +313,9 @@ class DifferentiableMotion:
         cuts, sides, borders = course.symbols
         walk = _Walk(self, course, grid, ca.vertcat(x0, ca.MX.zeros(self.integrals + 1)), (p, levels, channel), sides)
         walk.run(cuts, borders)
-        given = [x0, p, levels, channel, cuts, sides, borders]
+        arguments = [x0, p, levels, channel, cuts, sides, borders]
         names = ["x0", "p", "levels", "channel", "cuts", "sides", "borders"]
-        return ca.Function("motion", given, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
+        return ca.Function("motion", arguments, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
 
     def schedule(self, course: Cuts, grid: np.ndarray) -> list[Piece]:
         """Pieces of a stretch without cuts: up to jumps of the equations, and ends at which drift is taken away."""
@@ -343,8 +343,8 @@ class DifferentiableMotion:
         channel: ca.MX | None,
     ) -> ca.MX:
         """States, with the clock of the whole stretch, at fractions of a piece (n_x, k)."""
-        given = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
-        function = self._compiled.function(fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps)
+        inputs = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+        function = self._compiled.function(fractions, groups=inputs["groups"], steps=MAX_STEPS, least_steps=least_steps)
         # the rate at which drift decays in the regularised form comes last
         arguments: dict[str, Any] = {
             "x0": ca.vertcat(x[:-1], 0),
@@ -352,8 +352,8 @@ class DifferentiableMotion:
         }
         if self._unknowns.size:
             arguments["z0"] = self._unknowns
-        if given["u"] is not None:
-            stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
+        if inputs["u"] is not None:
+            stop = ca.MX(ca.DM(inputs["u"][0 if channel is None else channel.shape[0] :, :]))
             arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
         states = function(**arguments)["xf"]
         return ca.vertcat(states[:-1, :], x[-1] + length * states[-1, :])
@@ -435,7 +435,7 @@ class DifferentiableMotion:
     def _at_one_output(self, expression: ca.SX) -> ca.Function:
         """``(t, x, p, levels, channel) -> values`` at one output."""
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
-        given = [
+        arguments = [
             kind.sym(name, size)
             for name, size in (
                 ("t", 1),
@@ -445,7 +445,7 @@ class DifferentiableMotion:
                 ("channel", self.channel_size[0]),
             )
         ]
-        t, x, p, levels, channel = given
+        t, x, p, levels, channel = arguments
         n, k = eom.q.numel(), eom.z.numel()
         x = _projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
@@ -455,13 +455,13 @@ class DifferentiableMotion:
         u = inputs(t, q, v, z, p, levels, channel)
         a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
         values = eom.function(expression)(t, q, v, a, z, lam, u, p)
-        return ca.Function("output", given, [values])
+        return ca.Function("output", arguments, [values])
 
 
 def channel_over(signals: Signals, grid: np.ndarray) -> np.ndarray:
     """Values of the channel of sampled inputs in the intervals of a grid (rows, k)."""
-    found = signals.channel_from(grid[:-1])
-    return np.zeros((0, 0)) if found is None else found
+    channel = signals.channel_from(grid[:-1])
+    return np.zeros((0, 0)) if channel is None else channel
 
 
 class _Walk:

@@ -161,9 +161,9 @@ class FrictionModes(Modes):
         for i, friction in enumerate(self.frictions):
             if before is not None and _breaks(friction) in names and before.senses[i] == "sticks":
                 broken[i] = self.pull(i, state)
-        found = self.holding(state, broken)
-        if found is not None:
-            return found
+        holding = self.holding(state, broken)
+        if holding is not None:
+            return holding
         raise SimulationError(
             f"at t = {state.t:.6g} s neither sticking nor sliding of "
             f"{', '.join(f.description for f in self.frictions)} meets the laws of friction: friction is so large that "
@@ -238,14 +238,14 @@ class FrictionModes(Modes):
 
     def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Senses, list[int]]]:
         """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
-        found: list[tuple[bool, Senses, list[int]]] = []
+        candidates: list[tuple[bool, Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
             depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
             if not depends and not any(mode == "free" and i not in held for i, mode in enumerate(modes)):
-                found.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
-        return [(modes, held) for _, modes, held in sorted(found, key=lambda candidate: candidate[0])]
+                candidates.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
+        return [(modes, held) for _, modes, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     def _is_met(
         self,
@@ -299,9 +299,9 @@ def start_with_friction(setup: Setup) -> State:
     modes = FrictionModes(setup)
     time = float(setup.grid[0])
     state = consistent_start(modes.numeric(modes.free), setup.initial, time, setup.signals)
-    found = modes.holding(state, {})
-    if found is not None:
-        return modes.whole(*found)
+    holding = modes.holding(state, {})
+    if holding is not None:
+        return modes.whole(*holding)
     names = ", ".join(friction.description for friction in modes.frictions)
     obstacle = SingularityError(
         f"neither sticking nor sliding of {names} meets the laws of friction at t = {time:.6g} s: it jams", time=time

@@ -93,5 +93,5 @@ def run_batch(
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:
     """Outputs of a case by time, and its clock, as numbers."""
-    found, clock = function(*case)
-    return found.full().ravel(order="F"), float(clock)
+    values, clock = function(*case)
+    return values.full().ravel(order="F"), float(clock)
