@@ -109,8 +109,8 @@ class Regularity:
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Smallest relative pivot at poses (k, n)."""
-        found = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
-        return np.where(np.isfinite(found), found, 0.0)
+        pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        return np.where(np.isfinite(pivots), pivots, 0.0)
 
 
 def _regularity(eom: Equations, rows: list[int]) -> ca.Function:
@@ -365,9 +365,9 @@ class Trail:
 
     def with_path(self, path: Path, time: float) -> Trail:
         """Return the trail with a path up to a time appended."""
-        found, before = Trail(), path.times <= time
-        found._parts = [*self._parts, (path.times[before], path.x[before])]
-        return found
+        trail, before = Trail(), path.times <= time
+        trail._parts = [*self._parts, (path.times[before], path.x[before])]
+        return trail
 
     @property
     def start(self) -> float:
