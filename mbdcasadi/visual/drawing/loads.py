@@ -60,7 +60,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
         return {}
     box = pen.box()
     diagonal = float(np.hypot(*(box[1] - box[0])))
-    values = pen.over(*[ca.norm_2(load.value) for _, load in loads])
+    values = pen.sample.sizes(ca.vertcat(*[ca.norm_2(load.value) for _, load in loads]))
     couple = np.array([load.value.numel() == 1 for _, load in loads])
     values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # what is not known, as forces of a current in kinematics
     scale = {}

@@ -68,6 +68,7 @@ function drawStage(time, options) {
     }
   }
   for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
+  if (DATA.live) drawPull();
 }
 
 function drawLabel(label, pose, theme) {
@@ -88,13 +89,8 @@ function drawLabel(label, pose, theme) {
   pen.textBaseline = "alphabetic";
 }
 
-const PATHS = DATA.traces.map(function (frame) {
-  const times = timesOf(columnsOf(frame));
-  return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
-});
-
 function drawTraces(time, theme) {
-  for (const path of PATHS) {
+  for (const path of paths()) {
     for (const past of [false, true]) {
       pen.beginPath();
       for (let k = 0; k < path.points.length; k++) {
