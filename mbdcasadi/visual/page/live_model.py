@@ -67,14 +67,14 @@ class LiveModel:
         self.mechanism, self.eom = mechanism, self.setup.eom
         self.numeric: NumericEquations = self.setup.numeric
         self.start: State = self.setup.start
-        _ = self.start[self.eom.a]  # raises if there are no accelerations
-        self.sliders = _sliders(mechanism, self.start, parameters, inputs)
-        self._refuse_values()
         if self.eom.Q_depends_on_lam and self.setup.has_redundant_rows:
             raise MechanismError(
                 "animate: live=True cannot share friction among redundant joints, of which no single load is known; "
                 "leave out a redundant joint (check names them), or animate a motion of simulate"
             )
+        _ = self.start[self.eom.a]  # raises if there are no accelerations
+        self.sliders = _sliders(mechanism, self.start, parameters, inputs)
+        self._refuse_values()
         self._positions, self._speeds = self._conditions()
 
     @property

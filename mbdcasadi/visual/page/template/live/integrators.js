@@ -1,14 +1,15 @@
 // --- integrators: explicit Runge–Kutta of order 8 (DOP853), and Radau IIA of order 5 where the motion is stiff ------
 // Hairer, Nørsett, Wanner, Solving Ordinary Differential Equations I, section II.5; II, section IV.8.
 
-const RELATIVE = 1e-10, ABSOLUTE = 1e-10, STIFF_STEPS = 15, STIFF_LIMIT = 6.1, SHORTEST_STEP = 1e-13;
+// Tolerances, relative and absolute, of the explicit and of the implicit method.
+const EXPLICIT_TOLERANCE = 1e-11, IMPLICIT_TOLERANCE = 1e-9, STIFF_STEPS = 15, STIFF_LIMIT = 6.1, SHORTEST_STEP = 1e-13;
 function scaledNorm(error, y, z) {
   let sum = 0;
   for (let i = 0; i < error.length; i++) {
-    const e = error[i] / (ABSOLUTE + RELATIVE * Math.max(Math.abs(y[i]), Math.abs(z[i])));
+    const e = error[i] / (1 + Math.max(Math.abs(y[i]), Math.abs(z[i])));
     sum += e * e;
   }
-  return Math.sqrt(sum / error.length);
+  return Math.sqrt(sum / error.length) / IMPLICIT_TOLERANCE;
 }
 
 class Explicit {
@@ -36,7 +37,7 @@ class Explicit {
     for (let i = 0; i < n; i++) {
       let e5 = 0, e3 = 0;
       for (let j = 0; j < 13; j++) { e5 += LIVE.tableau.E5[j] * K[j][i]; e3 += LIVE.tableau.E3[j] * K[j][i]; }
-      const scale = ABSOLUTE + RELATIVE * Math.max(Math.abs(y[i]), Math.abs(next[i]));
+      const scale = EXPLICIT_TOLERANCE * (1 + Math.max(Math.abs(y[i]), Math.abs(next[i])));
       five += e5 * e5 / (scale * scale);
       three += e3 * e3 / (scale * scale);
       change += (K[12][i] - K[11][i]) * (K[12][i] - K[11][i]);
@@ -72,7 +73,7 @@ class Implicit {
     this.Z = [column(), column(), column()]; this.W = [column(), column(), column()]; this.F = [column(), column(), column()];
     this.dW = [column(), column(), column()]; this.next = column(); this.stage = column(); this.error = column();
     this.iterations = 0;
-    this.tolerance = Math.max(10 * 2.2e-16 / RELATIVE, Math.min(0.03, Math.sqrt(RELATIVE)));
+    this.tolerance = Math.max(10 * 2.2e-16 / IMPLICIT_TOLERANCE, Math.min(0.03, Math.sqrt(IMPLICIT_TOLERANCE)));
   }
   differentiate(t, y, rate) {
     const n = this.n, moved = this.stage, there = this.error;
@@ -115,7 +116,7 @@ class Implicit {
       this.realLU.solve(dW[0]);
       this.complexLU.solve(dW[1], dW[2]);
       let sum = 0;
-      for (let s = 0; s < 3; s++) for (let i = 0; i < n; i++) { const e = dW[s][i] / (ABSOLUTE + RELATIVE * Math.abs(y[i])); sum += e * e; }
+      for (let s = 0; s < 3; s++) for (let i = 0; i < n; i++) { const e = dW[s][i] / (IMPLICIT_TOLERANCE * (1 + Math.abs(y[i]))); sum += e * e; }
       const size = Math.sqrt(sum / (3 * n)), rate = before === null ? null : size / before;
       if (!(size < 1e200) || (rate !== null && (rate >= 1 || Math.pow(rate, 10 - round) / (1 - rate) * size > this.tolerance))) return false;
       for (let s = 0; s < 3; s++) for (let i = 0; i < n; i++) W[s][i] += dW[s][i];
