@@ -36,7 +36,7 @@ LARGEST_PAGE = 1_000_000
 DECIMALS = 12
 _SCRIPTS = (
     "frames.js", "live/linear.js", "live/equations.js", "live/assembly.js", "live/integrators.js", "live/engine.js",
-    "stage.js", "plots.js", "panel.js", "live/player.js",
+    "stage.js", "plots.js", "svg.js", "panel.js", "live/player.js",
 )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from .columns import Column, Columns
 Shapes = dict[str, tuple[int, list[list[float]]]]
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
-_SCRIPTS = ("frames.js", "data.js", "stage.js", "plots.js", "panel.js", "player.js")
+_SCRIPTS = ("frames.js", "data.js", "stage.js", "plots.js", "svg.js", "panel.js", "player.js")
 
 
 def page(film: Film, forces: bool) -> str:
@@ -61,8 +61,8 @@ def filled(data: dict[str, Any], title: str, controls: str, scripts: Sequence[st
 
     def text(name: str) -> str:
         lines = folder.joinpath(*name.split("/")).read_text(encoding="utf-8").splitlines()
-        # comments stay in the package
-        return "\n".join(line for line in lines if not line.lstrip().startswith("//"))
+        # comments and indentation stay in the package
+        return "\n".join(line.strip() for line in lines if not line.lstrip().startswith("//"))
 
     written = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Template(text("page.html")).substitute(
@@ -105,7 +105,7 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
     packed = store.packed()
     shapes: Shapes = {}
     return {
-        "t0": float(t[0]), "speed": film.speed, "forces": forces,
+        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces,
         "digits": film.digits,
         "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],

@@ -141,3 +141,13 @@ const drawnPaths = DATA.traces.map(function (frame) {
   return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
 });
 function paths() { return drawnPaths; }
+// Everything that is read or plotted, as a table over the times of the frames.
+function table() {
+  const columns = DATA.plots.flatMap(function (plot) { return plot.lines.map(function (line) { return [line.name ? plot.label + ", " + line.name : plot.label, line.column]; }); });
+  for (const item of DATA.items) for (const reading of item.readings) columns.push([item.name + ": " + reading.label, reading.column]);
+  const rows = Array.from({ length: DATA.count }, function (_, k) {
+    const time = timeOf(k);
+    return [time, ...columns.map(function (column) { return valueAt(column[1], time); })];
+  });
+  return { names: columns.map(function (column) { return column[0]; }), rows: rows };
+}

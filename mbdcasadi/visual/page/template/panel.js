@@ -20,6 +20,7 @@ function showReading() {
   box.hidden = state.item === null;
   if (box.hidden) return;
   const item = DATA.items[state.item];
+  if (!item.readings.length) { box.hidden = true; return; }  // nothing is known of it but its name
   box.className = state.kept ? "kept" : "";
   box.replaceChildren();
   const name = document.createElement("b"), kind = document.createElement("small"), table = document.createElement("table");
@@ -52,6 +53,21 @@ function setSwitch(id, on) {
   if (id === "forces") element("scale").hidden = !on || !DATA.scale;
   show();
 }
+
+// A picture or a table as a file.
+function download(name, text, type) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: type }));
+  link.download = (DATA.title || "mechanism").replace(/[^\w-]+/g, "_") + name;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+function commaSeparated() {
+  const data = table(), quoted = function (name) { return '"' + name.replaceAll('"', '""') + '"'; };
+  return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(function (row) { return row.join(","); })].join("\r\n") + "\r\n";
+}
+element("svg").addEventListener("click", function () { download(".svg", drawnAsSvg(), "image/svg+xml"); });
+element("csv").addEventListener("click", function () { download(".csv", commaSeparated(), "text/csv"); });
 
 for (const factor of SPEEDS) {
   const option = document.createElement("option"), times = factor * DATA.speed;
@@ -156,6 +172,17 @@ stage.addEventListener("wheel", function (event) {
   zoomAbout(place(event), Math.exp(-0.0015 * event.deltaY));
 }, { passive: false });
 
+// A page within one that has a theme of its own, as the documentation has, follows it.
+function followTheme() {
+  let outer = null;
+  try { outer = framed ? window.parent.document.body : null; } catch (error) { return; }  // a frame that is shut off
+  if (!outer || outer.dataset.theme === undefined) return;
+  const system = window.matchMedia("(prefers-color-scheme: dark)");
+  const take = function () { setSwitch("theme", outer.dataset.theme === "dark" || (outer.dataset.theme === "auto" && system.matches)); };
+  new MutationObserver(take).observe(outer, { attributes: true, attributeFilter: ["data-theme"] });
+  take();
+}
+
 function resize() { fit(); fitPlots(); show(); }
 window.addEventListener("resize", resize);
 
@@ -166,11 +193,13 @@ function begin() {
   fit(); fitPlots();
   for (const id of SWITCHES) setSwitch(id, state[id === "theme" ? "dark" : id]);
   element("forces").hidden = !DATA.scale;
+  followTheme();
 }
 
 // What tests, and pages around this one, may use.
 const itemOf = function (name) { return DATA.items.find(function (one) { return one.name === name; }); };
 const controls = {
+  svg: drawnAsSvg, csv: commaSeparated,
   play: function () { setPlaying(true); }, pause: function () { setPlaying(false); },
   get time() { return state.time; }, get playing() { return state.playing; },
   names: DATA.items.map(function (item) { return item.name; }),

@@ -1,6 +1,7 @@
 // --- the drawing -------------------------------------------------------------------------
 const stage = document.getElementById("stage");
-const pen = stage.getContext("2d");
+const canvasPen = stage.getContext("2d");
+let pen = canvasPen;                                         // another one while the picture is written as SVG
 const view = { x: 0, y: 0, zoom: 1 };                 // shift in pixels, and how much nearer than the whole
 let pixels = { width: 0, height: 0, ratio: 1, scale: 1, left: 0, top: 0 };
 
@@ -129,7 +130,8 @@ function drawGrid(theme) {
   for (let x = Math.ceil(left / step) * step; toScreen(x, 0)[0] < pixels.width; x += step) {
     const at = toScreen(x, 0)[0];
     pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, pixels.height); pen.stroke();
-    pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
+    // the unit stands in the corner
+    if (at < pixels.width - 48) pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
   }
   for (let y = Math.floor(top / step) * step; toScreen(0, y)[1] < pixels.height - 24; y -= step) {
     const at = toScreen(0, y)[1];

@@ -164,14 +164,20 @@ function followPointer(body, place, target) {
 }
 
 // --- what the drawing and the plots read ------------------------------------------------------------------------------
-const WINDOW = 10, MOST_POINTS = 6000;                      // seconds of a plot, and samples that are kept
+const SHORTEST_WINDOW = 2, WINDOW = 10, MOST_POINTS = 6000;  // seconds of a plot, and samples that are kept
 let shownRevision = -1;
 function valueAt(index) {
   if (shownRevision !== revised) { evaluated("outputs", now); shownRevision = revised; }
   return MODEL.outputs.values[index];
 }
-function timeSpan() { const end = Math.max(now.t[0], LIVE.t0 + WINDOW); return [end - WINDOW, end]; }
+function timeSpan() { const end = Math.max(now.t[0], LIVE.t0 + SHORTEST_WINDOW); return [Math.max(LIVE.t0, end - WINDOW), end]; }
 function revision() { return revised; }
+// What is plotted, as a table: names of columns, and rows over time.
+function table() {
+  const lines = DATA.plots.flatMap(function (plot) { return plot.lines.map(function (line) { return [line.name ? plot.label + ", " + line.name : plot.label, line.column]; }); });
+  const times = lines.length ? pointsOf(lines[0][1]).map(function (point) { return point[0]; }) : [];
+  return { names: lines.map(function (line) { return line[0]; }), rows: times.map(function (time, k) { return [time, ...lines.map(function (line) { return pointsOf(line[1])[k][1]; })]; }) };
+}
 
 const samples = { last: -Infinity, lines: new Map(), paths: DATA.traces.map(function (frame) { return { frame: frame, times: [], points: [] }; }) };
 for (const plot of DATA.plots) for (const line of plot.lines) samples.lines.set(line.column, []);
