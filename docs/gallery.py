@@ -172,6 +172,31 @@ def make_pictures(names: list[str]) -> None:
         print(name)
 
 
+#: Part of the film of the walking leg that the front page shows, pixels: the drawing without its axes.
+CROP = (90, 92, 585, 612)
+
+
+def make_film() -> None:
+    """Make the picture that moves on the front page, from the film of the walking leg."""
+    with tempfile.TemporaryDirectory() as folder:
+        run(folder, str(copied(EXAMPLES / "walking_leg.py", folder)))
+        crop_film(Path(folder) / "output" / "walking_leg.gif", HERE / "walking_leg.gif")
+
+
+def crop_film(film: Path, target: Path) -> None:
+    """Keep a part of every frame of a film."""
+    from PIL import Image, ImageSequence
+
+    with Image.open(film) as whole:
+        times = [frame.info.get("duration", 100) for frame in ImageSequence.Iterator(whole)]
+        frames = [frame.convert("RGB").crop(CROP) for frame in ImageSequence.Iterator(whole)]
+    for frame in frames:
+        frame.info.clear()  # what is transparent in one frame has another number in the next
+    palette = frames[0].quantize(COLOURS, dither=Image.Dither.NONE)
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    frames[0].save(target, save_all=True, append_images=frames[1:], duration=times, loop=0, optimize=True)
+
+
 def setup(app: object) -> dict[str, bool]:
     """Write the pages before anything is read, and those for the browser before they are looked for."""
     app.connect("config-inited", make_browser_pages)  # type: ignore[attr-defined]
@@ -180,4 +205,7 @@ def setup(app: object) -> dict[str, bool]:
 
 
 if __name__ == "__main__":
-    make_pictures(sys.argv[1:] or [name for names in GROUPS.values() for name in names])
+    if sys.argv[1:] != ["film"]:
+        make_pictures(sys.argv[1:] or [name for names in GROUPS.values() for name in names])
+    if sys.argv[1:] in ([], ["film"]):
+        make_film()

@@ -34,6 +34,7 @@ PREVIEW, POSES = 3.0, 61
 LARGEST_PAGE = 1_000_000
 #: Digits with which a live number is shown.
 DECIMALS = 12
+_STYLES = ("page.css", "live/page.css")
 _SCRIPTS = (
     "frames.js", "live/linear.js", "live/equations.js", "live/assembly.js", "live/integrators.js", "live/engine.js",
     "stage.js", "plots.js", "svg.js", "panel.js", "live/player.js",
@@ -70,7 +71,7 @@ class LiveAnimation(Animation):
         functions = self._model.functions(store.expressions)
         numbers = {name: i for i, name in enumerate(b.name for b in self._model.mechanism.bodies)}
         data["live"] = self._model.data() | {"bodyOfItem": [_body_of(item, film, numbers) for item in film.scene.items]}
-        text = filled(data, film.title, "live/player.html", _SCRIPTS, self._model.code(functions))
+        text = filled(data, film.title, "live/player.html", _SCRIPTS, _STYLES, self._model.code(functions))
         size = len(text.encode())
         if size > LARGEST_PAGE:
             raise MechanismError(

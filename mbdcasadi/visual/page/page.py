@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
@@ -23,6 +24,8 @@ from .columns import Column, Columns
 Shapes = dict[str, tuple[int, list[list[float]]]]
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
+#: A comment at the end of a line of a script, two spaces after it.
+_COMMENT = re.compile(r"  +// .*$")
 _SCRIPTS = ("frames.js", "data.js", "stage.js", "plots.js", "svg.js", "panel.js", "player.js")
 
 
@@ -41,7 +44,14 @@ def page(film: Film, forces: bool) -> str:
     return filled(data, film.title, "player.html", _SCRIPTS)
 
 
-def filled(data: dict[str, Any], title: str, controls: str, scripts: Sequence[str], model: str = "") -> str:
+def filled(
+    data: dict[str, Any],
+    title: str,
+    controls: str,
+    scripts: Sequence[str],
+    styles: Sequence[str] = ("page.css",),
+    model: str = "",
+) -> str:
     """Return the template with data, controls and scripts in it.
 
     Parameters
@@ -54,6 +64,8 @@ def filled(data: dict[str, Any], title: str, controls: str, scripts: Sequence[st
         Name of the file with the controls.
     scripts : sequence of str
         Names of the scripts, in order.
+    styles : sequence of str
+        Names of the style sheets.
     model : str
         A script that goes before them.
     """
@@ -62,12 +74,12 @@ def filled(data: dict[str, Any], title: str, controls: str, scripts: Sequence[st
     def text(name: str) -> str:
         lines = folder.joinpath(*name.split("/")).read_text(encoding="utf-8").splitlines()
         # comments and indentation stay in the package
-        return "\n".join(line.strip() for line in lines if not line.lstrip().startswith("//"))
+        return "\n".join(_COMMENT.sub("", line.strip()) for line in lines if not line.lstrip().startswith("//"))
 
     written = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return Template(text("page.html")).substitute(
         title=html.escape(title or "motion"),
-        style=text("page.css"),
+        style="\n".join(map(text, styles)),
         controls=text(controls),
         model=model,
         script="\n".join(map(text, scripts)),
