@@ -57,7 +57,7 @@ class Animation:
         height = 520 + 150 * len(self.film.curves)
         return (
             f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
-            'sandbox="allow-scripts" title="animation"></iframe>'
+            'sandbox="allow-scripts allow-downloads" title="animation"></iframe>'
         )
 
     def __repr__(self) -> str:

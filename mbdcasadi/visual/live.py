@@ -99,7 +99,7 @@ class LiveAnimation(Animation):
         height = 560 + 150 * len(self.film.plots) + 20 * len(self._model.sliders)
         return (
             f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
-            'sandbox="allow-scripts" title="mechanism"></iframe>'
+            'sandbox="allow-scripts allow-downloads" title="mechanism"></iframe>'
         )
 
     def __repr__(self) -> str:
