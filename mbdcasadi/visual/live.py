@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,9 +55,9 @@ class LiveAnimation(Animation):
         The page, with everything that it needs in it.
     """
 
-    def __init__(self, model: LiveModel, film: Film, forces: bool):
+    def __init__(self, model: LiveModel, film: Film, forces: bool, names: bool):
         super().__init__(film, forces)
-        self._model = model
+        self._model, self._names = model, names
 
     @property
     def html(self) -> str:
@@ -70,7 +71,10 @@ class LiveAnimation(Animation):
         data = page_data(film, store, self.forces)
         functions = self._model.functions(store.expressions)
         numbers = {name: i for i, name in enumerate(b.name for b in self._model.mechanism.bodies)}
-        data["live"] = self._model.data() | {"bodyOfItem": [_body_of(item, film, numbers) for item in film.scene.items]}
+        data["live"] = self._model.data() | {
+            "bodyOfItem": [_body_of(item, film, numbers) for item in film.scene.items],
+            "names": self._names,
+        }
         text = filled(data, film.title, "live/player.html", _SCRIPTS, _STYLES, self._model.code(functions))
         size = len(text.encode())
         if size > LARGEST_PAGE:
@@ -128,7 +132,8 @@ def live_animation(
     rate = 1.0 if speed is None else number(speed, "animate", "speed")
     if rate <= 0:
         raise MechanismError(f"animate: speed must be positive, got {rate:g}")
-    animation = LiveAnimation(model, _stage(model, options, plots or {}, rate, title), forces)
+    drawn = replace(options, names=True, velocities=True)  # to be switched on
+    animation = LiveAnimation(model, _stage(model, drawn, plots or {}, rate, title), forces, options.names)
     if path is not None:
         animation.save(path)
     return animation

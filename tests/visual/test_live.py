@@ -397,6 +397,22 @@ def test_it_plays_steps_and_plots(opened):
     assert tab.evaluate("mechanism.time") == 0 and len(tab.evaluate("mechanism.plot('B, N')")[""]["points"]) == 1
 
 
+def test_names_velocities_and_forces_are_switched(opened):
+    """Each changes the picture, and back; the scale is that of what is shown."""
+    mechanism, start, _ = adjustable()
+    tab = opened(mechanism, initial=start)
+    plain = tab.evaluate("mechanism.svg()")
+    for switch, shown in (("names", "coupler"), ("velocities", "#1f5fa8"), ("forces", "#1f6f4a")):
+        tab.click(f"#{switch}")
+        assert shown in tab.evaluate("mechanism.svg()") and shown not in plain, switch
+        assert tab.locator("#scale").is_visible() == (switch != "names")
+        tab.click(f"#{switch}")
+        assert tab.evaluate("mechanism.svg()") == plain
+    assert "m/s: arrow of" in tab.locator("#scale").text_content()
+    tab = opened(mechanism, initial=start, names=True, forces=True)
+    assert "coupler" in tab.evaluate("mechanism.svg()") and tab.locator("#scale").is_visible()
+
+
 def test_a_linkage_that_comes_apart_stops_and_says_so(opened):
     """A driver pulls a link beyond its reach."""
     link = mbd.Body("link", 1, 0.1, pose=(0.5, 0, 0))

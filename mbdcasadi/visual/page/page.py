@@ -130,7 +130,7 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
         "traces": scene.traces,
         "plots": [{"label": label, "lines": _readings(lines, "name")} for label, lines in plots.items()],
-        "styles": {name: asdict(style) for name, style in STYLES.items()},
+        "styles": {name: asdict(STYLES[name]) for name in sorted({mark.style for mark in scene.marks})},
         "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
         "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
         **packed,
@@ -188,7 +188,7 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
 def _scale(film: Film) -> str:
     """Legend of the size of arrows."""
     diagonal, parts = float(np.hypot(*(film.box[1] - film.box[0]))), []
-    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
+    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius"), ("m/s", 0.15, "arrow")):
         if unit in film.scale:
             value = nice(share * diagonal * film.scale[unit])
             parts.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")

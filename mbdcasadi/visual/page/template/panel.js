@@ -3,7 +3,7 @@ const element = function (id) { return document.getElementById(id); };
 const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M3 1l11 7-11 7z"/></svg>',
                 pause: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M2 1h4v14H2zM10 1h4v14h-4z"/></svg>' };
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
-const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces,
+const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: !DATA.live || LIVE.names,
                 dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
 let shownAt = null;
 
@@ -50,7 +50,8 @@ function setSwitch(id, on) {
   state[id === "theme" ? "dark" : id] = on;
   element(id).setAttribute("aria-pressed", String(on));
   if (id === "theme") document.documentElement.dataset.theme = on ? "dark" : "light";
-  if (id === "forces") element("scale").hidden = !on || !DATA.scale;
+  if (id === "forces") state.loads = on;
+  element("scale").hidden = !(state.forces || state.velocities) || !DATA.scale;
   show();
 }
 
@@ -78,7 +79,7 @@ for (const factor of SPEEDS) {
 element("scale").textContent = DATA.scale;
 element("play").addEventListener("click", function () { setPlaying(!state.playing); });
 element("speed").addEventListener("change", function () { setSpeed(Number(element("speed").value)); });
-const SWITCHES = ["loop", "forces", "theme"].filter(element);
+const SWITCHES = ["loop", "forces", "velocities", "names", "theme"].filter(element);
 for (const id of SWITCHES) {
   element(id).addEventListener("click", function () { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
 }

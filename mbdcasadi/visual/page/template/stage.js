@@ -55,7 +55,7 @@ function drawStage(time, options) {
   const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
   let traced = false;
   for (const mark of DATA.marks) {
-    if (mark.g && !options.forces) continue;
+    if (mark.g && !options[mark.g]) continue;
     if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
     const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
     trace(mark, poses[mark.f]);
@@ -68,7 +68,7 @@ function drawStage(time, options) {
       pen.setLineDash([]);
     }
   }
-  for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
+  if (options.names) for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
   if (DATA.live) drawPull();
 }
 
@@ -146,7 +146,7 @@ function itemAt(x, y, time, forces) {
   pen.setTransform(1, 0, 0, 1, 0, 0);
   for (let k = DATA.marks.length - 1; k >= 0; k--) {
     const mark = DATA.marks[k];
-    if (mark.i === null || (mark.g && !forces)) continue;
+    if (mark.i === null || (mark.g && !(forces && mark.g === "loads"))) continue;
     trace(mark, poseOf(mark.f, time));
     pen.lineWidth = 10;
     if ((mark.c && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) return mark.i;
