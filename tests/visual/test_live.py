@@ -295,6 +295,21 @@ def test_a_length_that_cannot_be_reached_is_shown_and_not_jumped_over(opened):
     assert np.hypot(*(places["B"] - places["O4"])) / scale == pytest.approx(reached, rel=1e-3)
 
 
+def test_a_mass_may_go_to_zero(opened):
+    """The rod of a pendulum without mass: its joints must carry it."""
+    mass = mbd.Parameter("rod", 1.0, lower=0.0, upper=2.0)
+    rod = mbd.Body("rod", mass, mass / 12, pose=(0.5, 0, 0))
+    bob = mbd.Body("bob", 1.0, 0.01, pose=(1, 0, 0))
+    joints = [mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0)), mbd.Weld("end", rod.at(0.5, 0), bob.at(0, 0))]
+    mechanism = mbd.Mechanism([rod, bob], joints=joints, forces=[mbd.Gravity()], parameters=[mass])
+    tab = opened(mechanism)
+    for value in (0.0, 2.0):
+        tab.evaluate(f"mechanism.reset(); mechanism.set('rod', {value})")
+        tab.evaluate("mechanism.reset()")
+        motion = mbd.simulate(mechanism, [0, 1], parameters={mass: value}, reltol=1e-11, abstol=1e-11)
+        agree(solved(tab, 1.0), motion.final)
+
+
 def test_a_start_that_is_a_state(opened):
     """As simulate takes it: pose and velocity of any time."""
     model = library.four_bar()

@@ -175,7 +175,7 @@ class LiveModel:
         stiffness = heavy * (2 * np.pi * PULL) ** 2
         q, v, _ = eom.estimate
         from_state = isinstance(self.setup.initial, State)
-        light = numeric.augmentation
+        light = self._effective_masses()
         return {
             "n": eom.q.numel(), "m": eom.lam.numel(), "t0": start.t,
             "q0": start.q.tolist(), "v0": start.v.tolist(), "z0": start.z.tolist(),
@@ -197,6 +197,16 @@ class LiveModel:
             "validity": [c.message for c in validity_conditions(self.mechanism)],
             "tableau": {name: getattr(DOP853, name).tolist() for name in ("A", "B", "C", "E3", "E5")},
         }  # fmt: skip
+
+    def _effective_masses(self) -> np.ndarray | None:
+        """Effective masses of the rows, if bodies are light or may become light by a slider; any will do."""
+        light = self.numeric.augmentation
+        for slider in self.sliders:
+            if light is None and not slider.is_input and ca.depends_on(self.eom.mass_diagonal, slider.symbol):
+                values = self.setup.p.copy()
+                values[slider.index] = slider.low
+                light = NumericEquations(self.eom, values).augmentation
+        return light
 
     @staticmethod
     def _slopes(conditions: Sequence[Condition], unknowns: ca.SX) -> dict[str, list[int]]:
