@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
+from ..results.notebook import html_table
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .data import Experiment
@@ -192,3 +193,11 @@ class Fit:
         for u, value in zip(self.unknowns, self.values, strict=True):
             lines.append(f"  {u.label:<{width}} = {value:.6g} ± {self.standard_error[u]:.2g}")
         return "\n".join(lines + [f"  note: {remark}" for remark in self.identifiability])
+
+    def _repr_html_(self) -> str:
+        """Values with their standard errors as a table, for notebooks."""
+        rows = [
+            (u.label, f"{value:.6g}", f"{self.standard_error[u]:.2g}")
+            for u, value in zip(self.unknowns, self.values, strict=True)
+        ]
+        return html_table(repr(self).splitlines()[0], rows, ["", "value", "standard error"], self.identifiability)
