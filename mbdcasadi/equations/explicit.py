@@ -125,8 +125,8 @@ def _solve(rows: list[_Row], lasting: set[int], curved: int = CURVED) -> list[Ex
         definition = {k: row.solved_for(k)}
         moved = {j: d.with_definitions(definition) for j, d in definitions.items() if k in d.coordinates}
         if all(d.is_short(curved) for d in (*definition.values(), *moved.values())):
-            given = [j for j in plain_row.coordinates if j in definitions]
-            solved.append(ExplicitRow(place, k, row.linear[k], given, list(moved)))
+            dependent = [j for j in plain_row.coordinates if j in definitions]
+            solved.append(ExplicitRow(place, k, row.linear[k], dependent, list(moved)))
             definitions |= moved | definition
     return solved
 

@@ -17,6 +17,7 @@ from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import Parameter, number
 from ..numerics.symbolic import symbolic
+from ..results.notebook import html_table
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from ..simulation.simulate import simulate
@@ -346,6 +347,15 @@ class Solution:
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
+
+    def _repr_html_(self) -> str:
+        """Cost, duration, free parameters and effort as a table, for notebooks."""
+        s = self.statistics
+        rows = [("cost", f"{self.cost:.8g}"), ("duration", f"{self.duration:.6g} s")]
+        rows += [(symbol.label, f"{value:.6g}") for symbol, value in self.parameters.items()]
+        rows.append(("mesh intervals", str(sum(mesh.count for mesh in self.meshes))))
+        rows.append(("solver", f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"))
+        return html_table("Solution", rows)
 
 
 def _as_guess(part: PhaseSolution, phase: Phase) -> PhaseGuess:

@@ -14,6 +14,7 @@ from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from .finite import refuse_nan
+from .notebook import html_table
 
 
 class State(HoldsSymbols):
@@ -112,6 +113,22 @@ class State(HoldsSymbols):
             lines.append(f"  {names[k]} = {self.q[k]:.6g}")
         lines += [f"  {s.label} = {value:.6g}" for s, value in zip(self.mechanism.states, self.z, strict=True)]
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Coordinates and velocities as a table, for notebooks."""
+        header = ["", "x, m", "y, m", "phi, rad", "vx, m/s", "vy, m/s", "omega, rad/s"]
+        count = len(self.mechanism.bodies)
+        pairs = zip(self.q[: 3 * count].reshape(-1, 3), self.v[: 3 * count].reshape(-1, 3), strict=True)
+        rows = [
+            [body.name, *(f"{value:.6g}" for part in pair for value in part)]
+            for body, pair in zip(self.mechanism.bodies, pairs, strict=True)
+        ]
+        names = [*self.equations.coordinate_names[3 * count :], *(s.label for s in self.mechanism.states)]
+        values = [*self.q[3 * count :], *self.z]
+        notes = [f"{name} = {value:.6g}" for name, value in zip(names, values, strict=True)]
+        # what a derived class reports beside the coordinates
+        notes += [line.strip() for line in repr(self).splitlines()[1 + count + len(notes) :]]
+        return html_table(f"State at t = {self.t:.6g} s", rows, header, notes)
 
 
 @dataclass(frozen=True)

@@ -77,6 +77,14 @@ class Sample:
             return np.asarray(self._source[column], float).reshape(1, -1)
         return np.asarray(self._source[column], float).reshape(len(self._source), -1)
 
+    def varies(self, expression: Any) -> bool:
+        """Return True if an expression changes in another way than with the times, which a fixed sample does not."""
+        return False
+
+    def sizes(self, expression: Any) -> np.ndarray:
+        """Values (n, k) of loads by which their arrows are scaled."""
+        return self[expression]
+
     def number(self, expression: Any) -> float:
         """Value of a scalar at the first time."""
         if not isinstance(expression, ca.SX):
