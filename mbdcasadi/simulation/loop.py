@@ -32,6 +32,7 @@ from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
+from .whole_stepping import WholeStepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -58,17 +59,22 @@ class _Arc:
         self.uniqueness = Uniqueness(self.numeric)
         self.own_events = modes.events(mode)
         self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
-        self.stepper = Stepper(
-            self.numeric,
-            setup.signals,
-            modes.levels,
-            run.integrator,
-            self.resolution,
-            run.schedule_length,
-            redundant=run.redundant,
-            max_step=run.max_step,
-        )
-        self.passage = SingularPassage(Regularity(self.numeric, state.t, state.q), self.stepper.outputs)
+        regularity = Regularity(self.numeric, state.t, state.q)
+        arguments = (self.numeric, setup.signals, modes.levels, run.integrator, self.resolution, run.schedule_length)
+        self.stepper: Stepper
+        if run.integrator.runs_whole:
+            self.stepper = WholeStepper(
+                *arguments,
+                redundant=run.redundant,
+                max_step=run.max_step,
+                watch=self.watch,
+                decides=lambda event: run.decides(event, self.own_events),
+                span=run.span,
+                may_fold=regularity.is_needed,
+            )
+        else:
+            self.stepper = Stepper(*arguments, redundant=run.redundant, max_step=run.max_step)
+        self.passage = SingularPassage(regularity, self.stepper.outputs)
 
 
 class Run:
@@ -102,7 +108,7 @@ class Run:
         timed = time_dependence(setup)
         self.max_step, self._obstacle = timed.max_step, timed.obstacle()
         grid = setup.grid
-        span = float(grid[-1] - grid[0])
+        self.span = span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
         controller = setup.signals.controller
         self._schedule = Schedule(
@@ -110,7 +116,7 @@ class Run:
             stops=np.r_[setup.signals.breaks, timed.stops],
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
-            watch_points=WATCH_POINTS,
+            watch_points=0 if integrator.runs_whole else WATCH_POINTS,
         )
         self.schedule_length = span / PIECES
         self.redundant = False
@@ -150,6 +156,7 @@ class Run:
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
                 builder.statistics.notes += self._passage_notes()
+                builder.statistics.notes += self._method_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
         return builder.trajectory()
 
@@ -171,8 +178,8 @@ class Run:
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
-        schedule, count = self._schedule, PIECES
-        size = -(-schedule.size // count)
+        schedule = self._schedule
+        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // PIECES)
         first = True
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
@@ -207,24 +214,24 @@ class Run:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
         arc = self._arc
         piece = self._schedule.piece(self._time, self._index, last)
-        path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_pass(path) if failure is None else None
         if touch is not None and touch - piece.start >= NEW_START * piece.length:
-            piece = piece.until(touch)
-            path, failure = self._integrated(piece)
+            piece, path, failure = self._integrated(piece.until(touch))
         return self._finish(piece, path, failure)
 
-    def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails."""
+    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
         try:
-            return self._arc.stepper.advance(piece, self._x, self._interruption), None
+            path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
-            return Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+            return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+        return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
     def _finish(
         self,
@@ -243,8 +250,9 @@ class Run:
         """
         arc, times = self._arc, path.times[1:]
         outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        x = outputs.projected(times, path.x[1:]) if times.size else path.x[1:]
-        if outputs.recovery.left_over > APART:
+        ready = path.on_constraints or not times.size
+        x = path.x[1:] if ready else outputs.projected(times, path.x[1:])
+        if not ready and outputs.recovery.left_over > APART:
             x, failure = self._together(times, x)
             times = times[: len(x)]
         arc.stepper.note_turning(x)
@@ -288,7 +296,7 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = arc.passage.entry(path)
+        entry = None if path.is_regular else arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -340,7 +348,12 @@ class Run:
         return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
 
     def _decides(self, event: Event) -> bool:
-        return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
+        return self.decides(event, self._arc.own_events)
+
+    @staticmethod
+    def decides(event: Event, own_events: Sequence[Event]) -> bool:
+        """Whether the run ends, or goes on otherwise, at an event."""
+        return bool(event.terminal or event.reset) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -517,6 +530,9 @@ class Run:
             f"passes {count} singular pose{'s' if count > 1 else ''}, the first at t = {self._passed[0]:.6g} s, in "
             "which the mechanism could fold; the motion is continued smoothly"
         ]
+
+    def _method_notes(self) -> list[str]:
+        return list(dict.fromkeys(note for arc in self._arcs.values() for note in arc.stepper.notes))
 
     @property
     def steps(self) -> int:

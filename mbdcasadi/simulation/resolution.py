@@ -11,7 +11,7 @@ them; it is found on the interpolated path.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -72,16 +72,24 @@ class Path:
         Start and outputs (k + 1,), (k + 1, n_x).
     integrals : numpy.ndarray
         What was integrated along, by interval (k, n).
+    on_constraints : bool
+        Whether the states are on the constraints.
+    is_regular : bool
+        Whether the integrator has seen that no pose on it is near to a singular one.
     """
 
     times: np.ndarray
     x: np.ndarray
     integrals: np.ndarray
+    on_constraints: bool = False
+    is_regular: bool = False
 
     def until(self, time: float) -> Path:
         """The part of it up to a time."""
         count = int(np.searchsorted(self.times, time, side="right"))
-        return Path(self.times[:count], self.x[:count], self.integrals[: max(count - 1, 0)])
+        return replace(
+            self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)]
+        )
 
 
 class Resolution:
@@ -133,6 +141,11 @@ class Resolution:
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         self._at_limit = ca.Function("at_limit", known, [ca.densify(reported + margins)])
         return ca.if_else(margins < 0, ca.fabs(time_derivative(reported, eom.mechanism)), 0)
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether there are outlines that may meet."""
+        return bool(self._owner)
 
     def first_pass(self, chunk: Path) -> float | None:
         """Time at which outlines first meet in a chunk though no step found them closed, or the first went too deep."""

@@ -88,6 +88,11 @@ class Stepper:
         return self._outputs[True]
 
     @property
+    def notes(self) -> list[str]:
+        """Sentences on how it ran."""
+        return []
+
+    @property
     def starts(self) -> int:
         """Number of starts of an integrator."""
         return sum(compiled.starts for compiled in self._compiled.values())

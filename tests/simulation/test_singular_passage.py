@@ -6,7 +6,7 @@ from test_simulate import n_four_bar
 
 import mbdcasadi as mbd
 
-METHODS = ["idas", "erk", "rosenbrock"]
+METHODS = ["idas", "erk", "rosenbrock", "dop853"]
 
 
 def row(count, speed, end, outputs, **settings):

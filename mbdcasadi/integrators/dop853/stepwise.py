@@ -1,0 +1,2 @@
+class StepwiseRun:
+    def __init__(self, system, watched): raise NotImplementedError
