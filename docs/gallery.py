@@ -102,7 +102,6 @@ RUN = """
 import runpy, sys
 import mbdcasadi as mbd
 script, target = sys.argv[1:]
-sys.argv = [script, "picture.png"]
 names = runpy.run_path(script, run_name="__main__").values()
 models = [x for x in names if isinstance(x, mbd.Mechanism | mbd.library.Model)]
 mbd.draw(models[0], names=True).figure.savefig(target, dpi=110)
@@ -130,9 +129,15 @@ def make_browser_page(script: Path, target: Path, *arguments: str) -> None:
     if target.exists() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
         return
     with tempfile.TemporaryDirectory() as folder:
-        run(folder, *arguments, str(script))
-        (page,) = Path(folder).glob("*.html")
+        run(folder, *arguments, str(copied(script, folder) if script.suffix == ".py" else script))
+        (page,) = Path(folder).rglob("*.html")
         shutil.copy(page, target)
+
+
+def copied(script: Path, folder: str) -> Path:
+    """Copy a script into a folder, with the folder that examples write to, and return the copy."""
+    (Path(folder) / "output").mkdir()
+    return Path(shutil.copy(script, folder))
 
 
 def make_browser_pages(app: object, config: object) -> None:
@@ -149,10 +154,9 @@ def make_pictures(names: list[str]) -> None:
     """Run examples; keep the picture that each draws, and its mechanism."""
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
-            drawing = Path(folder) / "drawn" / "mechanism.png"
-            drawing.parent.mkdir()
-            run(folder, "-c", RUN, str(EXAMPLES / f"{name}.py"), str(drawing))
-            (picture,) = Path(folder).glob("*.png")
+            drawing = Path(folder) / "mechanism.png"
+            run(folder, "-c", RUN, str(copied(EXAMPLES / f"{name}.py", folder)), str(drawing))
+            (picture,) = (Path(folder) / "output").glob("*.png")
             keep(picture, PICTURES / f"{name}.png")
             keep(drawing, PICTURES / f"{name}_mechanism.png")
         print(name)

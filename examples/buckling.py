@@ -5,9 +5,13 @@ an equilibrium at any load; where it loses its stability is the buckling load,
 (3 - √5)/2 k/L in closed form. A small sideways push shows what a real one does.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 K, L = 20.0, 0.5
 load = mbd.Parameter("load", 0.0)
@@ -41,4 +45,4 @@ for side, colour in ((0.02, "#d1495b"), (0.2, "#2e8b6f"), (1.0, "#e0a030")):
     axes.plot(bent.values, bent[top.x], color=colour, label=f"pushed aside by {side} N")
 axes.set(xlabel="load, N", ylim=(-0.1, 1.05))
 axes.legend(frameon=False)
-figure.savefig("buckling.png", dpi=120)
+figure.savefig(OUTPUT / "buckling.png", dpi=120)

@@ -6,9 +6,13 @@ its inertia part grows with the square of the speed, the speed at lift-off
 follows, and a simulation stops there.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 program = mbd.MotionProgram(
     mbd.rise(np.radians(120), 0.012, "modified trapezoidal"),
@@ -52,5 +56,5 @@ figure = mbd.plot(
         "torque on the cam, N m": run.mechanism.joint("cam drive").effort,
     },
 )
-figure.savefig("cam.png", dpi=120)
-mbd.animate(run, "cam.html", plots={"lift, m": valve.follower.y, "contact force, N": contact.normal_force})
+figure.savefig(OUTPUT / "cam.png", dpi=120)
+mbd.animate(run, OUTPUT / "cam.html", plots={"lift, m": valve.follower.y, "contact force, N": contact.normal_force})

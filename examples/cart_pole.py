@@ -6,11 +6,15 @@ of 58.81 N²s, other starts to a better one of 57.94 N²s. The mesh of each is
 refined until the motion is accurate, and IDAS proves the force.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 force = mbd.Input("force", lower=-20, upper=20)
 cart = mbd.Body("cart", mass=1.0, inertia=0.0)
@@ -62,4 +66,4 @@ for level in (-20, 20):
 axes["force"].set(xlabel="t, s", ylabel="force, N")
 axes["cart"].set(xlabel="t, s", ylabel="cart, m")
 axes["cart"].legend()
-figure.savefig("cart_pole.png", dpi=150)
+figure.savefig(OUTPUT / "cart_pole.png", dpi=150)

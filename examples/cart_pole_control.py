@@ -7,6 +7,7 @@ solve. The cart that IDAS simulates feels pushes of which the plans know nothing
 """
 
 import time
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
 
+OUTPUT = Path(__file__).parent / "output"
 SAMPLE, HORIZON, TRACK, FORCE = 0.05, 1.0, 0.3, 10.0  # s, s, m, N
 
 force = mbd.Input("force", lower=-FORCE, upper=FORCE)
@@ -94,4 +96,4 @@ clock.axhline(1e3 * SAMPLE, color="black", linewidth=0.8, linestyle="--")
 clock.set(yscale="log", ylim=(5, 1000), ylabel="time of a plan, ms", xlabel="t, s", xlim=(0, 4))
 angle.set_title("what happened (blue), what was planned (ochre), when it was pushed (red)")
 figure.align_ylabels()
-figure.savefig("cart_pole_control.png", dpi=150)
+figure.savefig(OUTPUT / "cart_pole_control.png", dpi=150)

@@ -5,9 +5,13 @@ first-order states of the model. In optimal control the voltage takes the
 place of the controller.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 arm = mbd.Body("arm", mass=0.6, inertia=0.6 * 0.4**2 / 12, pose=(0, -0.2, -np.pi / 2))
 pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.2, 0))
@@ -55,4 +59,4 @@ figure = mbd.plot(
         "supplied, J": supplied.energy,
     },
 )
-figure.savefig("dc_motor.png", dpi=120)
+figure.savefig(OUTPUT / "dc_motor.png", dpi=120)

@@ -4,9 +4,13 @@ The first mechanism: its degrees of freedom, its equations, its motion, its
 reactions, a plot, and a page for the browser.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 upper = mbd.Body("upper", mass=1.5, inertia=1.5 * 0.8**2 / 12, pose=(0.4, 0.0, 0.0))
 lower = mbd.Body("lower", mass=1.0, inertia=1.0 * 0.5**2 / 12, pose=(0.8, 0.2, np.pi / 3))
@@ -32,7 +36,7 @@ figure = mbd.plot(
         "elbow load, N": mbd.norm(elbow.reaction_on(lower).force),
     },
 )
-figure.savefig("first_mechanism.png", dpi=120)
+figure.savefig(OUTPUT / "first_mechanism.png", dpi=120)
 
 # a page to play with: open it in a browser
-mbd.animate(motion, "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": angles})
+mbd.animate(motion, OUTPUT / "first_mechanism.html", trace=[lower.at(0.25, 0)], plots={"angles, rad": angles})

@@ -7,12 +7,16 @@ in its way, then around the post with the bearing force limited, then as fast
 as motors and bearing allow. IDAS proves every motion.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 BASE, INNER, OUTER = 0.16, 0.18, 0.26  # m
 POST, RADIUS = (0.07, 0.31), 0.06  # m, the tool's own radius included
@@ -87,4 +91,4 @@ for panel, level in [(u.label, side * TORQUE) for u in tau for side in (-1, 1)] 
 axes["load"].set(xlabel="t, s", ylabel="elbow load, N", ylim=(0, None))
 scene.set_title("around the post with the least effort, every 0.05 s")
 scene.legend(loc="upper center", ncols=3, fontsize="small")
-figure.savefig("five_bar_robot.png", dpi=150)
+figure.savefig(OUTPUT / "five_bar_robot.png", dpi=150)

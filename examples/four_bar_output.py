@@ -5,9 +5,13 @@ follow from the same equations. Forward dynamics with the torque that was found
 gives the motion back.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 crank = mbd.Body("crank", mass=0.3, inertia=0.3 * 0.10**2 / 12, pose=(0.04, 0.02, 0.5))
 coupler = mbd.Body("coupler", mass=0.8, inertia=0.8 * 0.28**2 / 12, pose=(0.19, 0.14, 0.7))
@@ -45,4 +49,4 @@ figure = mbd.plot(
         "bearing O4, N": mbd.norm(o4.reaction_on(rocker).force),
     },
 )
-figure.savefig("four_bar_output.png", dpi=120)
+figure.savefig(OUTPUT / "four_bar_output.png", dpi=120)

@@ -5,11 +5,15 @@ Each torque is found by direct collocation on the equations that are simulated,
 and proved: IDAS starts from rest with that torque and must arrive.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 
 def bar(name, mass, length, pose):
@@ -81,4 +85,4 @@ axes["torque"].set(ylabel="crank torque, N m", title="in 0.6 s")
 axes["load"].set(xlabel="t, s", ylabel="load of bearing O4, N", ylim=(0, None))
 axes["load, fast"].set(xlabel="t, s", ylim=(0, None))
 axes["load"].annotate("limit", (0.45, limit), textcoords="offset points", xytext=(0, 3))
-figure.savefig("four_bar_torque.png", dpi=150)
+figure.savefig(OUTPUT / "four_bar_torque.png", dpi=150)

@@ -4,9 +4,13 @@ The camera was uneven in time, missed some frames and saw the tip of the rod
 with an error of a millimetre. How sure are we of the result?
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 stiffness = mbd.Parameter("stiffness", 3.0, lower=0.0)
 damping = mbd.Parameter("damping", 0.05, lower=0.0)
@@ -37,4 +41,4 @@ print(fit)
 print("correlation\n", fit.correlation.round(3))
 for symbol, value in truth.items():
     print(f"{symbol.label}: off by {(fit[symbol] - value) / fit.standard_error[symbol]:+.1f} standard errors")
-mbd.plot_residuals(fit, ["tip x, m", "tip y, m"]).savefig("identify_friction.png", dpi=120)
+mbd.plot_residuals(fit, ["tip x, m", "tip y, m"]).savefig(OUTPUT / "identify_friction.png", dpi=120)

@@ -7,12 +7,15 @@ the motor's speed it coasts in between. Direct collocation knows nothing of
 switches: it is compared with the phase plane, and IDAS proves the motion.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
 
+OUTPUT = Path(__file__).parent / "output"
 RATIO, TORQUE, LIMIT = 20.0, 1.0, 60.0  # motor turns an arm turn, N m, rad/s
 MASS, LENGTH, ROTOR = 2.0, 0.8, 2.0e-3  # kg, m, kg m²
 START, END = -np.pi / 3, np.pi / 3  # rad, from the horizontal
@@ -93,4 +96,4 @@ plane.set(xlabel="arm angle, °", ylabel="motor speed, rad/s", xlim=(-62, 62), y
 plane.legend(loc="lower center", fontsize="small")
 plane.text(-60, 140, "braking at full torque", color="#7a858e")
 plane.text(15, 140, "speeding up at full torque", color="#7a858e")
-figure.savefig("least_time.png", dpi=150)
+figure.savefig(OUTPUT / "least_time.png", dpi=150)

@@ -4,10 +4,14 @@ A half car on two springs and dampers, with an unsprung mass on a stiff tyre at
 each end. One linear model gives the modes and the frequency response.
 """
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 road = mbd.Input("road")
 chassis = mbd.Body("chassis", mass=700.0, inertia=1100.0, pose=(0, 0.7, 0))
@@ -46,4 +50,4 @@ for k, name in enumerate(model.output_names):
 axes["response"].set(xlabel="frequency, Hz", ylabel="motion per motion of the road")
 axes["response"].spines[["top", "right"]].set_visible(False)
 axes["response"].legend(frameon=False)
-figure.savefig("modes.png", dpi=120)
+figure.savefig(OUTPUT / "modes.png", dpi=120)

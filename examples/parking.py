@@ -6,9 +6,13 @@ it turns until it runs straight ahead; with a rudder and a screw it can be
 brought to any place, and the cheapest way there is found.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 sledge = mbd.Body("sledge", mass=1.3, inertia=0.1)
 blade = mbd.KnifeEdge("blade", sledge.at(-0.2, 0))
@@ -45,5 +49,5 @@ figure = mbd.plot(
         "side force of the blade, N": blade.side_force,
     },
 )
-figure.savefig("parking.png", dpi=120)
-mbd.animate(solution, "parking.html", trace=[sledge], plots={"rudder, N m": rudder})
+figure.savefig(OUTPUT / "parking.png", dpi=120)
+mbd.animate(solution, OUTPUT / "parking.html", trace=[sledge], plots={"rudder, N m": rudder})

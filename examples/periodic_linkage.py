@@ -8,11 +8,15 @@ of speed, without and with a counterweight whose mass and place on the crank
 are found at the same time. IDAS proves every turn.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 TURN, GEARBOX = 6.0, 1.0e4  # s; kg m², motor and gears as felt at the crank
 HEAD, RODS, OIL = 3.0, 20.0e3, 15.0e3  # m, N, N
@@ -88,4 +92,4 @@ axes["speed"].hlines(np.array([0.9, 0.98, 1.02, 1.1]) * 2 * np.pi / TURN, 0, TUR
 axes["torque"].set(ylabel="torque at the crank, kN m", xlim=(0, TURN), ylim=(-42, 50))
 axes["torque"].legend(loc="lower right", fontsize="small", ncols=2)
 axes["speed"].set(xlabel="t, s", ylabel="crank speed, rad/s", xlim=(0, TURN))
-figure.savefig("periodic_linkage.png", dpi=150)
+figure.savefig(OUTPUT / "periodic_linkage.png", dpi=150)

@@ -5,9 +5,13 @@ out of the constraints. Then a brake on the ring that slips lets the same
 train be simulated with two degrees of freedom.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 SUN, PLANET = 0.04, 0.02
 RING = SUN + 2 * PLANET
@@ -45,5 +49,5 @@ figure = mbd.plot(
         "tooth force at the sun, N": train.sun_meshes[0].tooth_force,
     },
 )
-figure.savefig("planetary_train.png", dpi=120)
-mbd.animate(motion, "planetary_train.html", speed=0.05, plots={"ring, rad/s": train.ring.omega})
+figure.savefig(OUTPUT / "planetary_train.png", dpi=120)
+mbd.animate(motion, OUTPUT / "planetary_train.html", speed=0.05, plots={"ring, rad/s": train.ring.omega})

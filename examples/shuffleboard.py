@@ -6,10 +6,14 @@ for the optimum to find: contact and friction are in the equations, smoothed, an
 sharpened step by step, each solution starting from the last.
 """
 
+from pathlib import Path
+
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 G, MU, LINE, MARK, DURATION = 9.81, 0.15, 0.4, 1.2, 1.6
 RADIUS, PUCK, CUE = 0.05, 0.5, 0.2
@@ -73,4 +77,4 @@ forces.set_xlabel("t, s")
 for axes in (places, forces):
     axes.legend(frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
-figure.savefig("shuffleboard.png", dpi=120)
+figure.savefig(OUTPUT / "shuffleboard.png", dpi=120)

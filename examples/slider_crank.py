@@ -4,9 +4,13 @@ The mechanism is simulated by IDAS under a constant torque; then the crank is
 driven instead, and inverse dynamics gives the torque and the bearing loads.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 crank = mbd.Body("crank", mass=0.12, inertia=1.0e-4, pose=(0.05, 0.0, 0.0))
 rod = mbd.Body("rod", mass=0.50, inertia=4.0e-3, pose=(0.25, 0.0, 0.0))
@@ -46,5 +50,7 @@ figure = mbd.plot(
         "slider, m": slider.x,
     },
 )
-figure.savefig("slider_crank.png", dpi=120)
-mbd.animate(run, "slider_crank.html", trace=[rod.at(0, 0)], plots={"torque, N m": driven.joint("speed").effort})
+figure.savefig(OUTPUT / "slider_crank.png", dpi=120)
+mbd.animate(
+    run, OUTPUT / "slider_crank.html", trace=[rod.at(0, 0)], plots={"torque, N m": driven.joint("speed").effort}
+)

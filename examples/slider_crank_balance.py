@@ -7,11 +7,15 @@ one periodic turn, so that the peak torque, a parameter of the problem's own,
 is least. IDAS proves each turn.
 """
 
+from pathlib import Path
+
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 SPEED, BAND = 20.0, 0.03  # rad/s and its share
 stiffness = mbd.Parameter("stiffness", 0.0, lower=0.0, upper=5000.0)  # N/m
@@ -83,4 +87,4 @@ axes["peaks"].invert_yaxis()
 
 pose = found["spring and flywheel"].trajectory.at([0.055]).final
 mbd.draw(pose, axes["scene"]).set_title("motor, flywheel, spring and pump")
-figure.savefig("slider_crank_balance.png", dpi=150)
+figure.savefig(OUTPUT / "slider_crank_balance.png", dpi=150)

@@ -6,11 +6,14 @@ processes, to see whether the linear picture holds (the hypercube is that of Sci
 """
 
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 crank_length, rod_length = mbd.Parameter("crank", 0.10, lower=0.01), mbd.Parameter("rod", 0.30, lower=0.1)
 offset = mbd.Parameter("offset", 0.0)
@@ -56,7 +59,7 @@ def run() -> None:
     below.plot(times, (swept["load"] - found["load"]).T, color="#1f5fa8", alpha=0.06)
     below.set_ylabel("load of 200 machines less nominal, N")
     below.set_xlabel("t, s")
-    figure.savefig("tolerances.png", dpi=120)
+    figure.savefig(OUTPUT / "tolerances.png", dpi=120)
 
 
 if __name__ == "__main__":  # the worker processes read this file too

@@ -4,9 +4,13 @@ Eleven bars and one crank. The drawing shows the leg in seven poses with the way
 of its foot; the film and the page show it walking.
 """
 
+from pathlib import Path
+
 import numpy as np
 
 import mbdcasadi as mbd
+
+OUTPUT = Path(__file__).parent / "output"
 
 leg = mbd.library.jansen(density=2.0)
 walk = leg.driven(crank=-2 * np.pi * mbd.t / 3)  # one turn in three seconds, clockwise
@@ -27,6 +31,8 @@ print(f"torque {torque.min():.2f} to {torque.max():.2f} N m; '{worst}' carries {
 
 axes = mbd.draw(step, trace=[leg.foot], poses=7)
 axes.set_title("Jansen's leg, every half second")
-axes.figure.savefig("walking_leg.png", dpi=120)
-mbd.animate(step, "walking_leg.gif", trace=[leg.foot], fps=10)
-mbd.animate(step, "walking_leg.html", trace=[leg.foot], plots={"foot, m": leg.foot.y, "torque, N m": drive.effort})
+axes.figure.savefig(OUTPUT / "walking_leg.png", dpi=120)
+mbd.animate(step, OUTPUT / "walking_leg.gif", trace=[leg.foot], fps=10)
+mbd.animate(
+    step, OUTPUT / "walking_leg.html", trace=[leg.foot], plots={"foot, m": leg.foot.y, "torque, N m": drive.effort}
+)

@@ -78,11 +78,13 @@ from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .model.validity import Smoothing, ValidityCondition
 from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
+from .optimal_control.phase import Waypoint
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
 from .optimal_control.solution import Solution
 from .optimal_control.storage import read_solution
-from .optimal_control.waypoints import Waypoint
+from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
+from .optimal_control.transcription.points import CollocationPoint
 from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
@@ -101,4 +103,4 @@ from .visual.plots.identification_plots import plot_residuals
 from .visual.plots.modes import plot_modes
 from .visual.plots.plot import plot
 from .visual.plots.solution_plots import plot_solution
-from .visual.symbols import symbol as glyph
+from .visual.symbols import Glyph, glyph

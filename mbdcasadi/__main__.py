@@ -13,11 +13,13 @@ from typing import Any
 import mbdcasadi as mbd
 
 from .files.acf import Analysis
+from .numerics.writing import whole_file, writable
 from .results.summary import summary
-from .results.writing import whole_file
 
 #: Exit status of a wrong model or a run that stops, and of Ctrl-C.
 WRONG, STOPPED = 2, 130
+#: Part of messages that is of use in Python alone.
+PARTIAL = "; what was computed is in .partial"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,6 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         options.command(options)
+    except mbd.Interrupted as error:
+        return _interrupted(error, options)
     except (mbd.MechanismError, OSError) as error:
         return _failed(error, options, WRONG)
     except KeyboardInterrupt as error:
@@ -53,16 +57,29 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _failed(error: BaseException, options: argparse.Namespace, status: int) -> int:
-    """Say in one sentence what went wrong, and that no file was written where some were asked for."""
+    """Report in one sentence what went wrong, and that no file was written if some were asked for."""
     reason = " ".join(str(error).split()) or "stopped by the user"
     if isinstance(error, OSError) and not isinstance(error, mbd.MechanismError):
         reason = f"{error.filename}: {error.strerror}" if error.filename else reason
-    reason = reason.replace("; what was computed is in .partial", "")
+    reason = reason.replace(PARTIAL, "")
     wanted = [str(path) for path in _outputs(options).values()]
     if getattr(error, "partial", None) is not None and wanted:
         reason += f"; {', '.join(wanted)} {'was' if len(wanted) == 1 else 'were'} not written"
     print(f"mbdcasadi: {reason}", file=sys.stderr)
     return status
+
+
+def _interrupted(error: mbd.Interrupted, options: argparse.Namespace) -> int:
+    """Write the outputs of the motion that had been computed when the user stopped the run, and report it."""
+    motion, said = error.partial, [" ".join(str(error).split()).replace(PARTIAL, "")]
+    for kind, path in _outputs(options).items() if motion is not None and len(motion) else ():
+        try:
+            _write(motion, {kind: path})
+            said.append(f"{path} holds the motion up to t = {motion.t[-1]:.6g} s")
+        except (mbd.MechanismError, OSError) as failure:
+            said.append(f"{path} was not written ({failure})")
+    print(f"mbdcasadi: {'; '.join(said)}", file=sys.stderr)
+    return STOPPED
 
 
 # --- run -----------------------------------------------------------------------------
@@ -72,7 +89,7 @@ def _outputs(options: argparse.Namespace) -> dict[str, Path]:
 
 
 def _run(options: argparse.Namespace) -> None:
-    _check_outputs(_outputs(options))
+    _check_outputs(_outputs(options), (options.model, options.analysis))
     with _notes() as notes:
         mechanism = mbd.read_adm(options.model)
         analysis = mbd.read_acf(options.analysis)
@@ -101,17 +118,15 @@ def _analyse(mechanism: mbd.Mechanism, analysis: Analysis, options: argparse.Nam
     return mbd.inverse_dynamics(mechanism, analysis.times, progress=progress)
 
 
-def _check_outputs(outputs: dict[str, Path]) -> None:
-    """Find what would keep a file from being written before the run, not after it."""
-    seen: set[Path] = set()
+def _check_outputs(outputs: dict[str, Path], inputs: Sequence[Path]) -> None:
+    """Raise before the run if a file cannot be written, or would take the place of an input or of another output."""
+    taken = {source.resolve(): "the input" for source in inputs}
     for kind, path in outputs.items():
-        if not path.resolve().parent.is_dir():
-            raise mbd.MechanismError(f"--{kind} {path}: the folder {path.resolve().parent} does not exist")
-        if path.is_dir():
-            raise mbd.MechanismError(f"--{kind} {path}: this is a folder; name a file in it")
-        if path.resolve() in seen:
-            raise mbd.MechanismError(f"--{kind} {path}: another output goes to the same file")
-        seen.add(path.resolve())
+        target = writable(path)
+        for other, role in taken.items():
+            if target == other or (target.exists() and other.exists() and target.samefile(other)):
+                raise mbd.FileError(f"--{kind} {path}: this is the same file as {role} {other}; name another one")
+        taken[target] = "the output"
     if "plot" in outputs:
         from matplotlib.figure import Figure
 

@@ -25,6 +25,10 @@ class MechanismError(ValueError):
         self.time = time
         self.partial = partial
 
+    def __reduce__(self) -> tuple:
+        # what had been computed holds symbols, which do not travel to another process; the message does
+        return type(self), self.args, self.__dict__ | {"partial": None}
+
 
 class ModelError(MechanismError):
     """The model is wrong: a number, a name, a symbol, or a missing part."""
@@ -61,7 +65,7 @@ class ExpressionError(MechanismError):
 
 
 class FileError(MechanismError):
-    """A model file or an analysis file cannot be read."""
+    """A file cannot be read or written; the message names it."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -71,6 +75,9 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(message)
         self.time = time
         self.partial = partial
+
+    def __reduce__(self) -> tuple:
+        return type(self), self.args, self.__dict__ | {"partial": None}
 
 
 class MechanismWarning(UserWarning):

@@ -173,7 +173,8 @@ def test_outputs_are_all_or_none(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("mbdcasadi.visual.plots.plot.overview", broken)
     arguments = ["run", *map(str, DRIVEN), "--csv", str(tmp_path / "o.csv"), "--plot", str(tmp_path / "o.png")]
     assert main(arguments) == 2
-    assert capsys.readouterr().err == "mbdcasadi: out.png: No space left on device\n"
+    said = f"mbdcasadi: {tmp_path / 'o.png'}: the file cannot be written: No space left on device\n"
+    assert capsys.readouterr().err == said
     assert list(tmp_path.iterdir()) == []
 
 
@@ -194,15 +195,68 @@ def test_a_run_that_stops_part_way(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
-def test_interruption(tmp_path, capsys):
-    """Ctrl-C in the middle of a run that takes a minute: status 130, one sentence, no file."""
-    times = analysis(tmp_path / "a.acf", tend=2000.0, outputSteps=400_000)
-    signal_sender = threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT))
+@pytest.mark.parametrize("kind", ["dynamics", "inverse dynamics"])
+def test_interruption_keeps_what_was_computed(tmp_path, capsys, kind):
+    """Ctrl-C in the middle of a run that takes long: status 130, one sentence, and files up to there."""
+    model = FREE[0] if kind == "dynamics" else DRIVEN[0]
+    times = analysis(tmp_path / "a.acf", simulation=kind, tend=500.0, outputSteps=100_000)
+    table, data = tmp_path / "out.csv", tmp_path / "out.npz"
+    signal_sender = threading.Timer(2.0, os.kill, (os.getpid(), signal.SIGINT))
     began = time.perf_counter()
     signal_sender.start()
-    status = main(["run", str(FREE[0]), str(times), "--csv", str(tmp_path / "out.csv")])
-    assert time.perf_counter() - began < 20
+    status = main(["run", str(model), str(times), "--csv", str(table), "--save", str(data)])
+    assert time.perf_counter() - began < 40
     printed = capsys.readouterr()
     assert (status, printed.out) == (130, "")
-    assert printed.err.count("\n") == 1 and "stopped by the user" in printed.err
-    assert not (tmp_path / "out.csv").exists()
+    assert printed.err.count("\n") == 1 and "stopped by the user" in printed.err and ".partial" not in printed.err
+    motion = mbd.read_trajectory(data, mbd.read_adm(model))
+    assert 2 < len(motion) < 100_001
+    with open(table, newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["t"]) for row in rows] == motion.t.tolist()
+    for path in (table, data):
+        assert f"{path} holds the motion up to t = {motion.t[-1]:.6g} s" in printed.err
+
+
+def test_an_interruption_before_the_first_output(tmp_path, monkeypatch, capsys):
+    """Nothing was computed: no file, and no word of one that holds something."""
+
+    def stopped(*_, **__):
+        raise mbd.Interrupted("simulate: stopped by the user", partial=None)
+
+    monkeypatch.setattr(mbd, "simulate", stopped)
+    assert main(["run", *map(str, FREE), "--csv", str(tmp_path / "out.csv")]) == 130
+    assert capsys.readouterr().err == "mbdcasadi: simulate: stopped by the user\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_short_motion_does_not_give_is_named(tmp_path, monkeypatch, capsys):
+    """One output is no film, but a table."""
+    motion = mbd.simulate(mbd.read_adm(FREE[0]), duration=0.1).at([0.05])
+
+    def stopped(*_, **__):
+        raise mbd.Interrupted("simulate: stopped by the user", partial=motion)
+
+    monkeypatch.setattr(mbd, "simulate", stopped)
+    table, film = tmp_path / "out.csv", tmp_path / "out.gif"
+    assert main(["run", *map(str, FREE), "--csv", str(table), "--animate", str(film)]) == 130
+    said = capsys.readouterr().err
+    assert f"{table} holds" in said and f"{film} was not written (animate: takes a motion over some time" in said
+    assert list(tmp_path.iterdir()) == [table]
+
+
+@pytest.mark.parametrize("name", ["me.adm", "me.acf"])
+def test_an_input_is_not_overwritten(tmp_path, monkeypatch, capsys, name):
+    """By its name, another spelling of it, a link, or a hard link; the run does not begin."""
+    for source in FREE:
+        (tmp_path / f"me{source.suffix}").write_bytes(source.read_bytes())
+    (tmp_path / "soft.csv").symlink_to(tmp_path / name)
+    os.link(tmp_path / name, tmp_path / "hard.csv")
+    (tmp_path / "folder").mkdir()
+    monkeypatch.chdir(tmp_path)
+    before = (tmp_path / name).read_bytes()
+    for kind in ("csv", "save"):
+        for target in (name, f"folder/../{name}", "soft.csv", "hard.csv"):
+            assert main(["run", "me.adm", "me.acf", f"--{kind}", target]) == 2
+            assert f"--{kind} {target}: this is the same file as the input" in capsys.readouterr().err
+            assert (tmp_path / name).read_bytes() == before

@@ -2,6 +2,7 @@
 
 import os
 import runpy
+import shutil
 import subprocess
 import sys
 import warnings
@@ -32,14 +33,20 @@ def is_picture(path):
 def found(request, tmp_path, monkeypatch):
     """Names of the example that a test is called after, run with warnings as errors and drawn."""
     name = request.function.__name__.removeprefix("test_")
-    monkeypatch.setattr(sys, "argv", [name, str(tmp_path / "picture.png")])
+    script = copied(name, tmp_path)
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("error", mbd.MechanismWarning)
-        names = runpy.run_path(str(EXAMPLES / f"{name}.py"))
-    (picture,) = tmp_path.glob("*.png")
+        names = runpy.run_path(str(script))
+    (picture,) = (tmp_path / "output").glob("*.png")
     assert is_picture(picture)
     return names
+
+
+def copied(name, folder):
+    """An example in a folder of its own, with the folder that it writes to."""
+    (folder / "output").mkdir()
+    return Path(shutil.copy(EXAMPLES / f"{name}.py", folder))
 
 
 def largest_error(*solutions):
@@ -64,11 +71,12 @@ def test_is_short_and_checked(name):
 @pytest.mark.parametrize("name", PLAIN)
 def test_runs_from_outside(name, tmp_path):
     """Exit status 0, nothing on standard error, something told, and a picture."""
-    command, environment = [sys.executable, EXAMPLES / f"{name}.py"], os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
+    command, environment = [sys.executable, copied(name, tmp_path)], os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout and is_picture(tmp_path / f"{name}.png")
-    for page in tmp_path.glob("*.html"):
+    assert done.stdout and is_picture(tmp_path / "output" / f"{name}.png")
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.py", "output"}  # nothing is written elsewhere
+    for page in (tmp_path / "output").glob("*.html"):
         assert BYTES < page.stat().st_size < 10 * BYTES and page.stem == name
 
 
@@ -202,3 +210,12 @@ def test_shuffleboard(found):
     # what v_t leaves of friction at the end is seen in the third digit
     assert fine_[puck.vx][gone] ** 2 / 2 == pytest.approx(found["MU"] * found["G"] * left, rel=1e-2)
     assert fine_[found["cue"].x].max() <= found["LINE"] - found["RADIUS"] + 1e-4
+
+
+def test_what_examples_write_is_not_in_the_repository():
+    """The folder is there, and git ignores what is in it."""
+    done = subprocess.run(
+        ["git", "check-ignore", "examples/output/cam.png"], cwd=EXAMPLES.parent, capture_output=True, check=False
+    )
+    assert (EXAMPLES / "output" / ".gitignore").exists()
+    assert done.returncode in (0, 128)  # ignored, or this is no repository

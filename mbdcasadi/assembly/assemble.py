@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
+from ..model.conditions import read_conditions
+from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..model.symbols import number
 from ..results.state import State
-from ..simulation.stick_slip.friction_modes import switching
-from ..simulation.stick_slip.start import assemble_with_friction
-from .state import assemble_mechanism
+from .setup import Setup
+
+#: Start of a mechanism with exact friction: ``setup -> state``. Simulation, which knows how friction switches, sets it.
+_start_with_friction: Callable[[Setup], State] | None = None
+
+
+def decide_friction_by(start: Callable[[Setup], State]) -> None:
+    """Set what finds the start of mechanisms with exact friction."""
+    global _start_with_friction
+    _start_with_friction = start
 
 
 def assemble(
@@ -17,7 +28,7 @@ def assemble(
     """Find the consistent state that meets conditions, nearest to the estimate.
 
     Position, then velocity, each nearest to the bodies' estimates in the mass
-    metric (unit weight where there is no mass) among all that meet the
+    metric (unit weight if there is no mass) among all that meet the
     constraints and the conditions; then accelerations and multipliers from the
     equations of motion. From the nearest consistent pose the conditions are
     approached by continuation, so that the branch of the linkage is kept.
@@ -27,7 +38,7 @@ def assemble(
     mechanism : Mechanism
         The model.
     conditions : sequence of relations
-        In positions, or linear in velocities; ``<=`` holds where it must.
+        In positions, or linear in velocities; inequalities as well.
     t : float, default 0
         Time, s.
     inputs : mapping of Input to number or expression, optional
@@ -43,7 +54,7 @@ def assemble(
     Raises
     ------
     AssemblyError
-        Where the parts cannot be put together; ``.residuals`` says by how much, by element.
+        If the parts cannot be put together; ``.residuals`` holds the gaps by element.
     ConditionError
         For a condition that cannot be met, or contradicts the constraints or another one.
 
@@ -61,6 +72,9 @@ def assemble(
     >>> float(np.round(state[arm.vx], 9))
     -1.5
     """
-    if switching(mechanism):
-        return assemble_with_friction(mechanism, conditions, t, inputs, parameters)
-    return assemble_mechanism(mechanism, conditions, t, inputs, parameters)
+    rows = read_conditions(conditions)
+    time = number(t, "assemble", "t")
+    setup = Setup(mechanism, "assemble", t=time, initial=rows, inputs=inputs, parameters=parameters)
+    if switching(mechanism) and _start_with_friction is not None:
+        return _start_with_friction(setup)
+    return setup.start

@@ -2,7 +2,7 @@
 
 Closing the linkage comes first, from the estimate; then the conditions are
 approached by continuation from the values they have there, which keeps the
-branch. IPOPT is the fallback where Gauss–Newton steps do not settle.
+branch. IPOPT is the fallback if Gauss–Newton steps do not converge.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError, MechanismWarning
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
+from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
-from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
+from ..numerics.nearest import multipliers_at, nearest, nearest_by_ipopt, project_with_inequalities
 from ..numerics.newton import Equations, Outcome, refine_root, solve
-from .optimised import nearest_by_ipopt
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
 #: Residual from which a row counts as open in a message, rad or characteristic lengths.
-OPEN = 1e-6
+GAP_TOLERANCE = 1e-6
 #: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
-HELD, MET = 1e-6, 1e-7
+HELD_TOLERANCE, INEQUALITY_TOLERANCE = 1e-6, 1e-7
 #: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
 PERTURBATION = 1e-4
 
@@ -71,22 +71,22 @@ class PoseProblem:
     def _within(self, q: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Nearest pose under the inequalities, from the nearest one without them."""
         try:
-            found = self._active_set(q, estimate)
+            pose = self._active_set(q, estimate)
             obstacle = None
         except AssemblyError as error:
-            found, obstacle = None, error
-        if found is not None:
-            return found
+            pose, obstacle = None, error
+        if pose is not None:
+            return pose
         # on the way to the limits the linkage locks, or they alternate: look for a pose within all of them at once
         start = self._by_optimisation(estimate, self.equalities, self.inequalities)
         if start is None:
             raise obstacle or self._limits_missed()
-        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start)) <= HELD)
+        near = np.flatnonzero(np.abs(self._relative(self.inequalities, start)) <= HELD_TOLERANCE)
         try:
-            found = self._active_set(start, estimate, [int(k) for k in near])
+            pose = self._active_set(start, estimate, [int(k) for k in near])
         except AssemblyError:
-            found = None
-        return start if found is None else found
+            pose = None
+        return start if pose is None else pose
 
     def _active_set(self, start: np.ndarray, estimate: np.ndarray, active: Sequence[int] = ()) -> np.ndarray | None:
         limits, last = self.inequalities, start
@@ -135,13 +135,13 @@ class PoseProblem:
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""
         generator = np.random.default_rng(0)
-        found = []
+        poses = []
         for _ in range(12):
             start = estimate + self.numeric.step_limit * generator.uniform(-1, 1, estimate.size)
             outcome = self._solve(rows, start, step_limit=self.numeric.step_limit)
             if outcome.converged:
-                found.append(outcome.x)
-        return min(found, key=lambda q: float(np.sum(self.numeric.weights * (q - estimate) ** 2)), default=None)
+                poses.append(outcome.x)
+        return min(poses, key=lambda q: float(np.sum(self.numeric.weights * (q - estimate) ** 2)), default=None)
 
     def _by_optimisation(
         self, estimate: np.ndarray, equalities: Sequence[Condition], inequalities: Sequence[Condition]
@@ -155,7 +155,7 @@ class PoseProblem:
         )
         q = nearest_by_ipopt(eom.q, [equal], [unequal], estimate, numeric.weights)
         outcome = self._solve(self.rows_with(equalities), q, iterations=20)
-        met = largest(np.maximum(self._relative(inequalities, outcome.x), 0)) <= MET
+        met = largest(np.maximum(self._relative(inequalities, outcome.x), 0)) <= INEQUALITY_TOLERANCE
         return outcome.x if outcome.converged and met else None
 
     # --- meeting conditions ------------------------------------------------------------------
@@ -202,19 +202,16 @@ class PoseProblem:
     def _continue_to(self, conditions: list[Condition], start: np.ndarray) -> np.ndarray | None:
         """Move the conditions from their value at the start to their target, in steps that turn no body far."""
         first = self.values(conditions, start)
-        q, done, step = start, 0.0, 1.0
-        while done < 1.0:
-            share = min(done + step, 1.0)
-            outcome = self._solve(self.rows_with(conditions, (1 - share) * first), q, iterations=15)
+
+        def moved(q: np.ndarray, _: float, to: float) -> Step[np.ndarray] | None:
+            outcome = self._solve(self.rows_with(conditions, (1 - to) * first), q, iterations=15)
             turned = largest((outcome.x - q)[self.numeric.eom.angles])
-            if outcome.converged and turned <= LARGEST_TURN:
-                q, done = outcome.x, share
-                step *= 2.0 if turned < LARGEST_TURN / 3 else 1.0
-            else:
-                step /= 2
-                if step < 1e-5:
-                    return None
-        return q
+            if not outcome.converged or turned > LARGEST_TURN:
+                return None
+            return Step(outcome.x, easily=turned < LARGEST_TURN / 3)
+
+        path = follow(start, moved)
+        return path.point if path.complete else None
 
     def _without_continuation(self, conditions: list[Condition], start: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         target = self.rows_with(conditions)
@@ -249,7 +246,7 @@ class PoseProblem:
         rows = self.numeric.eom.Phi.numel()
         residuals = self._residuals(outcome.residual[:rows])
         missed = {c.label: abs(float(value)) for c, value in zip(conditions, outcome.residual[rows:], strict=True)}
-        shown = {name: value for name, value in missed.items() if value > OPEN}
+        shown = {name: value for name, value in missed.items() if value > GAP_TOLERANCE}
         shown |= self.open_parts(outcome.residual[:rows])
         parts = ", ".join(f"{name} ({value:.3g})" for name, value in shown.items())
         return _ConditionsNotMet(
@@ -271,16 +268,16 @@ class PoseProblem:
         """Residuals of the elements that stay open, largest first."""
         numeric = self.numeric
         angular = numeric.eom.angular_rows[numeric.eom.position_rows]
-        closed = np.abs(values) <= OPEN * np.where(angular, 1.0, numeric.scale.length)
+        closed = np.abs(values) <= GAP_TOLERANCE * np.where(angular, 1.0, numeric.scale.length)
         return {name: value for name, value in self._residuals(np.where(closed, 0.0, values)).items() if value > 0}
 
     def _residuals(self, values: np.ndarray) -> dict[str, float]:
         eom = self.numeric.eom
-        found: dict[str, float] = {}
+        largest_rows: dict[str, float] = {}
         for k, value in zip(eom.position_rows, values, strict=True):
             name = eom.row_elements[k].name
-            found[name] = max(found.get(name, 0.0), abs(float(value)))
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+            largest_rows[name] = max(largest_rows.get(name, 0.0), abs(float(value)))
+        return dict(sorted(largest_rows.items(), key=lambda item: -item[1]))
 
 
 def _closest(outcomes: Sequence[Outcome]) -> Outcome:

@@ -15,7 +15,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import MechanismWarning, SimulationError
 from ..model.mechanism import Mechanism
 from ..results.state import State
-from .initial_state import carried_by, start_state
+from .consistent_start import carried_by, consistent_start
 
 
 class Setup:
@@ -100,7 +100,7 @@ class Setup:
     @cached_property
     def start(self) -> State:
         """The consistent start, at the first time."""
-        return start_state(self.numeric, self.initial, float(self.grid[0]), self.signals)
+        return consistent_start(self.numeric, self.initial, float(self.grid[0]), self.signals)
 
     @cached_property
     def has_redundant_rows(self) -> bool:

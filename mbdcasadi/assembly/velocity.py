@@ -12,14 +12,14 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
-from ..numerics.least_squares import largest, least_norm
-from ..numerics.nearest import multipliers_at, nearest, project_with_inequalities
+from ..numerics.least_squares import largest
+from ..numerics.nearest import multipliers_at, nearest, nearest_by_ipopt, project_with_inequalities
 from ..numerics.newton import Equations, refine_root, solve
+from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
-from .optimised import nearest_by_ipopt
 
 #: Violation of an inequality by which it counts as held, m/s or rad/s.
-NEAR = 1e-6
+HELD_TOLERANCE = 1e-6
 
 
 class VelocityProblem:
@@ -59,10 +59,7 @@ class VelocityProblem:
     def _consistent(self, estimate: np.ndarray) -> np.ndarray:
         """Nearest velocity with ``Phi_q v = nu``."""
         jacobian, nu = self._jacobian, self._nu
-        missing = nu - jacobian @ estimate
-        if largest(missing) <= 1e-15 * (1 + largest(estimate)):
-            return estimate.copy()
-        v = estimate + least_norm(jacobian, missing, self.numeric.weights)
+        v = project_velocity(jacobian, nu, estimate, self.numeric.weights)
         left_over = jacobian @ v - nu
         if largest(left_over) > 1e-8 * (1 + largest(nu) + largest(v)):
             eom = self.numeric.eom
@@ -80,20 +77,20 @@ class VelocityProblem:
         """Nearest velocity under the inequalities, from the nearest one without them."""
         obstacle: ConditionError | None = None
         try:
-            found = self._active_set(v, estimate)
+            velocity = self._active_set(v, estimate)
         except ConditionError as error:
-            found, obstacle = None, error
-        if found is not None:
-            return found
+            velocity, obstacle = None, error
+        if velocity is not None:
+            return velocity
         start = self._by_optimisation(v)
         if start is None:
             raise obstacle or self._refusal([*self.equalities, *self.inequalities], np.zeros(0))
-        near = np.flatnonzero(np.abs(self._values(self.inequalities, start)) <= NEAR)
+        near = np.flatnonzero(np.abs(self._values(self.inequalities, start)) <= HELD_TOLERANCE)
         try:
-            found = self._active_set(start, estimate, [int(k) for k in near])
+            velocity = self._active_set(start, estimate, [int(k) for k in near])
         except ConditionError:
-            found = None
-        return start if found is None else found
+            velocity = None
+        return start if velocity is None else velocity
 
     def _active_set(self, start: np.ndarray, estimate: np.ndarray, active: Sequence[int] = ()) -> np.ndarray | None:
         limits = self.inequalities
@@ -122,7 +119,7 @@ class VelocityProblem:
         )
         v = nearest_by_ipopt(self.numeric.eom.v, [rows, *equal], unequal, start, self.numeric.weights)
         outcome = solve(self._with(self.equalities), v, self.numeric.weights, iterations=20)
-        met = largest(np.maximum(self._values(self.inequalities, outcome.x), 0)) <= NEAR / 10
+        met = largest(np.maximum(self._values(self.inequalities, outcome.x), 0)) <= HELD_TOLERANCE / 10
         return outcome.x if outcome.converged and met else None
 
     # --- conditions -------------------------------------------------------------------
@@ -163,7 +160,7 @@ class VelocityProblem:
 
 def _by_element(elements: Any, values: np.ndarray) -> dict[str, float]:
     """Largest absolute value by element, largest first."""
-    found: dict[str, float] = {}
+    largest_values: dict[str, float] = {}
     for element, value in zip(elements, values, strict=True):
-        found[element.name] = max(found.get(element.name, 0.0), abs(float(value)))
-    return dict(sorted(found.items(), key=lambda item: -item[1]))
+        largest_values[element.name] = max(largest_values.get(element.name, 0.0), abs(float(value)))
+    return dict(sorted(largest_values.items(), key=lambda item: -item[1]))

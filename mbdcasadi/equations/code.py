@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from ..errors import ModelError
+from ..errors import FileError, ModelError
+from ..numerics.writing import whole_file
 from .numeric import NumericEquations
 from .saddle import forward_dynamics
 
 if TYPE_CHECKING:
     from .derivation import Equations
 
+#: Last lines of both files that CasADi writes.
+_END = '#ifdef __cplusplus\n} /* extern "C" */\n#endif\n'
 _NAMES = ["t", "q", "v", "a", "z", "lam", "u", "p"]
 
 
@@ -33,8 +37,28 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
     generator = ca.CodeGenerator(target.name, {"with_header": True})
     for function in _functions(eom, stem):
         generator.add(function)
-    generator.generate(str(target.resolve().parent) + "/")
-    return target, target.with_suffix(".h")
+    header = target.with_suffix(".h")
+    with whole_file(target) as source_part, whole_file(header) as header_part:
+        source_text, header_text = _generated(generator, target)
+        source_part.write_text(source_text, encoding="utf-8")
+        header_part.write_text(header_text, encoding="utf-8")
+    return target, header
+
+
+def _generated(generator: ca.CodeGenerator, target: Path) -> tuple[str, str]:
+    """Return source and header.
+
+    CasADi writes them to files itself and reports no failure, so it is
+    checked that neither was cut off by a full disk.
+    """
+    with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.stem}.") as folder:
+        generator.generate(folder + "/")
+        source, header = (
+            (Path(folder) / target.with_suffix(ending).name).read_text(encoding="utf-8") for ending in (".c", ".h")
+        )
+    if generator.dump() not in source or not (source.endswith(_END) and header.endswith(_END)):
+        raise FileError(f"{target}: the file cannot be written: the code was cut off, as by a full disk")
+    return source, header
 
 
 def _functions(eom: Equations, stem: str) -> list[ca.Function]:
@@ -77,7 +101,7 @@ def _forward(eom: Equations, name: str) -> ca.Function:
     """Forward dynamics in the form that this mechanism needs, with solvers that can be written as C."""
     numeric = NumericEquations(eom, eom.parameter_values)
     redundant = numeric.has_redundant_rows(0.0, eom.estimate[0])
-    found = forward_dynamics(eom, massless=numeric.massless, redundant=redundant, portable=True)
+    found = forward_dynamics(eom, augmentation=numeric.augmentation, redundant=redundant, portable=True)
     symbols = found.sx_in() if found.is_a("SXFunction") else found.mx_in()
     results = [ca.densify(result) for result in found(*symbols)]
     return ca.Function(name, symbols, results, found.name_in(), found.name_out())

@@ -19,6 +19,7 @@ from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import describe, role_of, symbols_of
 from ..model.symbols import t as time
+from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
 from .saddle import SaddlePoint, forward_dynamics
 
@@ -174,6 +175,7 @@ class Equations:
         return function(p).full().ravel()
 
     # --- compiled functions -----------------------------------------------------------
+    @symbolic
     def function(self, expression: Any) -> ca.Function:
         """Compile an expression: a Function of ``(t, q, v, a, z, lam, u, p)``; the most recent ones are kept.
 
@@ -232,8 +234,20 @@ class Equations:
         For constraints with redundant rows use the analyses, which find the
         multipliers of least norm.
         """
-        massless = bool(np.any(self.masses(self.parameter_values) == 0))
-        return forward_dynamics(self, massless=massless)
+        return forward_dynamics(self, augmentation=self.effective_masses(self.parameter_values))
+
+    @cached_property
+    def jacobian(self) -> ca.Function:
+        """``(t, q, p) -> (Phi_q, nu)``."""
+        return ca.Function("velocity", [self.t, self.q, self.p], [self.Phi_q, ca.densify(self.nu)])
+
+    def effective_masses(self, p: np.ndarray) -> np.ndarray | None:
+        """Effective masses of the rows (m,); None if no body is light. See :mod:`.augmentation`."""
+        from .augmentation import effective_masses
+        from .scale import scale_of
+
+        mass = self.masses(p)
+        return effective_masses(self, p, mass, scale_of(self, p, mass))
 
     def generate_c(self, path: str | Path) -> tuple[Path, Path]:
         """Write the equations as C: one file and its header, which need a C compiler and nothing else.

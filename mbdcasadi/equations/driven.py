@@ -9,8 +9,10 @@ from __future__ import annotations
 from functools import cached_property
 
 import casadi as ca
+import numpy as np
 
 from .derivation import Equations
+from .scale import scale_of
 
 #: Newton steps at each time; the predictor is good to third order.
 NEWTON_STEPS = 3
@@ -32,17 +34,21 @@ class DrivenEquations:
         predict, correct by Newton's method, then velocity and acceleration.
         `correction` is how far the pose was moved from the prediction,
         `remainder` the last Newton step, `apart` by how much redundant rows contradict each other.
-        Not where there are velocity-level rows: the pose then follows from no time alone.
+        Not if there are velocity-level rows: the pose then follows from no time alone.
     rates : casadi.Function
         ``(t, q, p) -> (v, a, apart)``: velocity and acceleration in a pose.
     multipliers : casadi.Function
         ``(t, q, v, a, z, u, p) -> lam`` from ``Phi_q^T lam = Q - M a``, of
-        least norm where rows are redundant.
+        least norm if rows are redundant.
     """
 
     def __init__(self, eom: Equations):
         self.square = eom.lam.numel() == eom.q.numel()
         self._eom = eom
+        p = eom.parameter_values
+        scale = scale_of(eom, p, eom.masses(p))
+        # by powers of two, which rounding does not touch
+        self._columns, self._rows = (ca.DM(2.0 ** np.round(np.log2(x))) for x in (scale.columns, 1 / scale.usual_rows))
         self.rates = self._velocity_and_acceleration()
         self.multipliers = self._multipliers()
 
@@ -55,7 +61,9 @@ class DrivenEquations:
         """Solve ``J x = right`` for a square J, or one with redundant rows."""
         if self.square:
             return ca.solve(jacobian, right, _SOLVER)
-        return ca.solve(jacobian.T @ jacobian, jacobian.T @ right, _SOLVER)
+        # the normal equations square the ratio of metres to radians
+        scaled = ca.diag(self._rows) @ jacobian @ ca.diag(self._columns)
+        return self._columns * ca.solve(scaled.T @ scaled, scaled.T @ (self._rows * right), _SOLVER)
 
     def _velocity_and_acceleration(self) -> ca.Function:
         eom = self._eom
@@ -96,19 +104,22 @@ class DrivenEquations:
     def _multipliers(self) -> ca.Function:
         eom = self._eom
         shapes = (eom.t, eom.q, eom.v, eom.a, eom.z, eom.u, eom.p)
-        given = [ca.MX.sym(name, *s.shape) for name, s in zip(("t", "q", "v", "a", "z", "u", "p"), shapes, strict=True)]
+        symbols = [
+            ca.MX.sym(name, *s.shape) for name, s in zip(("t", "q", "v", "a", "z", "u", "p"), shapes, strict=True)
+        ]
         load = eom.Q - eom.mass_diagonal * eom.a
         terms = ca.Function("terms", [*shapes, eom.lam], [eom.Phi_q, ca.densify(load), ca.jacobian(load, eom.lam)])
         lam = ca.MX.zeros(eom.lam.numel())
         # forces that depend on the multipliers take a few Newton steps; without them the first one is exact
         for _ in range(8 if eom.Q_depends_on_lam else 1):
-            jacobian, right, slope = terms(*given, lam)
+            jacobian, right, slope = terms(*symbols, lam)
             residual = right - jacobian.T @ lam
             if self.square:
                 lam = lam + ca.solve(jacobian.T - slope, residual, _SOLVER)
             else:
-                lam = lam + jacobian @ ca.solve(jacobian.T @ jacobian, residual, _SOLVER)
-        return ca.Function("multipliers", given, [lam])
+                scaled = jacobian @ ca.diag(self._columns)  # rows as they are: of these the least norm is meant
+                lam = lam + scaled @ ca.solve(scaled.T @ scaled, self._columns * residual, _SOLVER)
+        return ca.Function("multipliers", symbols, [lam])
 
 
 def driven_equations(eom: Equations) -> DrivenEquations:

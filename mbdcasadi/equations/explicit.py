@@ -1,4 +1,4 @@
-"""Which constraints give a coordinate explicitly, in terms of others.
+"""Constraints that give a coordinate explicitly, in terms of others.
 
 A pin between two bodies says where the second one is once the angles are
 known: ``x_2 = x_1 + l_1 cos(phi_1) + l_2 cos(phi_2)``. Such a row is linear in a
@@ -20,13 +20,13 @@ MOST = 6
 #: with two angles and more the solver lost its way in nine of them, in all coordinates in one; of ninety pendulums and
 #: cart-poles, with one angle, the same were solved, in half the time.
 CURVED = 1
-#: A row is solved for a factor of this share of its largest one at the least; what cancels leaves its rounding.
+#: A row is solved for a coordinate whose factor is at least this share of its largest one; less is rounding.
 LEAST = 1e-3
 
 
 @dataclass
 class _Row:
-    """What a row holds: coordinates with constant factors, and those that enter in another way."""
+    """Coordinates in a row: those with constant factors, and those that enter in another way."""
 
     linear: dict[int, float] = field(default_factory=dict)
     curved: set[int] = field(default_factory=set)
@@ -36,16 +36,16 @@ class _Row:
         return self.curved | set(self.linear)
 
     def with_definitions(self, definitions: dict[int, _Row]) -> _Row:
-        """The row with what is given explicitly put in."""
-        found = _Row()
+        """The row with explicitly given coordinates substituted."""
+        substituted = _Row()
         for k in self.curved:
-            found.curved |= definitions[k].coordinates if k in definitions else {k}
+            substituted.curved |= definitions[k].coordinates if k in definitions else {k}
         for k, factor in self.linear.items():
             inner = definitions[k] if k in definitions else _Row({k: 1.0})
-            found.curved |= inner.curved
+            substituted.curved |= inner.curved
             for j, part in inner.linear.items():
-                found.linear[j] = found.linear.get(j, 0.0) + factor * part
-        return found
+                substituted.linear[j] = substituted.linear.get(j, 0.0) + factor * part
+        return substituted
 
     @property
     def is_short(self) -> bool:
@@ -68,7 +68,7 @@ class ExplicitRow:
     coordinate : int
         What it gives.
     factor : float
-        Of the coordinate, with what was given before put in.
+        Of the coordinate, with those given before substituted.
     given, moved : list of int
         Coordinates given before that occur in the row; those in whose terms this one occurs.
     """
@@ -83,7 +83,7 @@ class ExplicitRow:
 def explicit_rows(eom: Equations, *, curved: bool = True) -> list[ExplicitRow]:
     """Position rows that give coordinates, in the order in which they are to be solved.
 
-    Where one turning body follows another or a loop is closed, these are the
+    If one turning body follows another or a loop is closed, these are the
     linear rows alone: in angles only, long chains and closures bend more than
     in all coordinates, and an optimal control that finds its way there may get lost.
 
@@ -92,33 +92,33 @@ def explicit_rows(eom: Equations, *, curved: bool = True) -> list[ExplicitRow]:
     eom : Equations
         The equations.
     curved : bool
-        Whether rows that are not linear are solved at all.
+        True if rows that are not linear are solved as well.
     """
     rows = _rows(eom)
     positions = [rows[int(k)] for k in eom.position_rows]
     if not curved:
         return _solve(positions, set(range(eom.q.numel())))
-    found = _solve(positions, set())
-    solved = {int(eom.position_rows[row.place]) for row in found}
+    linear_rows = _solve(positions, set())
+    solved = {int(eom.position_rows[row.place]) for row in linear_rows}
     left = {k for place, row in enumerate(rows) if place not in solved for k in row.coordinates}
-    return _solve(positions, _connected(positions, left)) if left else found
+    return _solve(positions, _connected(positions, left)) if left else linear_rows
 
 
 def _solve(rows: list[_Row], lasting: set[int]) -> list[ExplicitRow]:
     """Solve rows for coordinates, the linear ones first; of those that hold lasting coordinates these alone."""
     definitions: dict[int, _Row] = {}
     solved = []
-    for place, own_row in sorted(enumerate(rows), key=lambda item: bool(item[1].curved)):
-        row = own_row.with_definitions(definitions)
-        k = _pivot(row, LEAST * max((abs(x) for x in own_row.linear.values()), default=0.0))
+    for place, plain_row in sorted(enumerate(rows), key=lambda item: bool(item[1].curved)):
+        row = plain_row.with_definitions(definitions)
+        k = _pivot(row, LEAST * max((abs(x) for x in plain_row.linear.values()), default=0.0))
         if k is None or (row.curved and row.coordinates & lasting):
             continue
-        own = {k: row.solved_for(k)}
-        moved = {j: d.with_definitions(own) for j, d in definitions.items() if k in d.coordinates}
-        if all(d.is_short for d in (*own.values(), *moved.values())):
-            given = [j for j in own_row.coordinates if j in definitions]
+        definition = {k: row.solved_for(k)}
+        moved = {j: d.with_definitions(definition) for j, d in definitions.items() if k in d.coordinates}
+        if all(d.is_short for d in (*definition.values(), *moved.values())):
+            given = [j for j in plain_row.coordinates if j in definitions]
             solved.append(ExplicitRow(place, k, row.linear[k], given, list(moved)))
-            definitions |= moved | own
+            definitions |= moved | definition
     return solved
 
 
@@ -128,12 +128,12 @@ def _connected(rows: list[_Row], coordinates: set[int]) -> set[int]:
     for place, row in enumerate(rows):
         for k in row.coordinates:
             holding.setdefault(k, []).append(place)
-    found, new = set(coordinates), list(coordinates)
+    connected, new = set(coordinates), list(coordinates)
     while new:
-        near = {j for place in holding.get(new.pop(), ()) for j in rows[place].coordinates} - found
-        found |= near
+        near = {j for place in holding.get(new.pop(), ()) for j in rows[place].coordinates} - connected
+        connected |= near
         new += near
-    return found
+    return connected
 
 
 def _pivot(row: _Row, least: float) -> int | None:
@@ -144,7 +144,7 @@ def _pivot(row: _Row, least: float) -> int | None:
 
 
 def _rows(eom: Equations) -> list[_Row]:
-    """What each row holds."""
+    """Coordinates in each row."""
     rows = [_Row() for _ in range(eom.lam.numel())]
     for i, k, slope in zip(*eom.Phi_q.sparsity().get_triplet(), eom.Phi_q.nonzeros(), strict=True):
         slope = ca.SX(slope)

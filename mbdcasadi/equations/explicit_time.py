@@ -1,4 +1,4 @@
-"""What in the equations of a mechanism depends on time explicitly: where it switches, and which constraints jump."""
+"""Explicit dependence of the equations of a mechanism on time: instants of switching, and constraints that jump."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ class ConstraintJump:
 
     @property
     def remedy(self) -> str:
-        """What to do about it, in words."""
+        """Advice, in words."""
         if self.level == "position":
             return "no motion follows a jump; prescribe the way between the two values over a time, as mbd.step does"
         return "that takes an impulse; round the corner off, as mbd.step and cubic splines do"
 
 
-def explicit_time(eom: Equations, inputs: ca.SX | None = None) -> ExplicitTime:
-    """:class:`ExplicitTime` of the equations; kept for a mechanism if no input depends on time."""
-    if inputs is None or not inputs.numel() or not ca.depends_on(inputs, eom.t):
+def explicit_time(eom: Equations, inputs: ca.SX | None = None, integrands: ca.SX | None = None) -> ExplicitTime:
+    """:class:`ExplicitTime` of the equations; kept for a mechanism if neither inputs nor integrands depend on time."""
+    if not any(e is not None and e.numel() and ca.depends_on(e, eom.t) for e in (inputs, integrands)):
         return eom.mechanism.cache.get_or_create("explicit time", lambda: ExplicitTime(eom))
-    return ExplicitTime(eom, inputs)
+    return ExplicitTime(eom, inputs, integrands)
 
 
 class ExplicitTime:
@@ -73,19 +73,22 @@ class ExplicitTime:
         The equations.
     inputs : casadi.SX, optional
         The inputs as expressions (n_u,), of which those in time are substituted.
+    integrands : casadi.SX, optional
+        Expressions that are integrated along the motion.
 
     Attributes
     ----------
     depends : bool
-        Whether a constraint, a force or the rate of a first-order state depends on time.
+        True if a constraint, a force, the rate of a first-order state or an integrand depends on time.
     """
 
-    def __init__(self, eom: Equations, inputs: ca.SX | None = None):
+    def __init__(self, eom: Equations, inputs: ca.SX | None = None, integrands: ca.SX | None = None):
         self._eom = eom
+        self._integrands = [] if integrands is None else ca.vertsplit(ca.vec(integrands))
         self._inputs = eom.u if inputs is None else inputs
         self._timed_inputs = [k for k in range(eom.u.numel()) if ca.depends_on(self._inputs[k], eom.t)]
         self._groups: dict[str, TimeFunctions] = {}
-        everything = ca.vertcat(eom.Phi, eom.velocity_rows, eom.Q, eom.z_rate)
+        everything = ca.vertcat(eom.Phi, eom.velocity_rows, eom.Q, eom.z_rate, *self._integrands)
         if self._timed_inputs or ca.depends_on(everything, eom.t):
             self._collect()
         self.depends = bool(self._groups)
@@ -97,7 +100,7 @@ class ExplicitTime:
         positions = [row for e in constraints for row in ca.vertsplit(e.rows)]
         velocities = [row for e in constraints for row in ca.vertsplit(e.velocity_rows)]
         forces = [ca.vec(ca.SX(x)) for e in eom.mechanism.elements for pair in e.virtual_work for x in pair]
-        forces += [ca.SX(rate) for rate in eom.mechanism.state_rates.values()]
+        forces += [*map(ca.SX, eom.mechanism.state_rates.values()), *self._integrands]
         forces = [self._substituted(force) for force in forces if self._is_timed(force)]
         groups = {"position": positions, "velocity": velocities, "force": forces}
         self._groups = {kind: self._functions(ca.vertcat(*rows)) for kind, rows in groups.items() if rows}
@@ -123,6 +126,11 @@ class ExplicitTime:
 
     def _functions(self, expression: ca.SX) -> TimeFunctions:
         return TimeFunctions(expression, self._eom.t, self._eom.p, self._typical)
+
+    @property
+    def parameters(self) -> frozenset[int]:
+        """Positions of the parameters that occur in what depends on time."""
+        return frozenset(int(k) for group in self._groups.values() for k in group.used)
 
     def breaks(self, p: np.ndarray, start: float, end: float) -> tuple[TimeBreaks, np.ndarray]:
         """Return the instants at which anything switches in time, and at which accelerations jump.

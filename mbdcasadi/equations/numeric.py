@@ -10,11 +10,12 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError, SingularityError
-from ..numerics.console import call
+from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
 from ..numerics.tolerances import EPSILON, RANK
+from .augmentation import effective_masses
 from .derivation import Equations
 from .saddle import REPORT_REFINEMENTS, forward_dynamics, stabilised_dynamics
 from .scale import Scale, scale_of
@@ -26,6 +27,8 @@ LARGE = 40_000
 SMALLEST_WEIGHT, SMALLEST_PROJECTION_WEIGHT = 1e-5, 1e-2
 #: Largest step of Newton's method from afar, in characteristic lengths.
 FARTHEST = 3.0
+#: Left over of ``Phi_q a = gamma``, relative to its terms, from which no acceleration meets the constraints.
+ACCELERATION_TOLERANCE = 1e-5
 #: Square of the share of a free motion in coordinates with mass below which it moves none.
 WITHOUT_MASS = 1e-12
 
@@ -43,7 +46,7 @@ class NumericEquations:
     Raises
     ------
     ModelError
-        Where a mass, a length or another limited quantity is out of its limits at these values.
+        If a mass, a length or another limited quantity is out of its limits at these values.
     """
 
     def __init__(self, eom: Equations, p: np.ndarray):
@@ -64,30 +67,52 @@ class NumericEquations:
 
         Masses that count for nothing beside others are raised until they count for something.
         """
-        return self._metric(np.where(self.mass > 0, self.mass, 1.0), SMALLEST_WEIGHT)
+        sizes = self.scale.coordinates
+        return self._raised(np.where(self.mass > 0, self.mass, 1.0) * sizes**2, SMALLEST_WEIGHT) / sizes**2
+
+    @property
+    def weights_expression(self) -> ca.SX:
+        """The same as an expression in the parameters (n,), raised as at their values here."""
+        raised = self.weights / np.where(self.mass > 0, self.mass, 1.0)
+        masses = [ca.if_else(m > 0, m, 1.0) for m in ca.vertsplit(self.eom.mass_diagonal)]
+        return ca.vertcat(*masses) * ca.DM(raised)
 
     @cached_property
     def projection_weights(self) -> np.ndarray:
-        """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike."""
-        return self._metric(self.mass, SMALLEST_PROJECTION_WEIGHT)
+        """Metric in which a motion is kept on its constraints (n,): the masses, more nearly alike.
 
-    def _metric(self, mass: np.ndarray, least: float) -> np.ndarray:
-        """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        What has no mass counts as much as other parts: in singular poses a light part would take all of a correction.
+        """
         sizes = self.scale.coordinates
-        alike = mass * sizes**2
-        parts = np.split(alike, range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
-        bodies = [part for part in parts if part.size]
-        most = max((float(np.max(part)) for part in bodies), default=0.0) or 1.0
-        for part in bodies:
-            own = float(np.max(part))
-            part *= max(1.0, least * most / own) if own > 0 else 1.0
-            np.maximum(part, least * max(own, least * most), out=part)
-        return np.concatenate(bodies) / sizes**2
+        alike = self.mass * sizes**2
+        there = alike[alike > 0]
+        typical = float(np.exp(np.mean(np.log(there)))) if there.size else 1.0
+        return self._raised(np.where(alike > 0, alike, typical), SMALLEST_PROJECTION_WEIGHT) / sizes**2
+
+    def _raised(self, alike: np.ndarray, least: float) -> np.ndarray:
+        """Masses of which none is below a share of the largest of its body, and no body below one of the largest."""
+        bodies = np.split(alike.copy(), range(3, 3 * len(self.eom.mechanism.bodies) + 1, 3))
+        most = float(np.max(alike))
+        for body in bodies:
+            heaviest = float(np.max(body, initial=0.0))
+            body *= max(1.0, least * most / heaviest) if heaviest > 0 else 1.0
+            np.maximum(body, least * max(heaviest, least * most), out=body)
+        return np.concatenate(bodies)
 
     @property
     def massless(self) -> bool:
-        """Whether a coordinate has no inertia."""
+        """True if a coordinate has no inertia."""
         return bool(np.any(self.mass == 0))
+
+    @cached_property
+    def augmentation(self) -> np.ndarray | None:
+        """Effective masses of the rows (m,), if bodies are light or have no mass; else None."""
+        return effective_masses(self.eom, self.p, self.mass, self.scale)
+
+    @property
+    def light_key(self) -> bytes | None:
+        """Key of what is compiled with these effective masses."""
+        return None if self.augmentation is None else self.augmentation.tobytes()
 
     @cached_property
     def _position(self) -> Evaluator:
@@ -103,7 +128,7 @@ class NumericEquations:
     @cached_property
     def _velocity(self) -> Evaluator:
         eom = self.eom
-        return self._evaluator("velocity", lambda: ([eom.t, eom.q, eom.p], [eom.Phi_q, ca.densify(eom.nu)]))
+        return eom.mechanism.cache.get_or_create("velocity", lambda: Evaluator(eom.jacobian))
 
     @cached_property
     def _acceleration(self) -> Evaluator:
@@ -142,7 +167,7 @@ class NumericEquations:
     @cached_property
     def scale(self) -> Scale:
         """Characteristic sizes of the mechanism."""
-        return scale_of(self.eom, self.velocity_function, self.p, self.mass)
+        return scale_of(self.eom, self.p, self.mass)
 
     @property
     def column_scale(self) -> np.ndarray:
@@ -177,7 +202,7 @@ class NumericEquations:
         return max(RANK, 100 * EPSILON * far / self.scale.length)
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
-        """Whether rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
+        """Return True if rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
         eom = self.eom
         if eom.lam.numel() * eom.q.numel() <= LARGE:
             return self.rank(t, q).rank < eom.lam.numel()
@@ -188,15 +213,17 @@ class NumericEquations:
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
         """``(t, q, v, z, u, p) -> (a, lam)`` for these masses."""
-        choice: dict[str, Any] = {"massless": self.massless, "redundant": redundant, "refinements": refinements}
-        key = ("forward dynamics", *choice.values())
-        return self.eom.mechanism.cache.get_or_create(key, lambda: forward_dynamics(self.eom, **choice))
+        choice: dict[str, Any] = {"redundant": redundant, "refinements": refinements}
+        key = ("forward dynamics", self.light_key, *choice.values())
+        return self.eom.mechanism.cache.get_or_create(
+            key, lambda: forward_dynamics(self.eom, augmentation=self.augmentation, **choice)
+        )
 
     def stabilised_dynamics(self) -> ca.Function:
         """``(t, q, v, z, u, p, rate) -> (a, lam)``, regularised and damped, for these masses."""
-        key = ("stabilised dynamics", self.massless)
+        key = ("stabilised dynamics", self.light_key)
         return self.eom.mechanism.cache.get_or_create(
-            key, lambda: stabilised_dynamics(self.eom, massless=self.massless)
+            key, lambda: stabilised_dynamics(self.eom, augmentation=self.augmentation)
         )
 
     def motion_without_mass(self, t: float, q: np.ndarray) -> list[str]:
@@ -213,13 +240,13 @@ class NumericEquations:
     def forces_not_finite(self, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray) -> list[str]:
         """Elements whose force has no finite value at a state."""
         n, m = self.eom.q.numel(), self.eom.lam.numel()
-        found = []
+        elements = []
         for element in self.eom.mechanism.elements:
             forces = [ca.vec(ca.SX(force)) for _, force in element.virtual_work]
             if forces:
                 values = self.eom.function(ca.vertcat(*forces))(t, q, v, np.zeros(n), z, np.zeros(m), u, self.p)
-                found += [] if np.all(np.isfinite(values.full())) else [element.description]
-        return found
+                elements += [] if np.all(np.isfinite(values.full())) else [element.description]
+        return elements
 
     def rows_not_finite(self, t: float, q: np.ndarray) -> list[str]:
         """Names of the position rows that have no finite value, or no finite slope, at a pose."""
@@ -235,7 +262,7 @@ class NumericEquations:
         Raises
         ------
         SingularityError
-            Where mass is missing, or no acceleration meets the constraints (lock-up).
+            If mass is missing, or no acceleration meets the constraints (lock-up).
         """
         missing = self.motion_without_mass(t, q)
         if missing:
@@ -248,13 +275,13 @@ class NumericEquations:
         a, lam = self._solved(t, q, v, z, u, redundant=redundant)
         if self.eom.Q_depends_on_lam and not np.all(np.isfinite(a)):
             raise SingularityError(
-                f"no accelerations and reactions meet the equations at t = {t:.6g} s, where forces depend on both: "
+                f"no accelerations and reactions meet the equations at t = {t:.6g} s, and forces depend on both: "
                 "friction is so large that a joint jams, or a force is not finite there",
                 time=t,
             )
         jacobian, gamma = self.acceleration(t, q, v)
         left_over = jacobian @ a - gamma if a.size else np.zeros(0)
-        scale = 1 + largest(gamma) + largest(a)
+        missed = left_over / self._acceleration_terms(jacobian, gamma, a)
         broken = self.forces_not_finite(t, q, v, z, u) if not np.all(np.isfinite(a)) else []
         if broken:
             raise SingularityError(
@@ -262,9 +289,9 @@ class NumericEquations:
                 "division by zero, or a root of a negative number (a length or a volume that has become negative)",
                 time=t,
             )
-        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(left_over) > 1e-5 * scale:
+        if not np.all(np.isfinite(a)) or not np.all(np.isfinite(lam)) or largest(missed) > ACCELERATION_TOLERANCE:
             names = self.eom.row_names
-            worst = np.argsort(-np.abs(np.where(np.isfinite(left_over), left_over, np.inf)))[:3]
+            worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
                 f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
                 f"{', '.join(names[k] for k in worst)}, or a force is not finite there",
@@ -272,13 +299,18 @@ class NumericEquations:
             )
         return a, lam
 
+    def _acceleration_terms(self, jacobian: np.ndarray, gamma: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Size of the terms of ``Phi_q a - gamma`` (m,): the largest of all rows, 1 rad/s² and its lever at least."""
+        terms = np.abs(jacobian) @ np.abs(a) + np.abs(gamma) if a.size else np.zeros(gamma.size)
+        angular, length = self.eom.angular_rows, self.scale.length
+        most = max(largest(terms[~angular]), length * largest(terms[angular]), length)
+        size: np.ndarray = np.where(angular, most / length, most)
+        return size
+
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations and multipliers; not finite where Newton's method meets a singular matrix."""
-        try:
-            a, lam = call(self.forward_dynamics(redundant=redundant), *state, self.p)
-        except RuntimeError:
-            return np.full(self.eom.q.numel(), np.nan), np.full(self.eom.lam.numel(), np.nan)
-        return a.full().ravel(), lam.full().ravel()
+        """Accelerations and multipliers; not finite if Newton's method meets a singular matrix."""
+        a, lam = call_each(self.forward_dynamics(redundant=redundant), *state, self.p)
+        return a.ravel(), lam.ravel()
 
 
 def _quoted(names: list[str]) -> str:

@@ -12,6 +12,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ..numerics.console import call_each
 from ..numerics.least_squares import largest
 from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
@@ -30,7 +31,7 @@ class Recovery:
     numeric : NumericEquations
         Equations at given parameters.
     redundant : bool
-        Whether rows are dependent: solves are then regularised, multipliers of least norm.
+        True if rows are dependent: solves are then regularised, multipliers of least norm.
     """
 
     def __init__(self, numeric: NumericEquations, *, redundant: bool):
@@ -57,7 +58,7 @@ class Recovery:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
-        p, weights = self.numeric.p, self.numeric.weights
+        p, weights = self.numeric.p, self.numeric.projection_weights
         self.left_over = 0.0
         columns, before = q.T, np.inf
         for _ in range(iterations):
@@ -78,7 +79,8 @@ class Recovery:
             return v
         columns = v.T
         for _ in range(2):  # the second step removes the rounding of the first
-            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, self.numeric.weights).full()
+            weights = self.numeric.projection_weights
+            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, weights).full()
         return columns.T
 
     def accelerations(
@@ -86,8 +88,8 @@ class Recovery:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (k, n) and multipliers (k, m)."""
         function = self.numeric.forward_dynamics(redundant=self.redundant)
-        a, lam = function(t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
-        return a.full().T, lam.full().T
+        a, lam = call_each(function, t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
+        return a.T, lam.T
 
     def refine(self, rule: InputRule | None = None) -> Callable[..., tuple[np.ndarray, ...]]:
         """Return the function by which a trajectory interpolates; see ``Trajectory.at``."""
@@ -120,9 +122,9 @@ def _velocity_step(eom: Equations) -> ca.Function:
 
 
 def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:
-    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon I)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
+    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
 
-    The shift keeps the step short where the pose is nearly singular: there
+    The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
     branch. Repeated steps converge all the same.
     """

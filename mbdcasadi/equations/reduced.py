@@ -29,13 +29,13 @@ class ReducedEquations:
         f_w^T (M a + Phi_q^T lam - Q) = 0,    Phi_q a = gamma
 
     with the rows that are left, ``v = f_w w' + f_t``, and ``a`` its rate. The
-    multipliers of the explicit rows follow: where these rows are ``e`` in place
+    multipliers of the explicit rows follow: if these rows are ``e`` in place
     of zero, ``q = f(w, t, e)``, and ``lam_e = -f_e^T (M a + Phi_q^T lam - Q)``.
 
     A cart with a pendulum is left with its two coordinates and no constraints;
     in long chains and in loops linear rows alone are solved, see
-    :func:`~mbdcasadi.equations.explicit.explicit_rows`. Where forces depend on
-    multipliers, or no coordinate would be left, nothing is.
+    :func:`~mbdcasadi.equations.explicit.explicit_rows`. If forces depend on
+    multipliers, or no coordinate would be left, none is.
 
     The attributes have the names of :class:`~mbdcasadi.equations.derivation.Equations`,
     and are those of the independent coordinates and of the rows that are left.
@@ -45,7 +45,7 @@ class ReducedEquations:
     eom : Equations
         Equations in all coordinates.
     curved : bool
-        Whether rows that are not linear are solved.
+        True if rows that are not linear are solved as well.
 
     Attributes
     ----------
@@ -74,9 +74,9 @@ class ReducedEquations:
             solved = []
         self.explicit = [int(eom.position_rows[row.place]) for row in solved]
         self._dependent = [row.coordinate for row in solved]
-        gone, given = set(self.explicit), set(self._dependent)
-        self.rows = [k for k in range(eom.lam.numel()) if k not in gone]
-        self.independent = [k for k in range(eom.q.numel()) if k not in given]
+        solved_rows, dependent = set(self.explicit), set(self._dependent)
+        self.rows = [k for k in range(eom.lam.numel()) if k not in solved_rows]
+        self.independent = [k for k in range(eom.q.numel()) if k not in dependent]
         self.q, self.v, self.a = eom.q[self.independent], eom.v[self.independent], eom.a[self.independent]
         self.lam = _some(eom.lam, self.rows)
         self.coordinate_names = tuple(eom.coordinate_names[k] for k in self.independent)
@@ -120,7 +120,7 @@ class ReducedEquations:
         return self.whole.estimate[0][self.independent]
 
     def states(self, t: np.ndarray, w: np.ndarray, rate: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """All coordinates and velocities (k, n) at times (k,) where the independent ones are given (k, m)."""
+        """All coordinates and velocities (k, n) at times (k,), of independent ones (k, m)."""
         others = [np.zeros((x.numel(), t.size)) for x in (self.a, self.z, self.lam, self.u)]
         q, v, *_ = self.expansion(t[None, :], w.T, rate.T, *others, np.tile(p[:, None], (1, t.size)))
         return q.full().T, v.full().T
@@ -140,20 +140,20 @@ def _some(column: ca.SX, places: list[int]) -> ca.SX:
 
 
 def _coordinates(eom: Equations, solved: list[ExplicitRow], error: ca.SX) -> ca.SX:
-    """All coordinates by the independent ones, where the explicit rows are `error` instead of zero."""
+    """All coordinates by the independent ones, with explicit rows equal to `error` instead of zero."""
     symbols, rows = ca.vertsplit(eom.q), ca.vertsplit(eom.Phi)
-    found: dict[int, ca.SX] = {}
+    by_independent: dict[int, ca.SX] = {}
     for one, miss in zip(solved, ca.vertsplit(error), strict=True):
-        own = symbols[one.coordinate]
-        row = _put_in(rows[one.place], {k: (symbols[k], found[k]) for k in one.given})
-        value = (miss - ca.substitute(row, own, ca.SX(0))) / one.factor
-        found |= {k: ca.substitute(found[k], own, value) for k in one.moved}
-        found[one.coordinate] = value
-    return ca.vertcat(*[found.get(k, symbol) for k, symbol in enumerate(symbols)])
+        coordinate = symbols[one.coordinate]
+        row = _put_in(rows[one.place], {k: (symbols[k], by_independent[k]) for k in one.given})
+        value = (miss - ca.substitute(row, coordinate, ca.SX(0))) / one.factor
+        by_independent |= {k: ca.substitute(by_independent[k], coordinate, value) for k in one.moved}
+        by_independent[one.coordinate] = value
+    return ca.vertcat(*[by_independent.get(k, symbol) for k, symbol in enumerate(symbols)])
 
 
-def _put_in(row: ca.SX, given: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
-    if not given:
+def _put_in(row: ca.SX, substitutions: dict[int, tuple[ca.SX, ca.SX]]) -> ca.SX:
+    if not substitutions:
         return row
-    symbols, values = zip(*given.values(), strict=True)
+    symbols, values = zip(*substitutions.values(), strict=True)
     return ca.substitute(row, ca.vertcat(*symbols), ca.vertcat(*values))

@@ -5,11 +5,12 @@
 
 With a regular diagonal ``M`` the multipliers follow from
 ``S lam = Phi_q M⁻¹ Q - gamma``, ``S = Phi_q M⁻¹ Phi_q^T``, by a sparse symbolic
-LDL factorisation. Where bodies have no mass, ``M`` is replaced by
-``M + alpha Phi_q^T Phi_q`` and ``Q`` by ``Q + alpha Phi_q^T gamma``: the
-solution stays the same, since ``Phi_q a = gamma``, and the matrix is regular
-exactly where the joints hold what has no mass. Redundant rows make ``S``
-singular; ``S + epsilon I`` with refinement gives the multipliers of least norm.
+LDL factorisation. If bodies are light or have no mass, ``M`` is replaced by
+``M + Phi_q^T A Phi_q`` and ``Q`` by ``Q + Phi_q^T A gamma``, with effective
+masses A of the rows (see :mod:`.augmentation`): the solution stays the same,
+since ``Phi_q a = gamma``, and the matrix is regular exactly if the joints hold
+what has no mass. Redundant rows make ``S`` singular; ``S + epsilon D`` with a
+diagonal D of its size and refinement gives the multipliers of least norm.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ if TYPE_CHECKING:
 
 #: Regularisation of S, relative to the mean of its diagonal. Chains of parallelograms that pass their flat, singular
 #: pose keep their branch from 1e-10 to 1e-6 with the damping of :func:`stabilised_dynamics`, and without it do not;
-#: IDAS errs least at 1e-7, where the peak of the accelerations is wide enough for it.
+#: IDAS errs least at 1e-7, with which the peak of the accelerations is wide enough for it.
 REGULARISATION = 1e-7
 #: Refinement steps of the regularised solve inside an integrator: on two dozen chains of parallelograms through some
 #: twenty singular poses each, the largest error fell from 3e-3 rad with one to 1e-4 rad with three.
 REFINEMENTS = 3
-#: Newton's method where forces depend on multipliers.
+#: Newton's method for forces that depend on multipliers.
 NEWTON = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 60, "line_search": False}
 #: Residual of a solution, relative to its size.
-SOLVED = 1e-9
-#: Refinement steps where multipliers are reported: there the least-norm solution is wanted to rounding.
+SOLUTION_TOLERANCE = 1e-9
+#: Refinement steps of multipliers that are reported: of these the least-norm solution is wanted to rounding.
 REPORT_REFINEMENTS = 4
 
 
@@ -60,25 +61,28 @@ class SaddlePoint:
         self.angular = angular
 
     def solution(
-        self, *, massless: bool = False, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
+        self,
+        *,
+        augmentation: np.ndarray | None = None,
+        redundant: bool = False,
+        refinements: int = REPORT_REFINEMENTS,
     ) -> tuple[ca.SX, ca.SX]:
         """Return ``(a, lam)`` as expressions.
 
         Parameters
         ----------
-        massless : bool
-            Whether some masses or inertias are zero.
+        augmentation : numpy.ndarray, optional
+            Effective masses of the rows (m,), if some bodies are light or have no mass.
         redundant : bool
-            Whether the rows are dependent; the multipliers are then those of least norm.
+            True if rows are dependent; the multipliers are then those of least norm.
         refinements : int
-            Refinement steps where they are.
+            Refinement steps if they are.
         """
         jacobian, force = self.jacobian, self.force
-        if massless:
-            alpha = ca.sum1(self.mass_diagonal) / self.mass_diagonal.numel()
-            mass = ca.diag(self.mass_diagonal) + alpha * (jacobian.T @ jacobian)
-            force = force + alpha * (jacobian.T @ self.gamma)
-            factors = ca.ldl(mass)
+        if augmentation is not None:
+            weighted = jacobian.T @ ca.diag(ca.DM(augmentation))
+            force = force + weighted @ self.gamma
+            factors = ca.ldl(ca.diag(self.mass_diagonal) + weighted @ jacobian)
 
             def over_mass(right: ca.SX) -> ca.SX:
                 return ca.ldl_solve(ca.densify(right), *factors)
@@ -93,32 +97,41 @@ class SaddlePoint:
         schur = jacobian @ over_mass(jacobian.T)
         right = jacobian @ over_mass(force) - self.gamma
         if redundant:
-            lam = solve_redundant(schur, right, self.angular, refinements)
+            # the eigenvalues of A^½ S A^½ lie between 0 and 1
+            sizes = None if augmentation is None else 1 / augmentation
+            lam = solve_redundant(schur, right, self.angular, refinements, sizes)
         else:
             lam = ca.ldl_solve(right, *ca.ldl(schur))
         return over_mass(force - jacobian.T @ lam), lam
 
 
-def shifted(matrix: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX, list[int]]:
-    """LDL factors of ``S + epsilon I``, epsilon relative to the mean of the diagonal, in m and in rad apart."""
+def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:
+    """LDL factors of ``S + epsilon D``.
+
+    D holds the sizes of the diagonal if they are known, else its means, in m and in rad apart.
+    """
     diagonal, shift = ca.diag(matrix), ca.SX(matrix.size1(), 1)
-    for unit in (angular, ~angular):
+    if sizes is not None:
+        shift = ca.SX(ca.DM(REGULARISATION * sizes))
+    for unit in (angular, ~angular) if sizes is None else ():
         rows = np.flatnonzero(unit).tolist()
         if rows:
             shift[rows] = REGULARISATION * ca.sum1(diagonal[rows]) / len(rows)
     return ca.ldl(matrix + ca.diag(shift))
 
 
-def solve_redundant(matrix: ca.SX, right: ca.SX, angular: np.ndarray, refinements: int) -> ca.SX:
+def solve_redundant(
+    matrix: ca.SX, right: ca.SX, angular: np.ndarray, refinements: int, sizes: np.ndarray | None = None
+) -> ca.SX:
     """Solve a symmetric positive semi-definite system by LDL, regularised."""
-    factors = shifted(matrix, angular)
+    factors = shifted(matrix, angular, sizes)
     solution = ca.ldl_solve(right, *factors)
     for _ in range(refinements):
         solution += ca.ldl_solve(right - matrix @ solution, *factors)
     return solution
 
 
-def stabilised_dynamics(eom: Equations, *, massless: bool) -> ca.Function:
+def stabilised_dynamics(eom: Equations, *, augmentation: np.ndarray | None) -> ca.Function:
     """Compile ``(t, q, v, z, u, p, rate) -> (a, lam)``: regularised, with drift that decays at a rate.
 
     ``Phi_q a = gamma - 2 Ω (Phi_q v - nu) - Ω² Phi``. In a singular pose any
@@ -135,39 +148,39 @@ def stabilised_dynamics(eom: Equations, *, massless: bool) -> ca.Function:
     drift[[int(k) for k in eom.position_rows]] = eom.Phi
     gamma = eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
     system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, eom.Q, gamma, eom.angular_rows)
-    a, lam = system.solution(massless=massless, redundant=True, refinements=REFINEMENTS)
+    a, lam = system.solution(augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
     return ca.Function("stabilised_dynamics", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate], [a, lam])
 
 
 def forward_dynamics(
     eom: Equations,
     *,
-    massless: bool = False,
+    augmentation: np.ndarray | None = None,
     redundant: bool = False,
     refinements: int = REPORT_REFINEMENTS,
     portable: bool = False,
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
-    Where a force depends on the multipliers (friction) the system is not
+    If a force depends on the multipliers (friction) the system is not
     linear, and Newton's method solves it; `portable` takes one that can be written as C.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
     if not eom.Q_depends_on_lam:
-        a, lam = eom.saddle_point.solution(massless=massless, redundant=redundant, refinements=refinements)
+        a, lam = eom.saddle_point.solution(augmentation=augmentation, redundant=redundant, refinements=refinements)
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
     plugin, options = ("fast_newton", {}) if portable else ("newton", NEWTON)
     function = ca.Function("r", [unknowns, *arguments], [residual])
     root = ca.rootfinder("newton", plugin, function, options)
-    given = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
-    found = root(ca.MX.zeros(unknowns.numel()), *given)
+    symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
+    solution = root(ca.MX.zeros(unknowns.numel()), *symbols)
     n = eom.q.numel()
     if not portable:
         # the iteration may stop above its own tolerance by rounding; what is no solution becomes NaN
-        left_over = ca.mmax(ca.fabs(ca.densify(function(found, *given))))
-        solved = left_over <= SOLVED * (1 + ca.mmax(ca.fabs(found)))
-        found = ca.if_else(solved, found, ca.MX.nan(unknowns.numel()))
-    return ca.Function("forward_dynamics", given, [found[:n], found[n:]], names, ["a", "lam"])
+        left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
+        solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
+        solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))
+    return ca.Function("forward_dynamics", symbols, [solution[:n], solution[n:]], names, ["a", "lam"])

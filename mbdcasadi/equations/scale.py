@@ -8,7 +8,6 @@ hold nothing but rounding, which a scale of its own would blow up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -51,69 +50,79 @@ class Scale:
         """Typical size of each coordinate (n,): the length for displacements, one for angles."""
         return self.length * self.columns
 
+    @property
+    def usual_rows(self) -> np.ndarray:
+        """Usual lengths of the rows (m,); one for a row that vanished in all poses."""
+        return np.where(self.rows > 0, self.rows, 1.0)
+
     def row_size(self, jacobian: np.ndarray) -> np.ndarray:
         """Lengths of the rows of ``Phi_q`` with scaled columns (m,); the usual length for one that has vanished."""
         size = np.linalg.norm(jacobian * self.columns, axis=1)
-        usual = np.where(self.rows > 0, self.rows, 1.0)
-        return np.where(size > VANISHED * usual, size, usual)
+        return np.where(size > VANISHED * self.usual_rows, size, self.usual_rows)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one."""
         return jacobian * self.columns / self.row_size(jacobian)[:, None]
 
 
-def scale_of(eom: Equations, jacobian: ca.Function, p: np.ndarray, mass: np.ndarray) -> Scale:
+def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     """Find the characteristic sizes of a mechanism.
 
     Parameters
     ----------
     eom : Equations
         Its equations.
-    jacobian : casadi.Function
-        ``(t, q, p) -> (Phi_q, …)``.
     p : numpy.ndarray
         Parameter values.
     mass : numpy.ndarray
         Diagonal of M (n,).
     """
-    estimate = eom.estimate[0]
-    poses = np.tile(estimate, (POSES + 1, 1))
+    return eom.mechanism.cache.get_or_create(("scale", p.tobytes()), lambda: _scale(eom, p, mass), bounded=True)
+
+
+def generic_poses(eom: Equations) -> np.ndarray:
+    """The estimated pose, and the same with random angles (k, n)."""
+    poses = np.tile(eom.estimate[0], (POSES + 1, 1))
     poses[1:, eom.angles] += np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, int(np.sum(eom.angles))))
-    found = [np.abs(jacobian(0.0, pose, p)[0].full()) for pose in poses]
-    found = [matrix for matrix in found if np.all(np.isfinite(matrix))]
-    bodies = np.arange(eom.q.numel()) < 3 * len(eom.mechanism.bodies)
-    straight = bodies & ~eom.angles
-    length = _length(eom, found, straight, p, mass)
-    columns = np.where(eom.angles, 1 / length, 1.0)
-    if not np.all(bodies):
-        columns[~bodies] = 1 / _levers(found, straight, ~bodies, length)
-    rows = [np.linalg.norm(matrix * columns, axis=1) for matrix in found]
-    return Scale(length, columns, np.max(rows, axis=0, initial=0.0) if rows else np.ones(eom.lam.numel()))
+    return poses
 
 
-def _length(
-    eom: Equations, jacobians: Sequence[np.ndarray], straight: np.ndarray, p: np.ndarray, mass: np.ndarray
-) -> float:
-    """Characteristic length, m."""
-    lever = 0.0
-    for matrix in jacobians:
-        moved = np.max(matrix[:, straight], axis=1, initial=0.0)
-        turned = np.max(matrix[:, eom.angles], axis=1, initial=0.0)
-        lever = max(lever, float(np.max(turned[moved > 0] / moved[moved > 0], initial=0.0)))
-    size, gyration = _extent(eom, p), _gyration(eom, mass)
-    if lever > max(ROUNDING * max(size, gyration), SHORTEST):
+def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
+    n, m = eom.q.numel(), eom.lam.numel()
+    rows, columns = (np.array(part, int) for part in eom.jacobian.sparsity_out(0).get_triplet())
+    poses = generic_poses(eom)
+    values = np.array([eom.jacobian(0.0, pose, p)[0].nonzeros() for pose in poses]).reshape(len(poses), rows.size)
+    values = np.abs(values[np.all(np.isfinite(values), axis=1)])
+    of_body = np.arange(n) < 3 * len(eom.mechanism.bodies)
+    straight = of_body & ~eom.angles
+
+    def largest_of_rows(chosen: np.ndarray) -> np.ndarray:
+        """Largest entry of each row in some of the columns (poses, m)."""
+        found = np.zeros((len(values), m))
+        here = chosen[columns]
+        np.maximum.at(found.T, rows[here], values[:, here].T)
+        return found
+
+    moved, turned = largest_of_rows(straight), largest_of_rows(eom.angles)
+    held = moved > 0
+    lever = float(np.max(turned[held] / moved[held], initial=0.0))
+    length = _length(lever, _extent(eom, p), _gyration(eom, mass))
+    scaled = np.where(eom.angles, 1 / length, 1.0)
+    for k in np.flatnonzero(~of_body):
+        own = largest_of_rows(np.arange(n) == k)
+        lever = float(np.max(own[held] / moved[held], initial=0.0))
+        scaled[k] = 1 / lever if lever > ROUNDING * length else 1.0
+    squares = np.zeros((len(values), m))
+    np.add.at(squares.T, rows, ((values * scaled[columns]) ** 2).T)
+    usual = np.sqrt(np.max(squares, axis=0)) if len(values) else np.ones(m)
+    return Scale(length, scaled, usual)
+
+
+def _length(lever: float, extent: float, gyration: float) -> float:
+    """Characteristic length of a mechanism with these levers, extent and radius of gyration, m."""
+    if lever > max(ROUNDING * max(extent, gyration), SHORTEST):
         return lever
-    return next((length for length in (size, gyration) if length > SHORTEST), 1.0)
-
-
-def _levers(jacobians: Sequence[np.ndarray], straight: np.ndarray, extra: np.ndarray, length: float) -> np.ndarray:
-    """How far coordinates beside those of the bodies move a point per unit, m (k,)."""
-    levers = np.zeros(int(np.sum(extra)))
-    for matrix in jacobians:
-        moved = np.max(matrix[:, straight], axis=1, initial=0.0)
-        rows = moved > 0
-        levers = np.maximum(levers, np.max(matrix[rows][:, extra] / moved[rows, None], axis=0, initial=0.0))
-    return np.where(levers > ROUNDING * length, levers, 1.0)
+    return next((length for length in (extent, gyration) if length > SHORTEST), 1.0)
 
 
 def _extent(eom: Equations, p: np.ndarray) -> float:

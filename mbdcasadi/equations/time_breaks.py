@@ -1,10 +1,10 @@
 """Instants at which what depends on time alone switches: comparisons, splines, steps, absolute values.
 
 An integrator with an adaptive step steps over what begins after rest and ends
-again, unless it is told where to stop. The graph of an expression shows these
+again, unless it knows where to stop. The graph of an expression shows these
 instants: each operation that switches (a comparison, ``fabs``, ``floor``,
 ``fmax`` …) is a function ``g(t, p)`` whose zeros, or whose integer values, are
-looked for. Where ``g`` is affine in time they are exact; else it is sampled,
+looked for. If ``g`` is affine in time they are exact; else it is sampled,
 and the roots are bisected.
 """
 
@@ -18,18 +18,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-#: Functions that switch where their operands compare: ``a - b`` is zero.
+#: Functions that switch when their operands compare: ``a - b`` is zero.
 _COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
-#: Functions that switch, or have no derivative, where their operand is zero.
+#: Functions that switch, or have no derivative, when their operand is zero.
 _AT_ZERO = (ca.OP_FABS, ca.OP_SIGN, ca.OP_SQRT, ca.OP_LOG, ca.OP_INV)
-#: Functions that switch where their operand is an integer.
+#: Functions that switch when their operand is an integer.
 _AT_INTEGERS = (ca.OP_FLOOR, ca.OP_CEIL)
 #: Operations that switch. The values of comparisons are compared in their turn by and, or, not and if_else.
 _SWITCHING = (
     *_COMPARE, *_AT_ZERO, *_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
     ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
 )  # fmt: skip
-#: Operations that bring a short transient about: where their operand is zero, or largest or smallest.
+#: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
 _TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
 
 #: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
@@ -56,7 +56,7 @@ class TimeBreaks:
         Increasing, inside the interval (k,), s.
     order : numpy.ndarray of int
         Lowest derivative that jumps there (k,): 0 for the value itself, 1, 2,
-        or 3 where all of these are continuous (the knot of a spline, the end of a ``step``).
+        or 3 if all of these are continuous (the knot of a spline, the end of a ``step``).
     transients : numpy.ndarray
         Instants and durations (j, 2) of what is smooth and short: the peak of
         ``exp(-((t - 5)/w)**2)``, the middle of ``tanh((t - 5)/w)``.
@@ -128,7 +128,7 @@ def time_breaks(expressions: ca.SX, t: ca.SX, p: ca.SX, p_values: np.ndarray, st
 
 
 class TimeFunctions:
-    """The parts of expressions that depend on time and known symbols alone, and where they switch.
+    """Parts of expressions that depend on time and known symbols alone, and the instants at which they switch.
 
     Made once for expressions, evaluated for any values and interval.
 
@@ -161,19 +161,20 @@ class TimeFunctions:
         self._zeros = _Switches(zeros, t, p, integer=False)
         self._integers = _Switches(integers, t, p, integer=True)
         self._transients = _Switches(transients, t, p, integer=False)
-        self._used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
+        #: positions of the known symbols that occur in these
+        self.used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
         self._last: tuple[Any, TimeBreaks] | None = None
 
     @property
     def switch(self) -> bool:
-        """Whether anything may switch in time, or passes quickly."""
+        """True if anything may switch in time, or passes quickly."""
         return bool(self._zeros.count or self._integers.count or self._transients.count)
 
     def breaks(self, p: np.ndarray, start: float, end: float) -> TimeBreaks:
         """Return the instants between two times at values of the known symbols."""
         if not self.switch or not end > start:
             return TimeBreaks.none(resolution(start, end))
-        key = (np.asarray(p, float)[self._used].tobytes(), start, end)
+        key = (np.asarray(p, float)[self.used].tobytes(), start, end)
         if self._last is None or self._last[0] != key:
             self._last = (key, self._breaks(p, start, end))
         return self._last[1]
@@ -219,7 +220,7 @@ class TimeFunctions:
             return np.zeros(0, int)
         left, right, rounding = self.sides(p, start, times, end)
         order = _orders(left, right, rounding)
-        # where an expression has no value at the typical values of the other symbols, its parts must do
+        # if an expression has no value at the typical values of the other symbols, its parts must do
         unknown = np.any(np.isnan(left[0]) & np.isnan(right[0]), axis=0)
         if np.any(unknown):
             of_parts = _orders(*_sides(self._of_parts, p, start, times, end))
@@ -377,7 +378,7 @@ class _Sampled:
     points, value, slope : numpy.ndarray
         Samples (k,).
     integer : bool
-        Whether integer values are looked for instead of zeros.
+        True to look for integer values instead of zeros.
     level : int
         Derivative of the function that is meant.
     """
@@ -407,15 +408,15 @@ class _Sampled:
 
     @property
     def count(self) -> int:
-        """How many roots there seem to be."""
+        """Number of roots that the samples show."""
         return self._passed.size + self._dips.size
 
     def roots(self) -> np.ndarray:
-        """Roots where the sign changes, and where zero is only touched."""
+        """Roots at which the sign changes, and at which zero is only touched."""
         return np.concatenate([self.crossings(), self._touching()])
 
     def crossings(self) -> np.ndarray:
-        """Where the value changes its sign, or passes integers."""
+        """Points at which the value changes its sign, or passes integers."""
         points, value, k = self._points, self._value, self._passed
         if not self._integer:
             inside = slice(1, -1)
@@ -429,7 +430,7 @@ class _Sampled:
         return self._root(points[owner], points[owner + 1], value[owner] - target, target)
 
     def _touching(self) -> np.ndarray:
-        """Where the value reaches zero between two points without a change of sign at them."""
+        """Points at which the value reaches zero between two samples without a change of sign at these."""
         points, value, k = self._points, self._value, self._dips
         if not k.size:
             return np.zeros(0)
@@ -530,7 +531,7 @@ def _distinct(functions: list[ca.SX]) -> list[ca.SX]:
 
 
 def _depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
-    """How many operations that switch are nested in each of the functions (k,)."""
+    """Number of operations that switch, nested in each of the functions (k,)."""
     function = ca.Function("depths", [t, p], [column])
     operations = list(map(function.instruction_id, range(function.n_instructions())))
     level = np.zeros(column.numel(), int)

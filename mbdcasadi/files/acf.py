@@ -19,7 +19,7 @@ _MOST_STEPS = 10_000_000
 
 @dataclass(frozen=True)
 class Analysis:
-    """What an analysis file asks for.
+    """Content of an analysis file.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Analysis:
     output_steps : int
         Number of intervals between outputs.
     step_size : float or None
-        Step that the file proposes, s. The integrators here choose their own.
+        Step that the file proposes, s. The integrators choose theirs.
     """
 
     kind: str
@@ -83,11 +83,13 @@ def read_acf(path: str | Path) -> Analysis:
 
 
 def _kind(fields: Fields) -> str:
-    given = fields.text("simulation")
-    kind = " ".join(given.lower().replace("_", " ").replace("-", " ").split())
+    written = fields.text("simulation")
+    kind = " ".join(written.lower().replace("_", " ").replace("-", " ").split())
     if kind in ("inverse", "inversedynamics"):
         kind = "inverse dynamics"
     if kind in KINDS:
         return kind
     elsewhere = f"; use {_ELSEWHERE[kind]} in Python" if kind in _ELSEWHERE else ""
-    raise FileError(f"{fields.file}: simulation = '{given}' is not supported{elsewhere}; known are {', '.join(KINDS)}")
+    raise FileError(
+        f"{fields.file}: simulation = '{written}' is not supported{elsewhere}; known are {', '.join(KINDS)}"
+    )

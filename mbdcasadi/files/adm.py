@@ -154,7 +154,7 @@ def _read_elements(
             raise fields.refuse(f"the type '{kind}' is not known{other}; known are {', '.join(builders)}")
         name = fields.text("name", f"{kind} {number}")
         if name in seen:
-            raise fields.refuse("the name occurs twice; each needs a name of its own")
+            raise fields.refuse("the name occurs twice; each needs another one")
         seen.add(name)
         try:
             elements = builders[kind](Part(fields, name, bodies))

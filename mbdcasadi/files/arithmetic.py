@@ -75,7 +75,7 @@ def parse_arithmetic(text: str, what: str) -> ca.SX:
     Raises
     ------
     FileError
-        With the text and the place in it, for anything that is no arithmetic in ``t``.
+        With the text and the place in it, for anything that is not arithmetic in ``t``.
 
     Examples
     --------
@@ -86,7 +86,7 @@ def parse_arithmetic(text: str, what: str) -> ca.SX:
 
 
 class _Reader:
-    """One text on its way to an expression."""
+    """Parser of one text."""
 
     def __init__(self, text: str, what: str):
         self.text = text
@@ -95,9 +95,9 @@ class _Reader:
 
     def refuse(self, reason: str, place: int | None = None) -> FileError:
         shown = self.text if len(self.text) <= 200 else self.text[:200] + "…"
-        where = "" if place is None else f" at character {place + 1}"
+        at = "" if place is None else f" at character {place + 1}"
         return FileError(
-            f"{self.description} = {shown!r}: {reason}{where}; it must be arithmetic in t: numbers, t, pi, + - * / ^, "
+            f"{self.description} = {shown!r}: {reason}{at}; it must be arithmetic in t: numbers, t, pi, + - * / ^, "
             f"parentheses and {', '.join(FUNCTIONS)}"
         )
 
@@ -139,7 +139,7 @@ class _Reader:
         return "".join(pieces)
 
     def value(self, node: ast.AST) -> ca.SX:
-        """Value of a node of the syntax tree, or an error that says where it stands."""
+        """Value of a node of the syntax tree, or an error with its place in the text."""
         match node:
             case ast.Constant(value=bool() | complex() | str() | bytes() | None):
                 pass
@@ -160,7 +160,7 @@ class _Reader:
                 raise self.refuse(f"{name} takes one argument", self.place(node))
             case ast.Name(id=name) | ast.Call(func=ast.Name(id=name)):
                 raise self.refuse(f"{name!r} is not known", self.place(node))
-        raise self.refuse("this is no arithmetic", self.place(node))
+        raise self.refuse("this is not arithmetic", self.place(node))
 
     def number(self, value: float, node: ast.AST) -> ca.SX:
         try:
@@ -172,7 +172,7 @@ class _Reader:
         return ca.SX(number)
 
     def check_power(self, operation: ast.operator, exponent: ast.expr) -> None:
-        """Refuse ``a^b^c``; Python groups it as a^(b^c), so that the text tells whether there were parentheses."""
+        """Refuse ``a^b^c``; Python groups it as a^(b^c), so that only the text shows parentheses."""
         if not isinstance(operation, ast.Pow):
             return
         while isinstance(exponent, ast.UnaryOp):

@@ -51,8 +51,8 @@ class Part:
         """Body by its id, not the ground."""
         body = self.body(key)
         if body.is_ground:
-            given = f"{key} = {self.fields.get(key)}" if self.fields.has(key) else f"the field '{key}' is missing"
-            raise self.fields.refuse(f"{given}, but it acts on a moving body; {self._known_ids}")
+            said = f"{key} = {self.fields.get(key)}" if self.fields.has(key) else f"the field '{key}' is missing"
+            raise self.fields.refuse(f"{said}, but it acts on a moving body; {self._known_ids}")
         return body
 
     def marker(self, number: int, angle: float = 0.0) -> Marker:
@@ -61,7 +61,7 @@ class Part:
         return self.body(f"body{number}").at(x, y, angle)
 
     def angle_marker(self, number: int) -> Marker:
-        """Marker whose angle counts; its point may be given, but does not matter."""
+        """Marker whose angle counts; its point is ignored."""
         x, y = self.fields.numbers(f"sP{number}", 2, (0.0, 0.0))
         return self.body(f"body{number}").at(x, y)
 

@@ -1,4 +1,4 @@
-"""Fields of the objects in a model file, checked where they are read."""
+"""Fields of the objects in a model file, checked when they are read."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Fields:
         return default
 
     def has(self, name: str) -> bool:
-        """Whether the field is given."""
+        """Return True if the field is present."""
         return name in self.data
 
     def text(self, name: str, default: Any = _REQUIRED) -> str:
@@ -116,7 +116,7 @@ class Fields:
             raise self.refuse(f'fun = {_shown(value)}, but a {self.data.get("type")} takes no function; write "NONE"')
 
     def done(self) -> None:
-        """Warn of fields that were given and not used."""
+        """Warn of fields that are not used."""
         unused = [name for name in self.data if name not in self._read]
         if unused:
             warnings.warn(
@@ -125,7 +125,7 @@ class Fields:
 
 
 def objects(data: dict[str, Any], name: str, file: str) -> list[Any]:
-    """The list of a file's bodies, constraints or forces; an object without fields stands for nothing."""
+    """The list of a file's bodies, constraints or forces; an object without fields is ignored."""
     value = data.get(name, [])
     if isinstance(value, dict):
         value = [value]

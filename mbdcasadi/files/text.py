@@ -1,8 +1,10 @@
-"""JSON text of model files, read with patience for what editors and people leave behind.
+"""JSON text of model files, read with tolerance for what editors and people leave behind.
 
-Strict JSON is tried first. Then comments and commas too many are taken out,
+Strict JSON is tried first. Then comments and superfluous commas are taken out,
 then the drawing part ``"vis"``, which no analysis needs. Text is taken out by
-writing spaces over it, so that a message still gives the place in the file.
+writing spaces over it, so that a message still gives the place in the file. A reader
+of JSON5 knows comments and commas, but accepts no broken drawing part, and does
+not report fields that occur twice.
 """
 
 from __future__ import annotations
@@ -20,13 +22,13 @@ _STRING_OR_COMMA = re.compile(rf"{_STRING}|,(?=\s*[}}\]])")
 # a text whose closing quote is missing ends with its line
 _TEXT_OR_BRACKET = re.compile(r'"(?:\\.|[^"\\\n])*"?|[\[\]{}]')
 _DRAWING = re.compile(r'"vis"\s*:\s*')
-#: What may stand between two members.
+#: Characters between two members.
 _BETWEEN = " \t\r\n,"
 _SCALAR = re.compile(rf"{_STRING}|[^,}}\]\s]*")
 
 
 class JsonObject(dict):
-    """A JSON object that remembers which of its fields were given more than once."""
+    """A JSON object that remembers which of its fields occur more than once."""
 
     def __init__(self, pairs: list[tuple[str, Any]]):
         super().__init__(pairs)
@@ -45,7 +47,7 @@ def read_json(path: str | Path) -> JsonObject:
     Returns
     -------
     JsonObject
-        Its content; ``"vis"`` is missing where it could not be read.
+        Its content; ``"vis"`` is missing if it could not be read.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def _without_drawing(text: str) -> str:
         head = text[: match.start()].rstrip(_BETWEEN)
         tail = text[_end_of_value(text, match.end()) :].lstrip(_BETWEEN)
         gap = _blank(text[len(head) : len(text) - len(tail)])
-        # one comma stays where there are members on both sides, even if the file had none there
+        # one comma stays if there are members on both sides, even if the file had none there
         joint = " " if head.endswith("{") or tail.startswith("}") else ","
         text = head + joint + gap[gap.startswith(" ") :] + tail
         position = len(head)
@@ -114,7 +116,7 @@ def _without_drawing(text: str) -> str:
 
 
 def _end_of_value(text: str, start: int) -> int:
-    """Where the value that begins at `start` ends, by its brackets.
+    """Return the end of the value that begins at `start`, by its brackets.
 
     A bracket that is missing inside is closed by the next outer one, and one
     too many is passed over; only the outermost has to be right.

@@ -1,4 +1,4 @@
-"""What was identified: values, standard errors, what cannot be told apart."""
+"""What was identified: values, standard errors, what cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .data import Experiment
+from .loss import LINEAR, Loss
 
 #: Singular values of the Jacobian by relative changes, as a share of the largest one, below which a combination of
 #: unknowns leaves no trace.
 UNSEEN = 1e-6
-#: Correlation from which two unknowns can hardly be told apart.
+#: Correlation from which two unknowns can hardly be distinguished.
 HARDLY = 0.99
 #: Share of an unknown in a combination that is named.
 NAMED = 0.1
@@ -31,10 +32,10 @@ class ByUnknown(dict):
         raise ModelError(f"'{getattr(key, 'label', key)}' was not among the unknowns: {names}")
 
 
-def spread_of(residual: np.ndarray) -> float:
-    """Root of the mean square of the residuals there are; NaN where there are none."""
+def spread_of(residual: np.ndarray, loss: Loss = LINEAR) -> float:
+    """Standard deviation of the residuals there are; NaN without any."""
     there = residual[np.isfinite(residual)]
-    return float(np.sqrt(np.mean(there**2))) if there.size else float("nan")
+    return loss.spread(there) if there.size else float("nan")
 
 
 class Fit:
@@ -47,20 +48,23 @@ class Fit:
     values : numpy.ndarray
         Their values (n,).
     covariance : numpy.ndarray
-        (n, n): ``(J^T J)⁻¹``, J weighted by the noise; infinite for what leaves no trace in the data, zero for what
-        is at a limit.
+        (n, n): ``variance (J^T J)⁻¹``, J weighted by the noise; infinite for what leaves no trace in the data, zero
+        for what is at a limit. With a robust loss the variance is that of the estimate (Huber 1981, section 7.6).
     standard_error : dict
         Unknown to the root of the diagonal of the covariance.
     correlation : numpy.ndarray
         (n, n).
     noise : tuple of dict
-        By experiment, label of the output to the standard deviation of its residuals.
+        By experiment, label of the output to the standard deviation of its residuals, of outliers apart with a robust
+        loss.
     identifiability : tuple of str
-        What cannot be told apart, or hardly, in words; empty where all is well.
+        What cannot be distinguished, or hardly, in words; empty if all is well.
     residuals : tuple of numpy.ndarray
         By experiment, model less data (n_y, n_t); NaN where a sample is missing.
+    loss : {"linear", "huber", "soft_l1"}
+        Loss of the residuals.
     cost : float
-        Sum of the weighted squares.
+        Sum of the losses of the weighted residuals, of their squares for "linear".
     iterations : int
         Gauss–Newton steps.
     experiments : tuple of Experiment
@@ -78,23 +82,24 @@ class Fit:
         outputs: Sequence[np.ndarray],
         iterations: int,
         parameters: Any,
+        loss: Loss,
     ):
         self.mechanism, self.experiments, self.unknowns = mechanism, tuple(experiments), tuple(unknowns)
-        self.values, self.iterations = np.array(values), iterations
-        self.cost = float(weighted @ weighted)
+        self.values, self.iterations, self.loss = np.array(values), iterations, loss.name
+        self.cost = loss.cost(weighted)
         self.model = tuple(outputs)
         self.residuals = tuple(
             np.where(e.measured, y - e.samples, np.nan) for e, y in zip(experiments, outputs, strict=True)
         )
         self.noise = tuple(
-            {label: spread_of(row) for label, row in zip(e.labels, r, strict=True)}
+            {label: spread_of(row, loss) for label, row in zip(e.labels, r, strict=True)}
             for e, r in zip(experiments, self.residuals, strict=True)
         )
         self._parameters = parameters
-        self._judge(jacobian, weighted.size)
+        self._judge(jacobian, weighted, loss)
 
-    def _judge(self, jacobian: np.ndarray, count: int) -> None:
-        """Covariance, correlation, and what cannot be told apart."""
+    def _judge(self, jacobian: np.ndarray, weighted: np.ndarray, loss: Loss) -> None:
+        """Covariance, correlation, and what cannot be distinguished."""
         free = [
             k
             for k, (u, x) in enumerate(zip(self.unknowns, self.values, strict=True))
@@ -107,7 +112,7 @@ class Fit:
             if k not in free
         ]
         self.covariance = np.zeros((n, n))
-        variance = self.cost / max(count - len(free), 1)
+        variance = loss.variance(weighted, len(free))
         # unknowns change in shares of their size
         scale = np.array([abs(x) if x != 0 else 1.0 for x in self.values])[free]
         _, singular, right = np.linalg.svd(jacobian[:, free] * scale, full_matrices=False)
@@ -134,7 +139,7 @@ class Fit:
         share = vector[named] / vector[named[0]]
         moves = ", ".join(f"'{label}' by {s:+.3g} %" for label, s in zip(labels, share, strict=True))
         names = " and ".join(f"'{label}'" for label in labels)
-        return f"{names} cannot be told apart: change {moves}, and no sample changes"
+        return f"{names} cannot be distinguished: change {moves}, and no sample changes"
 
     def _hardly(self, errors: np.ndarray) -> list[str]:
         found = []
@@ -146,7 +151,8 @@ class Fit:
                     and errors[i] * errors[j] > 0
                 ):
                     pair = f"'{self.unknowns[j].label}' and '{self.unknowns[i].label}'"
-                    found.append(f"{pair} can hardly be told apart: their correlation is {self.correlation[i, j]:.4f}")
+                    correlation = f"their correlation is {self.correlation[i, j]:.4f}"
+                    found.append(f"{pair} can hardly be distinguished: {correlation}")
             if np.isfinite(errors[i]) and errors[i] > abs(self.values[i]):
                 found.append(f"'{self.unknowns[i].label}' is hardly determined: its standard error exceeds its value")
         return found

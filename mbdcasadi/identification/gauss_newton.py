@@ -1,8 +1,8 @@
-"""Gauss–Newton over all experiments: condensed steps within limits, shortened until they pay."""
+"""Gauss–Newton over all experiments: condensed steps within limits, shortened until they lower the cost."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -12,13 +12,14 @@ from ..errors import MechanismError
 from ..numerics.console import quiet
 from ..numerics.least_squares import largest
 from ..numerics.newton import backtrack
+from .loss import Loss
 from .shooting import Linearised, Shooting
 
 #: Relative step, and gap between segments (m, rad, m/s), that count as none.
 SETTLED, CLOSED = 1e-8, 1e-7
 #: Step that is no step any more where rounding keeps the cost from falling.
 STALLED = 1e-5
-#: Damping of a step, relative to the squares of the columns: what cannot be told apart then stays where it is.
+#: Damping of a step, relative to the squares of the columns: what cannot be distinguished then stays where it is.
 DAMPING = 1e-12
 
 
@@ -56,8 +57,10 @@ def gauss_newton(
     limits: tuple[np.ndarray, np.ndarray],
     weights: Sequence[np.ndarray],
     iterations: int,
+    loss: Loss,
+    report: Callable[[Outcome], None] = lambda outcome: None,
 ) -> Outcome:
-    """Minimise the weighted squares of the residuals with all gaps closed.
+    """Minimise the loss of the weighted residuals with all gaps closed.
 
     Parameters
     ----------
@@ -71,25 +74,32 @@ def gauss_newton(
         By experiment (n_y, n_t).
     iterations : int
         Largest number of steps.
+    loss : Loss
+        Of the weighted residuals.
+    report : callable, optional
+        Called with the outcome so far before each step.
     """
     penalty, typical = 1.0, np.abs(theta)
     for count in range(iterations + 1):
         found = [s.linearise(theta) for s in shootings]
         residual, jacobian, closing, gaps = _stacked(shootings, found, weights)
-        step = _step(jacobian, residual + closing, limits[0] - theta, limits[1] - theta)
+        of_residual, of_slope = loss.factors(residual)
+        scaled, slopes, closed = of_residual * residual, of_slope[:, None] * jacobian, of_slope * closing
+        step = _step(slopes, scaled + closed, limits[0] - theta, limits[1] - theta)
         size = largest(step / np.maximum(np.maximum(np.abs(theta), typical), 1e-12))
         outcome = Outcome(theta, jacobian, residual, [f.outputs for f in found], count, False)
+        report(outcome)
         if size <= SETTLED and largest(gaps) <= CLOSED:
             outcome.converged = True
             return outcome
         if count == iterations:
             return outcome
-        slope = float(residual @ (closing + jacobian @ step))
+        slope = float(scaled @ (closed + slopes @ step))
         square = float(gaps @ gaps)
         if square > 0:
             penalty = max(penalty, 2 * slope / square)
-        before = float(residual @ residual) + penalty * square
-        share = _shorten(shootings, found, weights, theta, step, before, penalty)
+        before = loss.cost(residual) + penalty * square
+        share = _shorten(shootings, found, weights, theta, step, before, penalty, loss)
         if share is None:
             outcome.converged = size <= STALLED and largest(gaps) <= 1e2 * CLOSED
             return outcome
@@ -137,8 +147,9 @@ def _shorten(
     step: np.ndarray,
     before: float,
     penalty: float,
+    loss: Loss,
 ) -> float | None:
-    """Share of a step that lowers cost and gaps; None where none does."""
+    """Share of a step that lowers cost and gaps; None if none does."""
 
     def lower(share: float) -> float | None:
         try:
@@ -148,7 +159,7 @@ def _shorten(
                 outputs, gaps, _ = s.evaluate(theta + share * step, nodes)
                 there = s.experiment.measured
                 away = (w * (outputs - np.where(there, s.experiment.samples, 0.0)))[there]
-                cost += float(away @ away) + penalty * float(np.sum(gaps**2))
+                cost += loss.cost(away) + penalty * float(np.sum(gaps**2))
             return share if cost < before else None
         except MechanismError:  # no start, or no end, with these values: they are too far
             return None

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..numerics.newton import solve
+from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment
@@ -47,8 +48,7 @@ def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, gues
     rates = np.array([_rate(setup.grid, experiment.samples[k], index) for k in usable])
     seen = np.isfinite(rates)
     free = analyse_rank(jacobian).null_columns
-    held = np.linalg.lstsq(jacobian, nu - jacobian @ v, rcond=None)[0] if nu.size else 0.0
-    v = v + held
+    v = project_velocity(jacobian, nu, v)
     missing = (rates - drift.full().ravel() - slope.full() @ v)[seen]
     v = v + free @ np.linalg.lstsq(slope.full()[seen] @ free, missing, rcond=1e-6)[0]
     return np.concatenate([q, v, z])

@@ -15,14 +15,17 @@ Newton method and its application in optimization", SIAM J. Optim. 20, 2010.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import SimulationError
 from ..numerics.console import call
-from ..sensitivity.compiled_run import MotionSetup
+from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, still
+from ..sensitivity.differentiable_motion import Course
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 from .nodes import nodes_from_data
@@ -71,29 +74,43 @@ class Shooting:
 
     def __init__(self, setup: MotionSetup, experiment: Experiment, places: list[int], segments: int):
         self.setup, self.experiment, self.places = setup, experiment, places
-        self.motion = setup.motion()
+        self.motion = setup.motion(places)
         eom = setup.eom
         ends = np.unique(np.round(np.linspace(0, setup.grid.size - 1, segments + 1)).astype(int))
         self.spans = list(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
-        self._state = ca.vertcat(eom.q, eom.v, eom.z)
-        self._segments = [self._segment(first, last) for first, last in self.spans]
-        self._derivatives: dict[int, ca.Function] = {}
+        self._compiled: OrderedDict[Any, Compiled] = OrderedDict()
         self.guess = setup.differentiable_start.guess
-        self.nodes = np.zeros((len(self.spans), self._state.numel()))
+        self.nodes = np.zeros((len(self.spans), eom.q.numel() + eom.v.numel() + eom.z.numel()))
 
-    def _segment(self, first: int, last: int) -> ca.Function:
-        """``(x0, theta) -> (end on the constraints, outputs, clock)`` of a segment."""
-        motion, channel = self.motion, self.motion.channel()
-        channel = channel[:, first:last] if channel.size else channel
-        x0, theta = ca.MX.sym("x0", self._state.numel()), ca.MX.sym("theta", len(self.places))
+    def _segment(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[Compiled, tuple[np.ndarray, ...]]:
+        """What is compiled for a segment whose motion is cut as it is from a start, and the arguments of these cuts."""
+        first, last = self.spans[k]
+        levels, channel = self.setup.signals.level_values, self._channel(k)
+        course = self.motion.course(x0, self._parameters(theta), levels, channel, first, last)
+        key = k, course.pattern
+        if key not in self._compiled:
+            self._compiled[key] = Compiled(self._function(k, course))
+            while len(self._compiled) > PATTERNS * len(self.spans):
+                self._compiled.popitem(last=False)
+        self._compiled.move_to_end(key)
+        return self._compiled[key], course.arguments
+
+    def _channel(self, k: int) -> np.ndarray:
+        first, last = self.spans[k]
+        channel = self.motion.channel()
+        return channel[:, first:last] if channel.size else channel
+
+    def _function(self, k: int, course: Course) -> ca.Function:
+        """``(x0, theta, cuts, sides, borders) -> (end on the constraints, outputs, clock)`` of a segment."""
+        motion, (first, last) = self.motion, self.spans[k]
+        x0, theta = ca.MX.sym("x0", self.nodes.shape[1]), ca.MX.sym("theta", len(self.places))
+        arguments = course.symbols
         p = ca.MX(ca.DM(self.setup.numeric.p))
         p[self.places] = theta
-        levels = ca.DM(self.setup.signals.level_values)
-        states = motion.motion(first, last)(x0, p, levels, channel)
-        wanted = [*self.experiment.outputs, self._state]
-        values = motion.outputs(wanted, first, last)(states, p, levels, channel)
-        n_x = self._state.numel()
-        return ca.Function("segment", [x0, theta], [values[-n_x:, -1], values[:-n_x, :], states])
+        levels, channel = ca.DM(self.setup.signals.level_values), self._channel(k)
+        states, end = motion.motion(course, first, last)(x0, p, levels, channel, *arguments)
+        values = motion.outputs(self.experiment.outputs, first, last)(states, p, levels, channel)
+        return ca.Function("segment", [x0, theta, *arguments], [end, values, states])
 
     # --- evaluation --------------------------------------------------------------------
     def prepare(self, theta: np.ndarray) -> None:
@@ -143,12 +160,12 @@ class Shooting:
     def _forward(
         self, k: int, theta: np.ndarray, seeds: np.ndarray, towards: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        function = self._segments[k]
-        if k not in self._derivatives:
-            self._derivatives[k] = function.forward(seeds.shape[1])
+        segment, cuts = self._segment(k, self.nodes[k], theta)
+        given = [self.nodes[k], theta, *cuts]
+        directions = [seeds, towards, *still(cuts, seeds.shape[1])]
         try:
-            end, values, states = call(function, self.nodes[k], theta)
-            moved = call(self._derivatives[k], self.nodes[k], theta, end, values, states, seeds, towards)
+            results = call(segment.function, *given)
+            moved = call(segment.derivative("forward", seeds.shape[1]), *given, *results, *directions)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         # the directions of a matrix stand side by side
@@ -179,8 +196,9 @@ class Shooting:
         return forward(*given, *start.function(*given), *seeds)[0].full()
 
     def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        segment, cuts = self._segment(k, x0, theta)
         try:
-            end, values, states = call(self._segments[k], x0, theta)
+            end, values, states = call(segment.function, x0, theta, *cuts)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         if not self.motion.reached(states.full(), self.spans[k][0]):

@@ -9,30 +9,30 @@ from typing import Any
 import numpy as np
 
 from ..arguments.values import parameter_vector
-from ..assembly.pose import OPEN, PoseProblem
+from ..assembly.pose import GAP_TOLERANCE, PoseProblem
 from ..equations import equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError
+from ..model.forces.friction.modes import without_exact_friction
 from ..model.mechanism import Mechanism
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.state import State
 from ..results.validity import broken_at_pose, turning_angles
-from ..simulation.stick_slip.friction_modes import without_exact_friction
 from .mobility import Joints, Mobility, mobility
 from .singular import describe_singularity
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was found in a model; prints as a table.
+    """Findings about a model; prints as a table.
 
     Attributes
     ----------
     degrees_of_freedom : int
         Coordinates less independent rows, in a pose that is not singular.
     gruebler : int
-        Coordinates less rows: the count by hand, wrong where rows are redundant.
+        Coordinates less rows: the count by hand, wrong if rows are redundant.
     redundant_rows : int
         Rows that others imply.
     redundant : tuple of str
@@ -44,7 +44,7 @@ class Report:
     contradictory : tuple of str
         Rows that cannot be met together, in their positions or in their velocities.
     residuals : dict of str to float
-        What stays open by element, where the mechanism cannot be assembled.
+        Gaps by element, if the mechanism cannot be assembled.
     singular : {"", "lock-up", "bifurcation", "shaky"}
         Kind of the pose, if it is singular: no velocity meets the drivers; several motions are possible; or an
         infinitesimal motion is, that goes nowhere, and reactions to loads along it grow without bound.
@@ -55,7 +55,7 @@ class Report:
     without_mass : tuple of str
         Coordinates in which something moves that has no mass.
     remarks : tuple of str
-        What elements take for granted and the pose, or the free motions, do not keep to.
+        Conditions of validity of elements that the pose, or the free motions, break.
     """
 
     degrees_of_freedom: int
@@ -76,7 +76,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether the mechanism can be assembled and simulated as it stands."""
+        """True if the mechanism can be assembled and simulated as it stands."""
         return not (self.contradictory or self.residuals or self.singular or self.without_mass)
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ def _count(number: int, names: tuple[str, ...]) -> str:
 
 
 def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any = None) -> Report:
-    """Look a model over.
+    """Check a model.
 
     The rank of ``Phi_q`` is found in the assembled pose and in poses nearby
     that the joints allow. What depends on each other everywhere is redundant;
@@ -116,14 +116,14 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     mechanism : Mechanism
         The model.
     state : State, optional
-        The pose to look at; the assembled estimate where none is given.
+        The pose to look at; the assembled estimate if none is given.
     parameters : mapping, optional
         Parameter to number.
 
     Returns
     -------
     Report
-        Also where the mechanism cannot be assembled.
+        Also if the mechanism cannot be assembled.
 
     References
     ----------
@@ -164,7 +164,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
 
 
 def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, float]]:
-    """Assembled pose; where there is none the least-squares one, and what stays open."""
+    """Assembled pose; if there is none the least-squares one, and its gaps."""
     estimate, _, z = numeric.eom.estimate
     problem = PoseProblem(numeric, [], t, z)
     try:
@@ -177,7 +177,7 @@ def _pose(numeric: NumericEquations, t: float) -> tuple[np.ndarray, dict[str, fl
 
 
 def _remarks(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[str, ...]:
-    """Return the messages of validity conditions that are broken at a pose, or by motions that the joints allow."""
+    """Conditions of validity that a pose breaks, or the motions that the joints allow in it."""
     free = Joints(numeric, t).motions(q)
     turning = turning_angles(numeric, t, q, free * numeric.column_scale[:, None])
     return tuple(dict.fromkeys((*broken_at_pose(numeric, t, q), *turning)))
@@ -197,7 +197,9 @@ def _contradictory(
         wanted = numeric.velocity(t, q)[1]
     wanted = wanted / numeric.row_size(t, q)
     shares = [np.abs(combination * wanted).sum() for combination in null_rows]
-    broken = [c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > OPEN * max(1.0, share)]
+    broken = [
+        c for c, share in zip(null_rows, shares, strict=True) if abs(c @ wanted) > GAP_TOLERANCE * max(1.0, share)
+    ]
     return tuple(eom.row_names[k] for k in rows_taking_part(np.array(broken).reshape(len(broken), null_rows.shape[1])))
 
 

@@ -18,14 +18,14 @@ from ..errors import MechanismError, SingularityError
 from ..model.drivers import Driver
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
+from ..numerics.console import call_each
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
-from ..simulation.simulate import simulate
 from .inverse_dynamics_system import EffortProblem
 from .kinematics import driven_motion, kinematic_trajectory, kinematics
 
 #: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
-TOLERANCE = 1e-6
+MOTION_TOLERANCE = 1e-6
 
 
 def inverse_dynamics(
@@ -36,7 +36,7 @@ def inverse_dynamics(
     efforts: Sequence[Any] = (),
     inputs: Any = None,
     parameters: Any = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MOTION_TOLERANCE,
     progress: bool = False,
 ) -> Trajectory:
     """Find the reactions in the joints and the efforts that a motion takes.
@@ -52,7 +52,7 @@ def inverse_dynamics(
     mechanism : Mechanism
         The model.
     times : sequence of float, optional
-        Times, s; with a trajectory as motion its own times where none are given.
+        Times, s; with a trajectory as motion its own times if none are given.
     motion : Trajectory, or mapping of expression to function of time, optional
         The motion: a trajectory of the same bodies, or what is prescribed, as
         expressions in ``mbd.t`` or callables of it; then a list of pairs
@@ -72,7 +72,7 @@ def inverse_dynamics(
     Returns
     -------
     Trajectory
-        With multipliers; where constraints are redundant, those of least norm,
+        With multipliers; if constraints are redundant, those of least norm,
         which a note in ``.statistics`` says.
 
     Raises
@@ -93,14 +93,14 @@ def inverse_dynamics(
     if motion is None:
         if efforts:
             raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
-        found = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
+        result = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
     else:
         course = _course(mechanism, times, motion, parameters, progress)
-        found = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
-    found.statistics.method, found.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
-    found.statistics.seconds = clock.perf_counter() - began
-    report_validity(found)
-    return found
+        result = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
+    result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
+    result.statistics.seconds = clock.perf_counter() - began
+    report_validity(result)
+    return result
 
 
 # --- a mechanism with drivers --------------------------------------------------------------
@@ -111,7 +111,7 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
     frame.z = _first_order_states(numeric, frame.t, inputs)
     u = _given_inputs(numeric, frame, inputs)
     function = driven_equations(eom).multipliers
-    lam = function(frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p).full().T
+    lam = call_each(function, frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p)[0].T
     _finite(eom.row_names, frame.t, lam)
     redundant = eom.lam.numel() > eom.q.numel()
     notes = [_LEAST_NORM] if redundant else []
@@ -119,7 +119,7 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
     def refine(t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, _u: np.ndarray) -> tuple[np.ndarray, ...]:
         part = kinematic_trajectory(numeric, course).at(t)
         there = _given_inputs(numeric, part, inputs) if not _sampled(inputs) else _u
-        load = function(t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p).full().T
+        load = call_each(function, t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p)[0].T
         return part.q, part.v, part.a, load, there
 
     return _result(frame, u, lam, notes, refine, numeric.p)
@@ -130,11 +130,15 @@ def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any
     mechanism = numeric.eom.mechanism
     if not mechanism.states or grid.size < 2:
         return np.tile(numeric.eom.estimate[2], (grid.size, 1))
-    own = dict(zip(mechanism.parameters, numeric.p, strict=True))
-    return simulate(mechanism, grid, inputs=inputs, parameters=own, reltol=1e-10, abstol=1e-10).z
+    from ..simulation.simulate import simulate  # which stands above kinematics: it is asked for these states alone
+
+    values = dict(zip(mechanism.parameters, numeric.p, strict=True))
+    return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10).z
 
 
-_LEAST_NORM = "the constraints are redundant: reactions are those of least norm, and not unique where check says so"
+_LEAST_NORM = (
+    "the constraints are redundant: reactions are those of least norm, and those that check lists are not unique"
+)
 
 
 def _sampled(inputs: Any) -> bool:
@@ -237,7 +241,7 @@ def _of_motion(
 
 
 def _knows_states(eom: Equations, course: Trajectory) -> bool:
-    """Whether a trajectory has the first-order states of the mechanism."""
+    """True if a trajectory has the first-order states of the mechanism."""
     theirs = course.mechanism.states
     return (
         course.z.size > 0

@@ -9,12 +9,11 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
+from ..numerics.tolerances import RANK
 from ..results.trajectory import Trajectory
 
-#: Singular values below this share of the largest one count as zero.
-RANK_TOLERANCE = 1e-9
 #: Equations of motion that no effort can balance are told from this share of the loads on.
-UNBALANCED = 1e-6
+BALANCE_TOLERANCE = 1e-6
 
 
 class EffortProblem:
@@ -58,11 +57,11 @@ class EffortProblem:
         matrix[:, :, m:] = -_blocks(slope, count, n, w)
         right = np.broadcast_to(load.T, (count, n))
         self._check_rank(frame.t, matrix, m, w)
-        found = _least_norm(matrix, right)
-        self._check_balance(frame.t, matrix, right, found)
+        unknowns = _least_norm(matrix, right)
+        self._check_balance(frame.t, matrix, right, unknowns)
         u = frame.inputs.copy()
-        u[:, self.unknown] = found[:, m:]
-        return found[:, :m], u
+        u[:, self.unknown] = unknowns[:, m:]
+        return unknowns[:, :m], u
 
     def _check_rank(self, times: np.ndarray, matrix: np.ndarray, m: int, w: int) -> None:
         n = matrix.shape[1]
@@ -89,12 +88,12 @@ class EffortProblem:
                 time=float(times[k]),
             )
 
-    def _check_balance(self, times: np.ndarray, matrix: np.ndarray, right: np.ndarray, found: np.ndarray) -> None:
-        left_over = np.abs(np.einsum("kij,kj->ki", matrix, found) - right)
-        size = 1e-12 + np.max(np.abs(right), axis=1, initial=0.0) + np.max(np.abs(found), axis=1, initial=0.0)
+    def _check_balance(self, times: np.ndarray, matrix: np.ndarray, right: np.ndarray, unknowns: np.ndarray) -> None:
+        left_over = np.abs(np.einsum("kij,kj->ki", matrix, unknowns) - right)
+        size = 1e-12 + np.max(np.abs(right), axis=1, initial=0.0) + np.max(np.abs(unknowns), axis=1, initial=0.0)
         worst = np.max(left_over, axis=1) / size
         k = int(np.argmax(worst))
-        if worst[k] > UNBALANCED:
+        if worst[k] > BALANCE_TOLERANCE:
             name = self.numeric.eom.coordinate_names[int(np.argmax(left_over[k]))]
             raise MechanismError(
                 f"the efforts cannot make the motion at t = {times[k]:.6g} s: the equation of motion of {name} is left "
@@ -114,7 +113,7 @@ def _rank(matrices: np.ndarray) -> np.ndarray:
     """Rank of each matrix of a batch, columns scaled to size one."""
     size = np.linalg.norm(matrices, axis=1, keepdims=True)
     values = np.linalg.svd(matrices / np.where(size > 0, size, 1.0), compute_uv=False)
-    return np.sum(values > RANK_TOLERANCE * np.max(values, axis=1, keepdims=True), axis=1)
+    return np.sum(values > RANK * np.max(values, axis=1, keepdims=True), axis=1)
 
 
 def _least_norm(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -123,6 +122,6 @@ def _least_norm(matrices: np.ndarray, right: np.ndarray) -> np.ndarray:
     size = np.where(size > 0, size, 1.0)
     if matrices.shape[1] == matrices.shape[2]:
         values = np.linalg.svd(matrices / size, compute_uv=False)
-        if np.all(values[:, -1] > RANK_TOLERANCE * values[:, 0]):
+        if np.all(values[:, -1] > RANK * values[:, 0]):
             return np.linalg.solve(matrices, right[:, :, None])[:, :, 0]
     return np.einsum("kij,kj->ki", np.linalg.pinv(matrices, rcond=1e-11), right)

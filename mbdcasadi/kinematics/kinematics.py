@@ -29,7 +29,7 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     """Solve position, velocity and acceleration of a mechanism whose motion is prescribed.
 
     ``Phi(q, t) = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma`` at each time, by
-    Newton's method from a prediction of the time before. Where the step is too
+    Newton's method from a prediction of the time before. If the step is too
     long for that, it is divided; a lock-up is located by bisection. With
     non-holonomic constraints the pose follows from no time alone: then
     ``Phi_q v = nu`` is integrated from the assembled pose at the first time.
@@ -71,9 +71,9 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     eom = equations(mechanism)
     numeric = NumericEquations(eom, parameter_vector(eom, parameters))
     motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
-    found = kinematic_trajectory(numeric, motion)
-    report_validity(found)
-    return found
+    trajectory = kinematic_trajectory(numeric, motion)
+    report_validity(trajectory)
+    return trajectory
 
 
 def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool, what: str) -> DrivenMotion:
@@ -85,7 +85,7 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
     q = PoseProblem(numeric, [], float(grid[0]), eom.estimate[2]).solve(eom.estimate[0])
     _check_driven(numeric, float(grid[0]), q, what)
     reached = grid if jump is None else grid[: max(np.searchsorted(grid, jump.time), 1)]
-    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).over(reached, q)
+    motion = _follower(numeric, progress, lambda part: kinematic_trajectory(numeric, part)).run(reached, q)
     motion.seconds = clock.perf_counter() - began
     if jump is not None:
         raise ModelError(
@@ -101,7 +101,7 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
 def _follower(
     numeric: NumericEquations, progress: bool = False, wrap: Any = None
 ) -> Continuation | VelocityLevelMotion:
-    """What follows the pose: Newton's method, or an integration where there are velocity-level rows."""
+    """Follower of the pose: Newton's method, or an integration if there are velocity-level rows."""
     if numeric.eom.position_rows.size < numeric.eom.lam.numel():
         return VelocityLevelMotion(numeric, progress=progress, wrap=wrap)
     return Continuation(numeric, progress=progress, wrap=wrap)
@@ -136,8 +136,8 @@ def _refine(numeric: NumericEquations):
     def corrected(
         t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        found = _follower(numeric).correct(t, q)
-        return found.q, found.v, found.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
+        motion = _follower(numeric).correct(t, q)
+        return motion.q, motion.v, motion.a, np.full((t.size, numeric.eom.lam.numel()), np.nan), u
 
     return corrected
 

@@ -24,11 +24,11 @@ EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
 #: How far it is moved to see whether a direction can be followed at all.
 PROBE = 1e-3
 #: Share of a displacement that must be left for the direction to count as a motion.
-FOLLOWED = 0.3
+FOLLOWED_SHARE = 0.3
 #: A pose with a small singular value is singular if it is below this share of what it is in poses nearby.
-PARTICULAR = 1e-3
+SINGULAR_SHARE = 1e-3
 #: Share of a random displacement that must be lost for single directions to be looked at.
-LOST = 0.02
+LOST_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def mobility(numeric: NumericEquations, t: float, q: np.ndarray) -> Mobility:
     if len(blocked):
         rank = analyse_rank(np.vstack([numeric.scaled_jacobian(t, pose), blocked])).rank
         return Mobility(rank, pose, analysis, len(blocked), singular=rank > certain)
-    lost = rank > certain and here.singular_values[rank - 1] < PARTICULAR * analysis.singular_values[rank - 1]
+    lost = rank > certain and here.singular_values[rank - 1] < SINGULAR_SHARE * analysis.singular_values[rank - 1]
     return Mobility(rank, pose, analysis, singular=bool(lost))
 
 
@@ -145,11 +145,11 @@ class Joints:
         for k, direction in enumerate(np.linalg.qr(self._random.standard_normal((count, count)))[0].T):
             reached[:, k] = self._reached(pose, motions, direction)
         left, values, _ = np.linalg.svd(reached)
-        return (motions @ left[:, values < FOLLOWED]).T
+        return (motions @ left[:, values < FOLLOWED_SHARE]).T
 
     def _followed(self, pose: np.ndarray, motions: np.ndarray, direction: np.ndarray) -> bool:
         direction = np.asarray(direction / np.linalg.norm(direction))
-        return bool(np.linalg.norm(self._reached(pose, motions, direction) - direction) < LOST)
+        return bool(np.linalg.norm(self._reached(pose, motions, direction) - direction) < LOST_SHARE)
 
     def _reached(self, pose: np.ndarray, motions: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """What is left of a unit displacement in a direction among the motions, after it was brought back (k,)."""

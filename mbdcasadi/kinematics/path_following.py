@@ -12,23 +12,26 @@ from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, MechanismWarning
 from ..numerics.console import interruptible, quiet
-from ..numerics.least_squares import largest, least_norm
+from ..numerics.homotopy import Step, follow
+from ..numerics.least_squares import largest
 from ..numerics.newton import solve
 from ..numerics.progress import progress_bar
+from ..numerics.projection import project_velocity
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Points that are solved by one call of the compiled recursion.
 BATCH = 500
 #: Largest share of a step's own motion by which the prediction may be off, and the least motion that counts.
-TRUST, SMALL = 0.5, 1e-3
+PREDICTION_TOLERANCE, SMALL_MOTION = 0.5, 1e-3
 #: Last Newton step that counts as converged, relative to the size of the coordinates.
-CONVERGED = 1e-10
+NEWTON_TOLERANCE = 1e-10
 #: Size of a Jacobian and number of points up to which the sign of its determinant is watched.
 LARGEST_DETERMINANT, WATCHED_POINTS = 60, 2000
-#: Residual of redundant rows (m or rad, and per unit of speed) from which they contradict each other.
-APART = 1e-8
+#: Residual of redundant rows (m or rad, and per unit of speed) from which they contradict each other; of a mechanism of
+#: more than a metre that times its length.
+CONTRADICTION_TOLERANCE = 1e-8
 #: Steps are divided down to this share of the span.
-SMALLEST = 1e-12
+SMALLEST_STEP = 1e-12
 
 
 class Continuation(MotionFollower):
@@ -39,16 +42,17 @@ class Continuation(MotionFollower):
     ):
         super().__init__(numeric, progress=progress, wrap=wrap)
         self.driven = driven_equations(numeric.eom)
+        self._contradiction = CONTRADICTION_TOLERANCE * max(1.0, numeric.scale.length)
 
     # --- the motion -------------------------------------------------------------------
-    def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+    def run(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
         zero = np.zeros_like(q)
         singular = self.numeric.rank(float(grid[0]), q).rank < q.size
         first = None if singular else self._one(q, zero, zero, float(grid[0]), float(grid[0]))
         if first is None:
             nothing = DrivenMotion.none(q.size)
-            contradiction = None if singular else self._apart(q, float(grid[0]), float(grid[0]), nothing)
+            contradiction = None if singular else self._contradicting(q, float(grid[0]), float(grid[0]), nothing)
             raise contradiction or self._singular(float(grid[0]), q, nothing)
         blocks = [tuple(x[None, :] for x in first)]
         done = 1
@@ -76,8 +80,8 @@ class Continuation(MotionFollower):
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Solve at scattered times from good estimates (k, n)."""
         zero = np.zeros_like(q.T)
-        found = self.driven.step(q.T, zero, zero, t[None, :], t[None, :], self.numeric.p)
-        q, v, a = (x.full().T for x in found[:3])
+        results = self.driven.step(q.T, zero, zero, t[None, :], t[None, :], self.numeric.p)
+        q, v, a = (x.full().T for x in results[:3])
         return DrivenMotion(t, q, v, a)
 
     def _batch(self, before: float, times: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple:
@@ -86,15 +90,17 @@ class Continuation(MotionFollower):
         p = np.tile(self.numeric.p[:, None], (1, times.size))
         try:
             with quiet():
-                found = function(q, v, a, before, times[None, :], p)
+                results = function(q, v, a, before, times[None, :], p)
         except RuntimeError:  # a singular matrix on the way: step by step then
             return q[None, :][:0], v[None, :][:0], a[None, :][:0]
-        qs, vs, accelerations = (x.full().T for x in found[:3])
-        correction, remainder, apart = (x.full().ravel() for x in found[4:])
+        qs, vs, accelerations = (x.full().T for x in results[:3])
+        correction, remainder, apart = (x.full().ravel() for x in results[4:])
         motion = np.max(np.abs(np.diff(np.vstack([q, qs]), axis=0)), axis=1)
-        good = (correction <= TRUST * motion + SMALL * (1 + motion)) & (remainder <= CONVERGED * (1 + largest(q)))
+        good = (correction <= PREDICTION_TOLERANCE * motion + SMALL_MOTION * (1 + motion)) & (
+            remainder <= NEWTON_TOLERANCE * (1 + largest(q))
+        )
         good &= self._rates_fit(np.r_[before, times], np.vstack([q, qs]), np.vstack([v, vs]))
-        good &= apart <= APART
+        good &= apart <= self._contradiction
         good &= np.isfinite(correction) & np.all(np.isfinite(accelerations), axis=1)
         count = int(np.argmin(good)) if not np.all(good) else times.size
         return qs[:count], vs[:count], accelerations[:count]
@@ -108,7 +114,7 @@ class Continuation(MotionFollower):
         )
 
     def _watch_branch(self, motion: DrivenMotion) -> None:
-        """Tell where the determinant of the Jacobian changes its sign: a singular pose was passed, or a branch left."""
+        """Warn if the determinant of the Jacobian changes its sign: a singular pose was passed, or a branch left."""
         eom = self.numeric.eom
         if not self.driven.square or eom.q.numel() > LARGEST_DETERMINANT:
             return
@@ -130,53 +136,67 @@ class Continuation(MotionFollower):
 
     # --- one difficult step -----------------------------------------------------------------
     def _carefully(self, grid: np.ndarray, done: int, blocks: list[tuple]) -> tuple:
-        """Reach the next time in divided steps, or raise where the mechanism locks."""
+        """Reach the next time in divided steps, or raise if the mechanism locks."""
         q, v, a = (x[-1] for x in blocks[-1])
         now, goal = float(grid[done - 1]), float(grid[done])
-        step, smallest = (goal - now) / 2, SMALLEST * max(float(grid[-1] - grid[0]), abs(goal))
-        while now < goal:
-            ahead = min(now + step, goal)
-            found = self._one(q, v, a, now, ahead)
-            if found is not None and self._on_branch(q, v, a, ahead - now, found):
-                q, v, a = found
-                now, step = ahead, 2 * step
-            else:
-                step /= 2
-                if step < smallest:
-                    motion = self._motion(grid, blocks)
-                    raise (
-                        self._not_finite(q, now, ahead, motion)
-                        or self._apart(q, now, goal, motion)
-                        or self._singular(now, q, motion)
-                    )
+        smallest = SMALLEST_STEP * max(float(grid[-1] - grid[0]), abs(goal))
+
+        def moved(state: tuple, at: float, to: float) -> Step[tuple] | None:
+            q, v, a = state
+            state_there = self._one(q, v, a, at, to)
+            return (
+                Step(state_there)
+                if state_there is not None and self._on_branch(q, v, a, to - at, state_there)
+                else None
+            )
+
+        path = follow((q, v, a), moved, start=now, end=goal, step=(goal - now) / 2, smallest=smallest)
+        if path.failed is not None:
+            motion, reached = self._motion(grid, blocks), path.point[0]
+            raise (
+                self._not_finite(reached, path.at, path.failed, motion)
+                or self._contradicting(reached, path.at, goal, motion)
+                or self._singular(path.at, reached, motion)
+            )
+        q, v, a = path.point
         return q[None, :], v[None, :], a[None, :]
 
     def _one(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, before: float, now: float) -> tuple | None:
-        """Pose, velocity and acceleration at one time, or None where Newton's method does not settle."""
+        """Pose, velocity and acceleration at one time, or None if Newton's method does not converge."""
         try:
             with quiet():
-                found = self.driven.step(q, v, a, before, now, self.numeric.p)
+                results = self.driven.step(q, v, a, before, now, self.numeric.p)
         except RuntimeError:
             return None
-        qn, vn, an = (x.full().ravel() for x in found[:3])
-        remainder = float(found[5])
-        settled = np.all(np.isfinite(an)) and remainder <= CONVERGED * (1 + largest(qn)) and float(found[6]) <= APART
-        return (qn, vn, an) if settled else None
+        qn, vn, an = (x.full().ravel() for x in results[:3])
+        remainder = float(results[5])
+        converged = (
+            np.all(np.isfinite(an))
+            and remainder <= NEWTON_TOLERANCE * (1 + largest(qn))
+            and float(results[6]) <= self._contradiction
+        )
+        return (qn, vn, an) if converged else None
 
     @classmethod
-    def _on_branch(cls, q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, found: tuple) -> bool:
-        """Whether the pose is the continuation of the one before, not a jump."""
+    def _on_branch(cls, q: np.ndarray, v: np.ndarray, a: np.ndarray, h: float, reached: tuple) -> bool:
+        """True if the pose continues the one before, and is no jump."""
         predicted = q + h * v + h**2 / 2 * a
-        near = largest(found[0] - predicted) <= TRUST * largest(found[0] - q) + 1e-12 * (1 + largest(q))
-        return near and bool(cls._rates_fit(np.array([0.0, h]), np.vstack([q, found[0]]), np.vstack([v, found[1]]))[0])
+        near = largest(reached[0] - predicted) <= PREDICTION_TOLERANCE * largest(reached[0] - q) + 1e-12 * (
+            1 + largest(q)
+        )
+        return near and bool(
+            cls._rates_fit(np.array([0.0, h]), np.vstack([q, reached[0]]), np.vstack([v, reached[1]]))[0]
+        )
 
     @staticmethod
     def _rates_fit(t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Whether velocities agree with the motion by the trapezoidal rule; in a singular pose they are anything."""
+        """True if velocities agree with the motion by the trapezoidal rule; in a singular pose they are anything."""
         h = np.diff(t)[:, None]
         rise, mean = np.diff(q, axis=0), h * (v[1:] + v[:-1]) / 2
         size = np.max(np.abs(rise), axis=1) + np.max(np.abs(h * v[:-1]), axis=1)
-        return np.max(np.abs(rise - mean), axis=1) <= TRUST * size + SMALL * (1 + np.max(np.abs(q[:-1]), axis=1))
+        return np.max(np.abs(rise - mean), axis=1) <= PREDICTION_TOLERANCE * size + SMALL_MOTION * (
+            1 + np.max(np.abs(q[:-1]), axis=1)
+        )
 
     # --- messages ---------------------------------------------------------------------------
     @staticmethod
@@ -197,17 +217,21 @@ class Continuation(MotionFollower):
             partial=self._wrap(motion),
         )
 
-    def _apart(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
+    def _contradicting(self, q: np.ndarray, now: float, goal: float, motion: DrivenMotion) -> AssemblyError | None:
         """The error for rows that contradict each other from now on, if that is what stops the motion."""
         if self.driven.square:
             return None
         eom = self.numeric.eom
         closest = solve(lambda pose: self.numeric.position(goal, pose), q, self.numeric.weights)
         jacobian, nu = self.numeric.velocity(now, q)
-        v = least_norm(jacobian, nu)
+        v = project_velocity(jacobian, nu, np.zeros(q.size))
         at_velocity = np.zeros(eom.lam.numel()) if closest.converged is False else jacobian @ v - nu
         residual = closest.residual if not closest.converged else at_velocity[eom.position_rows]
-        rows = [eom.row_names[eom.position_rows[k]] for k in np.argsort(-np.abs(residual)) if abs(residual[k]) > APART]
+        rows = [
+            eom.row_names[eom.position_rows[k]]
+            for k in np.argsort(-np.abs(residual))
+            if abs(residual[k]) > self._contradiction
+        ]
         if not rows:
             return None
         return AssemblyError(

@@ -54,7 +54,7 @@ def describe_singularity(numeric: NumericEquations, t: float, q: np.ndarray, *, 
     size = numeric.scale.row_size(jacobian)
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian))
     smallest = left[:, min(len(values), left.shape[1]) - 1]
-    order = np.argsort(-np.abs(smallest))
+    order = np.argsort(-np.round(np.abs(smallest), 6), kind="stable")  # of rows that weigh the same the first
     counts = np.where(np.abs(nu) > 1e-12, PRESCRIBES, TAKES_PART)
     rows = tuple(eom.row_names[k] for k in order if abs(smallest[k]) > counts[k])
     along = abs(float(smallest @ (nu / size)))

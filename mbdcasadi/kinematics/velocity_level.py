@@ -24,7 +24,7 @@ from ..numerics.progress import progress_bar
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Tolerance of the integration.
-TOLERANCE = 1e-11
+INTEGRATION_TOLERANCE = 1e-11
 #: Outputs after which the integration starts anew from the projected pose.
 CHUNK = 100
 
@@ -39,9 +39,9 @@ class VelocityLevelMotion(MotionFollower):
         self._rates = driven_equations(numeric.eom).rates
         self._recovery = Recovery(numeric, redundant=True)
 
-    def over(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
+    def run(self, grid: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Follow the motion over a grid from the pose at its first time."""
-        integrator = CompiledIntegrator(self._system(), IDAS(TOLERANCE, TOLERANCE))
+        integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION_TOLERANCE, INTEGRATION_TOLERANCE))
         poses, done = q[None, :], 1
         with interruptible(), progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar:
             while done < grid.size:
@@ -61,13 +61,13 @@ class VelocityLevelMotion(MotionFollower):
     def _stopped(
         self, integrator: CompiledIntegrator, flag: str, grid: np.ndarray, poses: np.ndarray, v: np.ndarray
     ) -> SingularityError:
-        """Repeat a chunk output by output up to where it stops."""
+        """Repeat a chunk output by output, up to the one at which it stops."""
         done = len(poses)
         start, times = float(grid[done - 1]), grid[done : done + CHUNK]
-        found = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
-        motion = self.correct(grid[: done + len(found.x)], np.vstack([poses, found.x]))
-        reached = float(motion.t[-1]) if found.last is None else found.last
-        return self._singular(reached, motion.q[-1] if found.last_x is None else found.last_x, motion)
+        rescued = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
+        motion = self.correct(grid[: done + len(rescued.x)], np.vstack([poses, rescued.x]))
+        reached = float(motion.t[-1]) if rescued.last is None else rescued.last
+        return self._singular(reached, motion.q[-1] if rescued.last_x is None else rescued.last_x, motion)
 
     def correct(self, t: np.ndarray, q: np.ndarray) -> DrivenMotion:
         """Bring good estimates of the pose (k, n) onto the position constraints, and solve for their rates."""

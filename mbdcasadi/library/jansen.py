@@ -13,7 +13,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Input, number
 from .model import GRAVITY, Model, at_angle, bar, ends, lengths, meeting_point, weight
 
-#: Jansen's own lengths of the bars, in units of which the crank has 15; ``a`` and ``l`` place the fixed pivot.
+#: Jansen's lengths of the bars, in units of which the crank has 15; ``a`` and ``l`` place the fixed pivot.
 LENGTHS = {
     "a": 38.0, "b": 41.5, "c": 39.3, "d": 40.1, "e": 55.8, "f": 39.4, "g": 36.7, "h": 65.7, "i": 49.0, "j": 50.0,
     "k": 61.9, "l": 7.8, "m": 15.0,
@@ -79,10 +79,10 @@ def jansen(scale: float = 0.01, density: float = 1.0, angle: float = 0.0, gravit
         for place, marker in zip(places, ends(bars[name]), strict=True):
             meeting.setdefault(place, []).append((name, marker))
     joints = []
-    for place, found in meeting.items():
+    for place, markers in meeting.items():
         fixed = place in ("crank axis", "pivot")
-        first = ground.at(*points[place]) if fixed else found[0][1]
-        for name, marker in found if fixed else found[1:]:
+        first = ground.at(*points[place]) if fixed else markers[0][1]
+        for name, marker in markers if fixed else markers[1:]:
             joints.append(Revolute(f"{place} {name}", first, marker))
     main = joints[0]
     tau = Input("tau")

@@ -88,7 +88,7 @@ def planetary_gear(
 
 
 def _spider(reach: float, count: int) -> Shape:
-    """Arms to all planets, for pictures; both ways where there is one planet."""
+    """Arms to all planets, for pictures; to both sides if there is one planet."""
     if count == 1:
         return Rod(2 * reach)
     angles = 2 * np.pi * np.arange(count) / count
@@ -116,7 +116,7 @@ def cam_follower(
     base_radius : float, default 0.04
         Smallest radius of the cam, m.
     roller_radius : float, optional
-        Radius of the roller, m, zero for a knife edge; a flat face where none is given.
+        Radius of the roller, m, zero for a knife edge; by default a flat face.
     offset : float, default 0
         Of the guide of a roller, to the left of the shaft, m.
     outline : CamOutline, optional
@@ -175,7 +175,7 @@ def cam_follower(
 
 
 def _height(outline: CamOutline, roller: float | None, x: float) -> float:
-    """Height of the follower above the shaft where the cam has not turned."""
+    """Height of the follower above the shaft before the cam has turned."""
 
     def at(places: Any) -> tuple[np.ndarray, np.ndarray]:
         points, normals = outline.points_and_normals(np.atleast_1d(places))

@@ -1,4 +1,4 @@
-"""What the ready mechanisms are made of."""
+"""Base class and tools of the ready mechanisms."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..model.bodies import Body
 from ..model.drivers import Driver
 from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rod
-from ..model.immutable import Immutable
+from ..model.immutable import HoldsSymbols, Immutable
 from ..model.mechanism import Mechanism
 from ..model.symbols import number
 
@@ -21,7 +21,7 @@ from ..model.symbols import number
 GRAVITY = (0.0, -9.81)
 
 
-class Model(Immutable):
+class Model(Immutable, HoldsSymbols):
     """A mechanism with names for its parts.
 
     Attributes
@@ -31,7 +31,7 @@ class Model(Immutable):
     coordinates : dict of str to casadi.SX
         Natural coordinates, as many as there are degrees of freedom or more.
 
-    Bodies, joints, inputs and points are attributes by their own names.
+    Bodies, joints, inputs and points are attributes by their names.
     """
 
     mechanism: Mechanism
@@ -45,7 +45,7 @@ class Model(Immutable):
             setattr(self, name, part)
 
     def __getattr__(self, name: str) -> Any:
-        # reached only where there is no such part
+        # reached only if there is no such part
         known = ", ".join(self.__dict__.get("_names", ()))
         raise AttributeError(f"this model has no part '{name}'; it has mechanism, coordinates, {known}")
 
@@ -78,13 +78,13 @@ def weight(gravity: Any) -> list[Gravity]:
 
 def lengths(what: str, **values: Any) -> list[float]:
     """Positive lengths as floats."""
-    found = []
+    lengths = []
     for name, value in values.items():
         length = number(value, what, name)
         if length <= 0:
             raise ModelError(f"{what}: {name} must be positive, got {length}")
-        found.append(length)
-    return found
+        lengths.append(length)
+    return lengths
 
 
 def pair_of_numbers(value: Any, what: str, name: str) -> tuple[float, float]:
@@ -101,7 +101,7 @@ def at_angle(length: float, angle: float) -> np.ndarray:
 
 
 def meeting_point(first: Any, radius: float, second: Any, other: float, left: bool, what: str) -> np.ndarray:
-    """Where two bars from two points meet: to the left or right of the line from the first to the second."""
+    """Return the point where two bars from two points meet, left or right of the line between the points."""
     first, second = np.asarray(first, float), np.asarray(second, float)
     apart = float(np.hypot(*(second - first)))
     if not abs(radius - other) < apart < radius + other:
@@ -132,10 +132,10 @@ def ends(body: Body) -> tuple[Any, Any]:
 def one_for_each(values: Any, count: int, what: str, name: str, single: str) -> list[float]:
     """One number for each of some parts; a single number serves all."""
     several = not isinstance(values, str) and (isinstance(values, Sequence) or getattr(values, "ndim", 0) > 0)
-    given = list(values) if several else [values] * count
-    if len(given) != count:
-        raise ModelError(f"{what}: {name} takes one number or {count}, got {len(given)}")
-    return [number(value, what, single) for value in given]
+    listed = list(values) if several else [values] * count
+    if len(listed) != count:
+        raise ModelError(f"{what}: {name} takes one number or {count}, got {len(listed)}")
+    return [number(value, what, single) for value in listed]
 
 
 def masses_of(masses: Any, count: int, what: str) -> list[float]:

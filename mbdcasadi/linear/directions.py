@@ -33,7 +33,7 @@ class Directions:
     eom : Equations
         The equations.
     state : State
-        Where to linearise.
+        State about which to linearise.
     positions, rates : casadi.SX
         Independent coordinates ``w(q, t, p)`` and rates ``y(q, v, t, p)``.
     inputs : casadi.SX
@@ -44,7 +44,7 @@ class Directions:
     Raises
     ------
     MechanismError
-        Where the coordinates are not independent at this state.
+        If the coordinates are not independent at this state.
     """
 
     def __init__(
@@ -75,9 +75,9 @@ class Directions:
         both = self._solved(rows, ca.vertcat(eom.a, eom.lam), (rows.numel(), np.zeros((0, self.count))), "acceleration")
         self.a, self.lam = both[:n], both[n:]
 
-    def _solved(self, rows: ca.SX, unknown: ca.SX, given: tuple[int, np.ndarray], level: str) -> np.ndarray:
+    def _solved(self, rows: ca.SX, unknown: ca.SX, sides: tuple[int, np.ndarray], level: str) -> np.ndarray:
         """Change of the unknowns that keeps the first rows at zero and moves the others as given."""
-        held, moved = given
+        held, moved = sides
         right = np.vstack([np.zeros((held, self.count)), moved]) - self.of(rows)
         matrix = self._value(ca.jacobian(rows, unknown))
         # rows of forces and of motions differ by many orders of magnitude
@@ -108,7 +108,7 @@ class Directions:
 
 
 def _selected(symbols: Sequence[Any], wrt: Sequence[Any], unit: np.ndarray) -> np.ndarray:
-    """Which of the symbols are changed by which column."""
+    """Columns that change each of the symbols."""
     rows = np.zeros((len(symbols), unit.shape[1]))
     for k, symbol in enumerate(symbols):
         for j, other in enumerate(wrt):

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
 from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector
-from ..assembly.initial_state import carried_by, start_state
+from ..assembly.consistent_start import carried_by, consistent_start
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError
@@ -89,12 +89,12 @@ def linearize(
     eom = equations(mechanism)
     if not isinstance(state, State):
         raise ModelError(f"linearize: takes a State (from equilibrium, assemble or a trajectory), got {state!r}")
-    own = carried_by(state, mechanism)
-    p = parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    carried = carried_by(state, mechanism)
+    p = parameter_vector(eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
     numeric = NumericEquations(eom, p)
-    signals = read_signals(eom, own["inputs"] | dict(pairs_of(inputs, "inputs=")))
-    point = start_state(numeric, state, state.t, signals)
-    _ = point[eom.a]  # raises where there are no accelerations
+    signals = read_signals(eom, carried["inputs"] | dict(pairs_of(inputs, "inputs=")))
+    point = consistent_start(numeric, state, state.t, signals)
+    _ = point[eom.a]  # raises if there are no accelerations
     changed = inputs_and_parameters(mechanism, wrt, "wrt=")
     names, expressions = read_outputs(outputs)
     eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols

@@ -24,7 +24,7 @@ class LinearModel:
     state_names, input_names, output_names : tuple of str
         What rows and columns belong to.
     state : State
-        Where it was linearised.
+        State about which the model is linear.
     rate : numpy.ndarray
         ``ẋ`` at that state (k,).
     directions : Directions
@@ -60,7 +60,7 @@ class LinearModel:
 
     @property
     def is_steady(self) -> bool:
-        """Whether the state rests or moves steadily: velocities and first-order states do not change."""
+        """True if the state rests or moves steadily: velocities and first-order states do not change."""
         rates = self.rate[self.speeds :]
         scale = 1 + np.max(np.abs(self.A[self.speeds :]), initial=0.0)
         return bool(np.all(np.abs(rates) <= 1e-6 * scale))
@@ -76,7 +76,7 @@ class LinearModel:
         Warns
         -----
         MechanismWarning
-            Where the state is neither at rest nor in steady motion: modes then say little.
+            If the state is neither at rest nor in steady motion: modes then say little.
         """
         from .vibration_modes import modes_of
 
@@ -107,8 +107,8 @@ class LinearModel:
             inner = np.linalg.solve(matrices, np.broadcast_to(self.B, (points.size, *self.B.shape)))
         except np.linalg.LinAlgError:
             raise MechanismError("transfer_function: s is a pole of the model; evaluate beside it") from None
-        found = self.C @ inner + self.D
-        return found[0] if np.ndim(s) == 0 else found
+        response = self.C @ inner + self.D
+        return response[0] if np.ndim(s) == 0 else response
 
     def frequency_response(self, frequencies: Any) -> np.ndarray:
         """``G(2 π i f)`` at frequencies in Hz: (n_f, n_y, n_u), complex."""

@@ -15,7 +15,7 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from .model import LinearModel
 
-#: Eigenvalues below this share of the largest one belong to rigid-body motions where A has a null space.
+#: Eigenvalues below this share of the largest one belong to rigid-body motions if A has a null space.
 RIGID = 1e-6
 
 
@@ -36,7 +36,7 @@ class Mode:
     vector : numpy.ndarray
         The same over the states of the model.
     model : LinearModel
-        Where it comes from.
+        Model to which it belongs.
     """
 
     eigenvalue: complex

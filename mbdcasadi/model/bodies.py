@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from .geometry.shapes import Shape, rotation_matrix
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import Quantities, in_radians, quantity, triple
 from .rates import time_derivative
 from .symbols import check_name, register
@@ -24,7 +24,7 @@ def rotation(angle: Any) -> ca.SX:
     return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
 
 
-class Body(Immutable):
+class Body(Immutable, HoldsSymbols):
     """A rigid body in the plane; its frame sits at the centre of mass.
 
     Parameters
@@ -60,8 +60,6 @@ class Body(Immutable):
     ----------
     Haug, *Computer Aided Kinematics and Dynamics of Mechanical Systems*, 1989, sections 2.4 and 6.1.
     """
-
-    _symbolic = True
 
     x: ca.SX
     y: ca.SX
@@ -229,8 +227,6 @@ class Marker(Immutable):
     local_angle : casadi.SX
         Angle of its x axis in the body frame, rad.
     """
-
-    _symbolic = True
 
     def __init__(self, body: Body, local: ca.SX, local_angle: ca.SX):
         self.body = body

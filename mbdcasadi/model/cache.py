@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any, TypeVar
 
 import casadi as ca
+
+from ..numerics.symbolic import LOCK
 
 T = TypeVar("T")
 
@@ -33,8 +34,8 @@ class Cache(Mapping[Hashable, Any]):
         self._most = recent
         self._kept: dict[Hashable, Any] = {}
         self._recent: OrderedDict[Hashable, Any] = OrderedDict()
-        # one lock for all keys, taken again by a value that is made of other ones
-        self._lock = threading.RLock()
+        # one lock for all keys and all caches: values are made of expressions, and of values of other caches
+        self._lock = LOCK
 
     def get_or_create(self, key: Hashable, make: Callable[[], T], *, bounded: bool = False) -> T:
         """Return the value of a key; if there is none yet, make it and keep it.

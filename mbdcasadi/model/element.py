@@ -15,13 +15,13 @@ import casadi as ca
 
 from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit
 from .symbols import check_name, register, role_of, symbols_of
 from .validity import Smoothing, ValidityCondition
 
 
-class Element(Immutable):
+class Element(Immutable, HoldsSymbols):
     """Base class of joints, drivers and forces. Every attribute has a neutral default and may be overridden.
 
     Attributes
@@ -59,7 +59,6 @@ class Element(Immutable):
     """
 
     kind: ClassVar[str] = "element"
-    _symbolic = True
 
     markers: tuple[Marker, ...] = ()
     rows: ca.SX = ca.SX(0, 1)

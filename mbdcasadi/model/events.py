@@ -9,12 +9,12 @@ import casadi as ca
 
 from ..errors import ModelError
 from .element import refuse_kinds
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import is_relation, quantity, yes_or_no
 from .symbols import StateVariable, check_name, role_of, symbols_of
 
 
-class Event(Immutable):
+class Event(Immutable, HoldsSymbols):
     """The instant at which an expression passes through zero during a simulation.
 
     Parameters
@@ -51,8 +51,6 @@ class Event(Immutable):
     Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral
     Contacts*, 1996, chapter 6 (impacts with constraints).
     """
-
-    _symbolic = True
 
     def __init__(self, name: str, expression: Any, direction: int = 0, terminal: bool = False, reset: Any = None):
         self.name = check_name(name, "Event")

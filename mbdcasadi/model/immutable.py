@@ -1,11 +1,37 @@
-"""Objects that do not change after construction."""
+"""Objects that do not change after construction, and objects that contain symbols of a model."""
 
 from __future__ import annotations
 
+import copy
 import inspect
-from typing import Any, ClassVar, NoReturn
+from typing import Any, NoReturn
 
 from ..errors import ModelError
+
+
+class HoldsSymbols:
+    """Base class of what contains symbols of a model: it is copied, but not pickled.
+
+    CasADi can pickle expressions, but what comes back has other symbols: none of
+    the model's own, nor the time, nor the ground would be found in it.
+    """
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        raise ModelError(
+            f"{type(self).__name__} objects cannot be pickled: their symbols belong to this process. Build the "
+            "mechanism in each process by calling the same function there; results travel as arrays, or by files: "
+            "save, and read_trajectory or read_solution; sweep runs cases in several processes"
+        )
+
+    def __copy__(self) -> Any:
+        clone = object.__new__(type(self))
+        clone.__dict__.update(self.__dict__)
+        return clone
+
+    def __deepcopy__(self, memo: dict) -> Any:
+        clone = memo[id(self)] = object.__new__(type(self))
+        clone.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return clone
 
 
 class Sealed(type):
@@ -23,23 +49,12 @@ class Sealed(type):
         return instance
 
 
-def refuse_pickle(thing: Any) -> NoReturn:
-    """Raise the error of an object that contains symbols, which exist in one process only."""
-    raise ModelError(
-        f"{thing!r} cannot be pickled: its symbols belong to this process; build the model in each process by "
-        "calling the same function there, and hand results over by files: motion.save(path)"
-    )
-
-
 class Immutable(metaclass=Sealed):
     """Base class of model elements: identity equality, no assignment after construction.
 
     Values that are derived on demand use ``functools.cached_property``, which
     does not store through ``__setattr__``.
     """
-
-    #: True if it contains symbols, which cannot be pickled.
-    _symbolic: ClassVar[bool] = False
 
     def __setattr__(self, name: str, value: Any) -> None:
         if self.__dict__.get("_sealed", False):
@@ -53,8 +68,3 @@ class Immutable(metaclass=Sealed):
 
     def __deepcopy__(self, memo: dict) -> Immutable:
         return self
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        if self._symbolic:
-            refuse_pickle(self)
-        return super().__reduce_ex__(protocol)

@@ -12,12 +12,12 @@ from .bodies import Body
 from .cache import Cache
 from .drivers import Driver
 from .element import ConstraintElement, Element
-from .immutable import Immutable
+from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit, entries, listed, quantity
 from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
 
 
-class Mechanism(Immutable):
+class Mechanism(Immutable, HoldsSymbols):
     """Bodies, joints, drivers and forces.
 
     Parameters
@@ -51,8 +51,6 @@ class Mechanism(Immutable):
     ModelError, ExpressionError
         For names that occur twice, bodies that are not listed, and symbols that are not listed.
     """
-
-    _symbolic = True
 
     def __init__(
         self,

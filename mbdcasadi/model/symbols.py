@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ExpressionError, ModelError
-from .immutable import refuse_pickle
+from .immutable import HoldsSymbols
 
 #: Kinds of symbols.
 KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
@@ -86,7 +86,7 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
     return result
 
 
-class Symbol(ca.SX):
+class Symbol(ca.SX, HoldsSymbols):
     """A named scalar of the model: a ``casadi.SX`` with a label, a value and limits."""
 
     label: str
@@ -103,9 +103,6 @@ class Symbol(ca.SX):
 
     def __deepcopy__(self, memo: dict) -> Symbol:
         return self
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        refuse_pickle(self)
 
     def __hash__(self) -> int:
         return self.element_hash()

@@ -1,13 +1,30 @@
-"""What compiled code does to the terminal: remarks on standard error, and Ctrl-C."""
+"""Calls of compiled code: quiet on the terminal, open to Ctrl-C, and safe if a linear system in it is singular."""
 
 from __future__ import annotations
 
 import io
 import signal
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr
 from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import MechanismWarning
+from .symbolic import LOCK
+
+#: Parts of the messages with which CasADi's linear solvers and root finders refuse a singular matrix.
+_SINGULAR = (
+    "factorization failed",
+    "singular",
+    "failed to solve",
+    "solve failed",
+    "nfact",
+    "rootfinder process failed",
+)
 
 
 @contextmanager
@@ -20,8 +37,17 @@ def quiet() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def without_warnings(message: str = "") -> Iterator[None]:
+    """Ignore the package's warnings that match a pattern: those of a step whose result is only tried."""
+    # filters belong to the process: two threads must not change them in turn
+    with LOCK, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message, MechanismWarning)
+        yield
+
+
 class Interruption:
-    """Whether Ctrl-C was pressed while compiled code was running."""
+    """Ctrl-C during a call of compiled code: `requested` tells of it."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -54,6 +80,18 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
         signal.signal(signal.SIGINT, previous)
 
 
+@contextmanager
+def keyboard_interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt for an error that compiled code raises on Ctrl-C."""
+    with interruptible() as interruption:
+        try:
+            yield
+        except Exception:
+            if interruption.requested:
+                raise KeyboardInterrupt from None
+            raise
+
+
 def call(function: Any, *arguments: Any) -> Any:
     """Call compiled code quietly; Ctrl-C in it comes back as what it is, not as a failure or as nothing."""
     with quiet(), interruptible() as interruption:
@@ -66,3 +104,47 @@ def call(function: Any, *arguments: Any) -> Any:
         if interruption.requested:
             raise KeyboardInterrupt
         return result
+
+
+def is_singular(error: BaseException) -> bool:
+    """Return True for the error that a linear solver in compiled code raises at a singular matrix."""
+    text = str(error).lower()
+    return isinstance(error, RuntimeError) and any(part in text for part in _SINGULAR)
+
+
+def call_each(function: ca.Function, *arguments: Any) -> list[np.ndarray]:
+    """Call a compiled function for many points by column; results are NaN at points with a singular matrix.
+
+    One such point would else take all others with it: the batch is divided until it stands alone.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        Of columns.
+    *arguments : array_like
+        Each (rows, k), or (rows,) for the same at all points.
+
+    Returns
+    -------
+    list of numpy.ndarray
+        Results (rows, k), a column for each point.
+    """
+    columns = [ca.DM(argument) for argument in arguments]
+    count = max((column.size2() for column in columns if column.size1()), default=1)
+
+    def results(first: int, last: int) -> list[np.ndarray]:
+        part = [c if c.size2() != count else c[:, first:last] for c in columns]
+        try:
+            outputs = call(function, *part)
+        except RuntimeError as error:
+            if not is_singular(error):
+                raise
+            if last - first == 1:
+                return [np.full((function.size1_out(k), 1), np.nan) for k in range(function.n_out())]
+            middle = (first + last) // 2
+            halves = results(first, middle), results(middle, last)
+            return [np.hstack(pair) for pair in zip(*halves, strict=True)]
+        outputs = outputs if isinstance(outputs, tuple | list) else (outputs,)
+        return [np.broadcast_to(x.full(), (x.size1(), last - first)) for x in outputs]
+
+    return results(0, count)

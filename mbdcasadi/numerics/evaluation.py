@@ -34,14 +34,14 @@ class Evaluator:
 
     def __call__(self, *arguments: Any) -> list[np.ndarray]:
         """Results, each (rows, columns); arguments as vectors or numbers."""
-        own = self._threads
-        if not hasattr(own, "evaluate"):
+        thread = self._threads
+        if not hasattr(thread, "evaluate"):
             self._make_buffers()
-        for place, value in zip(own.arguments, arguments, strict=True):
+        for place, value in zip(thread.arguments, arguments, strict=True):
             place[:] = value
-        own.evaluate()
+        thread.evaluate()
         results = []
-        for flat, (shape, places) in zip(own.results, self._patterns, strict=True):
+        for flat, (shape, places) in zip(thread.results, self._patterns, strict=True):
             result = np.zeros(shape, order="F")
             result.ravel("F")[places] = flat
             results.append(result)
@@ -49,18 +49,18 @@ class Evaluator:
 
     def _make_buffers(self) -> None:
         """Buffers of this thread; they live as long as it does."""
-        own, function = self._threads, self.function
-        own.buffer, own.evaluate = function.buffer()
-        own.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
-        own.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
-        for k, place in enumerate(own.arguments):
-            own.buffer.set_arg(k, memoryview(place))
-        for k, place in enumerate(own.results):
-            own.buffer.set_res(k, memoryview(place))
+        thread, function = self._threads, self.function
+        thread.buffer, thread.evaluate = function.buffer()
+        thread.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
+        thread.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
+        for k, place in enumerate(thread.arguments):
+            thread.buffer.set_arg(k, memoryview(place))
+        for k, place in enumerate(thread.results):
+            thread.buffer.set_res(k, memoryview(place))
 
 
 def _places(pattern: ca.Sparsity) -> tuple[tuple[int, int], np.ndarray | slice]:
-    """Shape of a result, and where its entries stand in it, column after column."""
+    """Shape of a result, and places of its entries in it, column after column."""
     if pattern.is_dense():
         return pattern.shape, slice(None)
     rows, columns = (np.array(part, int) for part in pattern.get_triplet())

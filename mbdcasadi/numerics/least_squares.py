@@ -34,8 +34,8 @@ def least_norm(
     if weights is None:
         return np.linalg.lstsq(matrix, right, rcond=threshold)[0]
     root = np.sqrt(weights)
-    found = np.linalg.lstsq(matrix / root, right, rcond=threshold)[0]
-    return (found.T / root).T
+    solution = np.linalg.lstsq(matrix / root, right, rcond=threshold)[0]
+    return (solution.T / root).T
 
 
 def row_scale(jacobian: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -1,11 +1,13 @@
-"""The solution of ``r(x) = 0`` nearest to a target, also where inequalities hold."""
+"""The solution of ``r(x) = 0`` nearest to a target, also under inequalities."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import casadi as ca
 import numpy as np
 
+from .console import quiet
 from .least_squares import largest, least_norm, row_scale
 from .newton import Equations, backtrack, refine_root, solve
 from .tolerances import EPSILON
@@ -75,7 +77,7 @@ def nearest(
     feasible : numpy.ndarray
         A solution, from which to start.
     target : numpy.ndarray
-        Where x would be without equations.
+        Target (n,): x without any equations.
     weights : numpy.ndarray
         Positive metric W (n,).
     sizes : numpy.ndarray, optional
@@ -126,14 +128,14 @@ def _newton_step(
 ) -> np.ndarray:
     """Solve ``P H P s = -P g`` by conjugate gradients, in coordinates in which the metric is one.
 
-    Where the curvature is not positive, the descent so far is as good as any.
+    If the curvature is not positive, the descent so far is returned.
     """
 
     def product(direction: np.ndarray) -> np.ndarray:
-        way = direction / root
-        way *= PROBE / max(largest(way), np.finfo(float).tiny)
-        change = (equations(x + way)[1] - equations(x - way)[1]).T @ multipliers
-        length = np.linalg.norm(direction) / max(float(np.linalg.norm(root * way)), np.finfo(float).tiny)
+        probe = direction / root
+        probe *= PROBE / max(largest(probe), np.finfo(float).tiny)
+        change = (equations(x + probe)[1] - equations(x - probe)[1]).T @ multipliers
+        length = np.linalg.norm(direction) / max(float(np.linalg.norm(root * probe)), np.finfo(float).tiny)
         return tangent.split(direction + change / root * length / 2)[0]
 
     step = np.zeros_like(gradient)
@@ -194,16 +196,16 @@ def project_with_inequalities(
     meet : callable
         ``active -> x``: the nearest point on which these inequalities hold as equalities.
     values : callable
-        ``x -> (k,)``: values of all inequalities, which are met where they are not positive.
+        ``x -> (k,)``: values of all inequalities, which are met if they are not positive.
     pushes : callable
-        ``(x, active) -> multipliers`` of those that are held; negative where one pulls instead of pushing.
+        ``(x, active) -> multipliers`` of those that are held; negative if one pulls instead of pushing.
     active : sequence of int, optional
         Those that are held at first.
 
     Returns
     -------
     numpy.ndarray or None
-        None where the set comes round in a circle.
+        None if the active set repeats itself.
 
     References
     ----------
@@ -238,3 +240,31 @@ def multipliers_at(jacobian: np.ndarray, away: np.ndarray, weights: np.ndarray) 
         return np.zeros(len(jacobian))
     rows = jacobian / root * row_scale(jacobian, weights)[:, None]
     return least_norm(rows.T, -root * away / distance, threshold=MULTIPLIERS)
+
+
+def nearest_by_ipopt(
+    unknowns: ca.SX, equalities: Sequence[ca.SX], inequalities: Sequence[ca.SX], target: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """Return the last iterate of IPOPT, from which simpler steps may find a solution that they did not find before.
+
+    Parameters
+    ----------
+    unknowns : casadi.SX
+        (n,).
+    equalities, inequalities : sequence of casadi.SX
+        In the unknowns alone, ``== 0`` and ``<= 0``.
+    target : numpy.ndarray
+        Start, and the point to be near to.
+    weights : numpy.ndarray
+        Metric (n,).
+    """
+    away = unknowns - ca.DM(target)
+    distance = 0.5 * ca.dot(ca.DM(weights) * away, away)
+    equal, unequal = (ca.vertcat(ca.SX(0, 1), *rows) for rows in (equalities, inequalities))
+    lower = np.r_[np.zeros(equal.numel()), np.full(unequal.numel(), -np.inf)]
+    problem = {"x": unknowns, "f": distance, "g": ca.densify(ca.vertcat(equal, unequal))}
+    silent = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False, "expand": True}
+    options = {"print_level": 0, "sb": "yes", "max_iter": 300, "tol": 1e-10}
+    with quiet():
+        solver = ca.nlpsol("nearest", "ipopt", problem, silent | {"ipopt": options})
+        return solver(x0=target, lbg=lower, ubg=0)["x"].full().ravel()

@@ -7,8 +7,8 @@
 ====================  =====================================================================
 
 Accuracies are relative. A residual counts as zero when it is rounding beside
-the terms of which it is the difference, ``|J| (|x| + s)``, where s are the
-sizes that the unknowns typically have: micrometres are solved for as well as metres.
+the terms of which it is the difference, ``|J| (|x| + s)`` with the
+sizes s that the unknowns typically have: micrometres are solved for as well as metres.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ class Outcome:
     Attributes
     ----------
     x : numpy.ndarray
-        Where it ended.
+        Last iterate.
     residual : numpy.ndarray
-        Left over there.
+        Residual there.
     converged : bool
-        Whether the residual is zero to rounding.
+        True if the residual is zero to rounding.
     """
 
     x: np.ndarray
@@ -76,9 +76,9 @@ def backtrack(attempt: Callable[[float], T | None], smallest: float = SMALLEST_S
     """
     share = 1.0
     while share >= smallest:
-        found = attempt(share)
-        if found is not None:
-            return found
+        result = attempt(share)
+        if result is not None:
+            return result
         share /= 2
     return None
 
@@ -178,13 +178,13 @@ def newton(
 
         def shorter(share: float, x=x, step=step, size=size) -> tuple[np.ndarray, ...] | None:
             trial = x + share * step
-            found = equations(trial)
-            return (trial, *found) if float(found[0] @ found[0]) < size else None
+            accepted = equations(trial)
+            return (trial, *accepted) if float(accepted[0] @ accepted[0]) < size else None
 
-        found = backtrack(shorter)
-        if found is None:
+        accepted = backtrack(shorter)
+        if accepted is None:
             break
-        x, residual, jacobian = found
+        x, residual, jacobian = accepted
     return x if largest(residual) <= CONVERGED * (1 + largest(x)) else None
 
 
@@ -195,7 +195,7 @@ def refine_root(
     residual, jacobian = equations(x)
     terms = _Terms(sizes)
     size = terms.relative(x, residual, jacobian)
-    for _ in range(5):
+    for _ in range(5 if size > 0 else 0):
         trial = x + least_norm_step(jacobian, residual, weights, 0.0)
         new_residual, new_jacobian = equations(trial)
         new_size = terms.relative(x, new_residual, new_jacobian)

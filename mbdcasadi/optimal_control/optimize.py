@@ -1,27 +1,28 @@
-"""Solve an optimal-control problem: transcribe, guess, hand to IPOPT, read the answer."""
+"""Solve an optimal-control problem: transcribe, guess, hand to IPOPT, read the solution."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arguments.values import pairs_of
 from ..errors import ModelError
-from ..model.quantities import yes_or_no
 from ..model.symbols import number
+from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .guess.multistart import best_of, guesses
-from .nlp.solver import Solver
-from .parameter_continuation import by_continuation, read_continuation
-from .preparation import TRANSCRIPTIONS, Settings
+from .guess.parameter_continuation import by_continuation, read_continuation
+from .nlp.setup import Settings
+from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
-from .refinement.local_error import tell_coarse_mesh
+from .refinement.local_error import warn_of_coarse_mesh
 from .refinement.mesh import Mesh
 from .refinement.refine import refine
 from .solution import Shifted, Solution
-from .transcription.base import Transcription
+from .transcription import Transcription
 
 
 def optimize(
@@ -35,51 +36,52 @@ def optimize(
     initial: Any = None,
     parameters: Any = None,
     continuation: Any = None,
-    transcription: str | type[Transcription] = "gauss-legendre",
+    transcription: str | type[Transcription] | Transcription = "gauss-legendre",
     control: str = "polynomial",
     progress: bool = False,
     options: dict[str, Any] | None = None,
 ) -> Solution:
     """Find the motion of least cost by direct collocation.
 
+    Several threads may solve one problem at the same time; expressions must be made before.
+
     Parameters
     ----------
     problem : OptimalControlProblem
-        What to solve.
+        Problem to solve.
     intervals : int, default 40
-        Intervals of the mesh, of equal length between waypoints.
+        Number of intervals of the mesh, of equal length between waypoints.
     degree : int, default 3
-        Stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
+        Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
         Refine the mesh until the local error of every interval is below it.
     guess : Solution or Trajectory, optional
-        Where to start, on any mesh: another solution, a simulation, or an
+        Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.
-        Without it a kinematic motion, by continuation through the conditions.
+        Default is a kinematic motion, by continuation through the conditions.
     starts : int or sequence, optional
-        So many different starts, or a list of guesses; the best solution is
+        Number of different starts, or a list of guesses; the best solution is
         returned, and ``statistics.starts`` has all.
     initial : sequence of relations or State, optional
-        Instead of the problem's own; what was compiled is used again.
+        Start in place of the problem's own; what was compiled is used again.
     parameters : mapping, optional
         Parameter to number.
     continuation : mapping, optional
         Parameter to a sequence of values: the problem is solved for each in turn, from the last solution, and that of
         the last values is returned: ``{v_t: [0.1, 1e-2, 1e-3]}`` sharpens smoothed friction, ``{k: [1e3, 1e5]}``
-        hardens a contact. Several parameters change together. Where the solver fails at a value, one between is
+        hardens a contact. Several parameters change together. If the solver fails at a value, one in between is
         tried first; ``statistics.steps`` has all, and only the last mesh is refined to `tolerance`.
-    transcription : {"gauss-legendre", "hermite-simpson"} or subclass of Transcription
-        A scheme of the package by name, or one of the user's own; see
-        :class:`~mbdcasadi.optimal_control.transcription.gauss_legendre.GaussLegendre` and
-        :class:`~mbdcasadi.optimal_control.transcription.hermite_simpson.HermiteSimpson`.
+    transcription : {"gauss-legendre", "hermite-simpson"}, subclass of Transcription, or object of one
+        Scheme of the package by name, or one of your own, see :class:`Transcription`. An object has its own degree:
+        ``GaussLegendre(degree=2)``.
     control : {"polynomial", "linear", "constant"}
-        How inputs vary on the intervals. Polynomials are those that the stages determine, of one degree less where an
-        input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``
-        says how far they are passed between.
+        Course of the inputs on the intervals. Polynomials are those that the stages determine, of one degree less if
+        an input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``
+        says how far they are passed in between.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
-        Passed on to CasADi, as ``{"ipopt.max_iter": 500}``.
+        Options of CasADi, as ``{"ipopt.max_iter": 500}``.
 
     Returns
     -------
@@ -89,62 +91,63 @@ def optimize(
     Raises
     ------
     OptimizationError
-        Where the solver does not succeed: its status in words,
-        ``.largest_violations`` with labels, the last iterate in ``.partial``. Also where no mesh was found that meets
+        If the solver does not succeed: its status in words,
+        ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
         the `tolerance`; then ``.partial`` is the solution on the last one.
     Interrupted
-        After Ctrl-C, with the last iterate in ``.partial``.
+        After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 
     Warns
     -----
     MechanismWarning
-        Where a contact of the solution would have to pull, or an element leaves what it is made for; where the mesh is
-        too coarse for the motion that was found (not looked at where ``guess=`` is a solution).
+        If a contact of the solution would have to pull, or an element leaves its range of validity; if the mesh is
+        too coarse for the motion that was found (not checked if ``guess=`` is a solution).
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
-    if initial is not None:
-        problem = problem.started_from(initial)
-    if continuation is not None:
-        steps = read_continuation(problem, continuation, parameters)
-        common: dict[str, Any] = {"intervals": intervals, "degree": degree, "transcription": transcription}
-        common |= {"control": control, "progress": progress, "options": options}
+    best = BestSoFar()
+    try:
+        with LOCK:
+            search = _Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
+            accuracy = None if tolerance is None else _tolerance(tolerance)
+            if continuation is None:
+                solution = search.solve(parameters, guess, starts, accuracy)
+            else:
+                steps = read_continuation(problem, continuation, parameters)
 
-        def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
-            pairs = [*pairs_of(parameters, "parameters="), *values.items()]
-            own: dict[str, Any] = {"starts": starts if first else None, "tolerance": tolerance if last else None}
-            return optimize(problem, guess=near, parameters=pairs, **common, **own)
+                def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
+                    pairs = [*pairs_of(parameters, "parameters="), *values.items()]
+                    return search.solve(pairs, near, starts if first else None, accuracy if last else None)
 
-        return by_continuation(steps, solve, guess)
-    accuracy = None if tolerance is None else _tolerance(tolerance)
-    settings = _settings(transcription, degree, control, options, progress)
-    solver = Solver(problem, settings, parameters)
-    mesh = Mesh.equal(_count(intervals, len(problem.waypoints)), solver.prepared.marks)
-    candidates = guesses(solver, starts, guess)
-    solution = best_of(solver, mesh, candidates, warm=isinstance(guess, Solution | Shifted) and starts is None)
-    if accuracy is not None:
-        solution = refine(solver, solution, accuracy)
-    elif not isinstance(guess, Solution | Shifted):
-        tell_coarse_mesh(solution)
-    if validity_conditions(problem.mechanism):
-        report_validity(solution.trajectory)
+                solution = by_continuation(steps, solve, guess)
+            if accuracy is None and not isinstance(guess, Solution | Shifted):
+                warn_of_coarse_mesh(solution)
+            for part in solution.phases:
+                if validity_conditions(part.phase.mechanism):
+                    report_validity(part.trajectory)
+    except KeyboardInterrupt:
+        raise best.interrupted() from None
     return solution
 
 
-def _settings(transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
-    own = isinstance(transcription, type) and issubclass(transcription, Transcription)
-    if not own and not (isinstance(transcription, str) and transcription in TRANSCRIPTIONS):
-        raise ModelError(
-            f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)} or a subclass of Transcription, "
-            f"got {transcription!r}"
-        )
-    if isinstance(degree, bool) or degree not in (1, 2, 3, 4, 5):
-        raise ModelError(f"optimize: degree must be 1 to 5, got {degree!r}")
-    shown = yes_or_no(progress, "optimize", "progress")
-    given = {} if options is None else options
-    if not isinstance(given, dict) or not all(isinstance(name, str) for name in given):
-        raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-    return Settings(transcription, int(degree), control, dict(given), shown)
+@dataclass(frozen=True)
+class _Search:
+    """Solves of one problem with the same settings, at any parameter values."""
+
+    problem: OptimalControlProblem
+    intervals: Any
+    initial: Any
+    settings: tuple[Any, ...]
+    best: BestSoFar
+
+    def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
+        """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
+        solver = Solver(self.problem, Settings.read(*self.settings), parameters, self.initial, self.best)
+        counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
+        meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
+        is_solution = isinstance(guess, Solution | Shifted)
+        solution = best_of(solver, meshes, guesses(solver, starts, guess), warm=is_solution and starts is None)
+        return solution if tolerance is None else refine(solver, solution, tolerance)
 
 
 def _count(intervals: Any, waypoints: int) -> int:

@@ -1,42 +1,68 @@
-"""Symbols that stand for a value at the start, at the end, or for an integral over the motion."""
+"""Values at the start or the end of a motion, and integrals over it, inside expressions.
+
+``at_end(crank.phi)`` is the expression with a marker: a node with two operands, the expression and a symbol
+that says which value is meant. A placeholder therefore lives exactly as long as the expressions that contain it.
+"""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ..model.quantities import quantity
-from ..model.symbols import register, symbols_of
+from ..model.symbols import register, role_of, symbols_of
 from ..printing import to_text
 
+#: Kinds of placeholders, and the symbols that mark them.
+MARKERS = {kind: ca.SX.sym(kind) for kind in ("at_start", "at_end", "integral")}
+_ROLES = [register(marker, "placeholder", kind, owner=kind) for kind, marker in MARKERS.items()]
+#: Operation that joins an expression and its marker; no model computes with it.
+_MARKED = ca.OP_PRINTME
 
-class Placeholder(ca.SX):
-    """A symbol for an expression at the start, at the end, or integrated over the motion.
 
-    Made by :func:`at_start`, :func:`at_end` and :func:`integral`.
+@dataclass(frozen=True, eq=False)
+class Placeholder:
+    """Value at the start, value at the end, or integral of an expression.
+
+    Attributes
+    ----------
+    kind : {"at_start", "at_end", "integral"}
+        Value that is meant.
+    expression : casadi.SX
+        Scalar expression of the model.
+    node : casadi.SX
+        Node that stands for it in other expressions.
     """
 
+    kind: str
+    expression: ca.SX
+    node: ca.SX
+
+    @property
+    def label(self) -> str:
+        """Text as the user wrote it."""
+        return str(to_text(self.node))
+
+
+class _Marked(ca.SX):
+    """An expression with its marker, which prints as the user wrote it."""
+
     def __init__(self, kind: str, expression: Any):
-        self.kind = kind
-        self.expression = ca.SX(quantity(expression, kind, "expression"))
-        self.label = f"{kind}({to_text(self.expression)})"
-        super().__init__(ca.SX.sym(self.label))
-        self._role = register(self, "placeholder", self.label, owner=self)
+        inner = ca.SX(quantity(expression, kind, "expression"))
+        super().__init__(ca.SX.binary(_MARKED, inner, MARKERS[kind]))
 
     def __hash__(self) -> int:
         return self.element_hash()
 
+    def __repr__(self) -> str:
+        return str(to_text(self))
 
-#: Placeholders live as long as the expressions in which they may stand, which CasADi does not tell.
-_PLACEHOLDERS: dict[int, Placeholder] = {}
-
-
-def _placeholder(kind: str, expression: Any) -> ca.SX:
-    made = Placeholder(kind, expression)
-    _PLACEHOLDERS[made.element_hash()] = made
-    return made
+    __str__ = __repr__
 
 
 def integral(expression: Any) -> ca.SX:
@@ -45,9 +71,9 @@ def integral(expression: Any) -> ca.SX:
     Parameters
     ----------
     expression : casadi.SX
-        Scalar, of the model.
+        Scalar expression of the model.
     """
-    return _placeholder("integral", expression)
+    return _Marked("integral", expression)
 
 
 def at_start(expression: Any) -> ca.SX:
@@ -56,9 +82,9 @@ def at_start(expression: Any) -> ca.SX:
     Parameters
     ----------
     expression : casadi.SX
-        Scalar, of the model.
+        Scalar expression of the model.
     """
-    return _placeholder("at_start", expression)
+    return _Marked("at_start", expression)
 
 
 def at_end(expression: Any) -> ca.SX:
@@ -67,24 +93,68 @@ def at_end(expression: Any) -> ca.SX:
     Parameters
     ----------
     expression : casadi.SX
-        Scalar, of the model.
+        Scalar expression of the model.
     """
-    return _placeholder("at_end", expression)
+    return _Marked("at_end", expression)
 
 
-def placeholder_of(symbol: ca.SX) -> Placeholder | None:
-    """Return the placeholder that a symbol is, or None."""
-    return _PLACEHOLDERS.get(symbol.element_hash())
+def is_marker(symbol: ca.SX) -> bool:
+    """Return True if a symbol marks placeholders."""
+    role = role_of(symbol)
+    return role is not None and role.kind == "placeholder"
 
 
 def placeholders_in(expression: Any) -> list[Placeholder]:
-    """Placeholders on which an expression depends."""
-    found = (placeholder_of(symbol) for symbol in symbols_of(expression))
-    return [p for p in found if p is not None]
+    """Return the placeholders in an expression, each once."""
+    found: dict[int, Placeholder] = {}
+
+    def collect(placeholder: Placeholder) -> ca.SX:
+        return found.setdefault(placeholder.node.element_hash(), placeholder).node
+
+    with_values(ca.SX(expression), collect)
+    return list(found.values())
 
 
 def with_values(expression: ca.SX, value: Callable[[Placeholder], Any]) -> ca.SX:
-    """Return an expression with a value, or another expression, put in for each of its placeholders."""
-    found = placeholders_in(expression)
-    values = [ca.SX(value(p)) for p in found]
-    return ca.substitute(expression, ca.vertcat(ca.SX(0, 1), *found), ca.vertcat(ca.SX(0, 1), *values))
+    """Return an expression (any shape) with a value substituted for each of its placeholders."""
+    if not any(is_marker(symbol) for symbol in symbols_of(expression)):
+        return expression
+    known: dict[int, ca.SX] = {}
+    elements = [_rebuilt(element, value, known) for element in ca.vertsplit(ca.vec(expression))]
+    return ca.reshape(ca.vertcat(*elements), expression.shape)
+
+
+def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict[int, ca.SX]) -> ca.SX:
+    """Scalar expression with values for its placeholders; `known` holds new nodes by the hashes of the old ones."""
+    stack = [expression]
+    while stack:
+        node = stack[-1]
+        key, source = node.element_hash(), node.dep(0) if node.is_output() else node
+        operands = [source.dep(k) for k in range(source.n_dep())]
+        missing = [x for x in operands if x.element_hash() not in known]
+        if key in known:
+            pass
+        elif not operands:
+            known[key] = node
+        elif node.op() == _MARKED and is_marker(operands[1]):
+            known[key] = ca.SX(value(Placeholder(operands[1].name(), operands[0], node)))
+        elif missing:
+            stack += missing
+            continue
+        else:
+            known[key] = _with_operands(node, operands, [known[x.element_hash()] for x in operands])
+        stack.pop()
+    return known[expression.element_hash()]
+
+
+def _with_operands(node: ca.SX, old: list[ca.SX], new: list[ca.SX]) -> ca.SX:
+    """The operation of a node, or the compiled function of which it is an output, on other operands."""
+    if all(a.element_hash() == b.element_hash() for a, b in zip(old, new, strict=True)):
+        return node
+    if node.is_output():
+        function = node.dep(0).which_function()
+        ends = np.cumsum([0, *(function.nnz_in(k) for k in range(function.n_in()))]).tolist()
+        parts = [ca.vertcat(ca.SX(0, 1), *new[first:last]) for first, last in itertools.pairwise(ends)]
+        outputs = function.call([ca.SX(function.sparsity_in(k), part) for k, part in enumerate(parts)])
+        return ca.vertcat(*[ca.vec(x.nz[:]) for x in outputs])[node.which_output()]
+    return ca.SX.unary(node.op(), *new) if len(new) == 1 else ca.SX.binary(node.op(), *new)

@@ -1,4 +1,4 @@
-"""An optimal-control problem: what the motion must do, and what is to be least."""
+"""An optimal-control problem: phases of a motion, relations between their ends, and the cost."""
 
 from __future__ import annotations
 
@@ -7,55 +7,63 @@ from typing import Any
 
 import casadi as ca
 
-from ..equations import Equations, equations
 from ..errors import ExpressionError, ModelError
-from ..model.cache import Cache
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
-from ..model.quantities import entries, is_relation, listed, quantity, refuse_twice
+from ..model.quantities import listed, refuse_twice
 from ..model.symbols import Parameter, describe, role_of, symbols_of
-from ..printing import to_text
+from ..numerics.symbolic import symbolic
 from ..results.state import State
-from .checks.condition_rank import ConditionRank
-from .checks.consistency import check_conditions, check_end
-from .placeholders import placeholder_of, placeholders_in
-from .waypoints import Waypoint, time_span
+from .checks.consistency import check_conditions
+from .nlp.compiled import CompiledProblem
+from .phase import Phase, Waypoint, read_cost
+from .placeholders import is_marker, placeholders_in
 
 
 class OptimalControlProblem(Immutable):
-    """What a motion must do and what is to be least.
+    """Demands on a motion, and the cost to minimise.
 
     Parameters
     ----------
     mechanism : Mechanism
-        The model, the same that is simulated; its inputs are sought.
+        Model, the same that is simulated; its inputs are free.
     duration : float or (float, float)
         Time of the motion, s; two numbers: free between them.
     initial : sequence of relations, or State
-        Conditions at the start; what is not stated is free, a state fixes all.
+        Conditions at the start; what is not stated is free, a state fixes everything.
     final : sequence of relations, or State
-        Conditions at the end; a state fixes all.
+        Conditions at the end; a state fixes everything.
     path : sequence of relations
-        Held all along: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any
+        Conditions that hold throughout: equalities, ``<=``, :func:`mbdcasadi.bounded`; in any
         expression of the model, rates of inputs (``tau.rate``) included.
     running_cost, terminal_cost : expression
-        Minimised: the integral of the one and the value of the other at the
+        Minimised: the integral of the former and the value of the latter at the
         end, where ``mbd.t`` is the duration and :func:`integral` may occur.
     boundary : sequence of relations
         Between :func:`at_start`, :func:`at_end`, :func:`integral` and parameters.
     waypoints : sequence of Waypoint
-        Conditions at times between, in the order of time.
+        Conditions at times in between, in the order of time.
     free_parameters : sequence of Parameter
-        Optimised with the motion, within their limits; of the mechanism, or the problem's own.
+        Optimised with the motion, within their limits; of the mechanism, or of this problem alone.
+
+    Attributes
+    ----------
+    phases : tuple of Phase
+        Mechanism, conditions and running cost of the motion, phase by phase: one today.
+    compiled : CompiledProblem
+        Programs and solvers that were made for the problem and are used again.
 
     Raises
     ------
     ConditionError, ExpressionError, ModelError
-        For what is no relation, unknown symbols, limits the wrong way round,
+        For what is not a relation, unknown symbols, limits the wrong way round,
         conditions that contradict each other, and conditions that the constraints already fix.
     """
 
+    _symbolic = True
+
+    @symbolic
     def __init__(
         self,
         mechanism: Mechanism,
@@ -69,145 +77,94 @@ class OptimalControlProblem(Immutable):
         waypoints: Iterable[Waypoint] = (),
         free_parameters: Sequence[Parameter] = (),
     ):
-        self.mechanism = mechanism
-        self.equations: Equations = equations(mechanism)
-        self.duration = time_span(duration, "OptimalControlProblem", "duration")
+        phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
+        self.phases: tuple[Phase, ...] = (phase,)
+        self.mechanism, self.equations, self.duration = phase.mechanism, phase.equations, phase.duration
+        self.initial, self.final, self.path, self.waypoints = phase.initial, phase.final, phase.path, phase.waypoints
+        self.running_cost = phase.running_cost
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
         refuse_twice(self.free_parameters, "free_parameters=")
-        self.initial = _state_or_conditions(initial, mechanism)
-        self.final = _state_or_conditions(final, mechanism)
-        self.path = read_conditions(path)
-        self.running_cost = _cost(running_cost, "running_cost")
-        self.terminal_cost = _cost(terminal_cost, "terminal_cost")
+        self.terminal_cost = read_cost(terminal_cost, "terminal_cost")
         self.boundary = read_conditions(boundary)
-        self.waypoints = _in_order(waypoints, self.duration)
-        self._given = dict(
-            mechanism=mechanism, duration=duration, initial=initial, final=final, path=path,
-            running_cost=running_cost, terminal_cost=terminal_cost, boundary=boundary,
-            waypoints=self.waypoints, free_parameters=free_parameters,
-        )  # fmt: skip
-        #: compiled programs, kept for the next solve
-        self.cache = Cache()
-        #: ranks of conditions, by the number of free quantities
-        self.ranks: dict[int, ConditionRank] = {}
+        self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
 
     @property
-    def u_rate(self) -> ca.SX:
-        """Rates of the inputs (n_u,)."""
-        return ca.vertcat(ca.SX(0, 1), *[u.rate for u in self.mechanism.inputs])
-
-    @property
     def has_free_times(self) -> bool:
-        """Whether the duration or the time of a waypoint is sought."""
-        return any(low < high for low, high in (self.duration, *(w.time for w in self.waypoints)))
+        """True if the duration of a phase or the time of a waypoint is free."""
+        return any(phase.has_free_times for phase in self.phases)
 
-    @property
-    def has_input_rates(self) -> bool:
-        """Whether a rate of an input occurs in it."""
-        conditions = [*self.path, *self.boundary, *(c for w in self.waypoints for c in w.conditions)]
-        for end in (self.initial, self.final):
-            conditions += [] if isinstance(end, State) else end
-        expressions = [self.running_cost, self.terminal_cost, *[c.expression for c in conditions]]
-        expressions += [p.expression for e in expressions for p in placeholders_in(e)]
-        found = [s for e in expressions for s in symbols_of(e)]
-        return any(role is not None and role.kind == "input rate" for role in map(role_of, found))
+    def has_input_rates(self, initial: State | Sequence[Condition]) -> bool:
+        """Return True if a rate of an input occurs in the problem, or in conditions at its start."""
+        start = [] if isinstance(initial, State) else initial
+        conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
+        costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
+        symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
+        return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
 
-    @property
-    def own_parameters(self) -> tuple[Parameter, ...]:
-        """Free parameters that the mechanism does not have."""
-        theirs = self.mechanism.parameters
-        return tuple(p for p in self.free_parameters if not any(p is other for other in theirs))
+    def extra_parameters(self, phase: Phase) -> tuple[Parameter, ...]:
+        """Return the free parameters that the mechanism of a phase does not have."""
+        known = phase.mechanism.parameters
+        return tuple(p for p in self.free_parameters if not any(p is other for other in known))
 
     def replace(self, **changes: Any) -> OptimalControlProblem:
-        """Return a new problem with the arguments given replaced."""
-        unknown = set(changes) - set(self._given)
+        """Return a new problem with some arguments replaced."""
+        arguments = {name: getattr(self, name) for name in type(self).__signature__.parameters}
+        unknown = set(changes) - set(arguments)
         if unknown:
             raise ModelError(
-                f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(self._given)}"
+                f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
             )
-        return OptimalControlProblem(**(self._given | changes))
+        return OptimalControlProblem(**(arguments | changes))
 
-    def started_from(self, initial: Any) -> OptimalControlProblem:
-        """The problem with other conditions at the start, which shares what was compiled."""
-        changed: OptimalControlProblem = object.__new__(OptimalControlProblem)
-        changed.__dict__.update(self.__dict__)
-        given = _state_or_conditions(initial, self.mechanism)
-        changed.__dict__.update(initial=given, _given=self._given | {"initial": initial})
-        changed._check()
-        if not isinstance(given, State):
-            check_end(changed, "initial", given)
-        return changed
-
-    # --- checks ------------------------------------------------------------------------
+    # --- checks ------------------------------------------------------------------------------
     def _check(self) -> None:
-        eom = self.equations
-        groups = (*eom.symbols, self.u_rate, *self.own_parameters)
-        known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
-        named = [("path", self.path), ("initial", self.initial), ("final", self.final)]
-        named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(self.waypoints, start=1)]
-        for name, rows in named:
-            for row in () if isinstance(rows, State) else rows:
-                self._check_symbols(row.symbols, known, f"{name}: {row.label}", placeholders=False)
-        self._check_symbols(symbols_of(self.running_cost), known, "running_cost", placeholders=False)
-        self._check_symbols(symbols_of(self.terminal_cost), known, "terminal_cost", placeholders=True)
-        for row in self.boundary:
-            self._check_symbols(row.symbols, known, f"boundary: {row.label}", placeholders=True)
-        if not eom.u.numel() and not self.free_parameters and not self.has_free_times:
+        for phase in self.phases:
+            named = [("path", phase.path), ("initial", phase.initial), ("final", phase.final)]
+            named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(phase.waypoints, start=1)]
+            for name, conditions in named:
+                self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
+            self._check_expressions(phase, {"running_cost": phase.running_cost}, placeholders=False)
+        expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
+        expressions |= {"terminal_cost": self.terminal_cost}
+        self._check_expressions(self.phases[-1], expressions, placeholders=True)
+        inputs = any(phase.mechanism.inputs for phase in self.phases)
+        if not inputs and not self.free_parameters and not self.has_free_times:
             raise ModelError(
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
 
-    def _check_symbols(self, symbols: list[ca.SX], known: set[int], where: str, *, placeholders: bool) -> None:
-        for symbol in symbols:
-            found = placeholder_of(symbol)
-            if found is not None and placeholders:
-                self._check_symbols(symbols_of(found.expression), known, f"{where}: {found.label}", placeholders=False)
-            elif found is not None:
-                raise ExpressionError(f"{where} holds {found.label}, which belongs in boundary= or terminal_cost=")
-            elif symbol.element_hash() not in known:
-                role = role_of(symbol)
-                hint = "; list it in free_parameters= or in the mechanism" if role and role.kind == "parameter" else ""
-                raise ExpressionError(f"{where} holds {describe(symbol)}, which the mechanism does not have{hint}")
+    def check_symbols(self, phase: Phase, name: str, conditions: Sequence[Condition]) -> None:
+        """Refuse conditions of a phase that contain symbols which the mechanism does not have.
+
+        Raises
+        ------
+        ExpressionError
+            Naming the condition and the symbol.
+        """
+        expressions = {f"{name}: {row.label}": row.expression for row in conditions}
+        self._check_expressions(phase, expressions, placeholders=False)
+
+    def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, placeholders: bool) -> None:
+        groups = (*phase.equations.symbols, phase.input_rates, *self.extra_parameters(phase))
+        known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
+        for where, expression in expressions.items():
+            marked = placeholders_in(expression)
+            for misplaced in [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked:
+                raise ExpressionError(
+                    f"{where} contains {misplaced.label}, which belongs in boundary= or terminal_cost="
+                )
+            for symbol in symbols_of(expression):
+                if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
+                    role = role_of(symbol)
+                    is_parameter = role is not None and role.kind == "parameter"
+                    hint = "; list it in free_parameters= or in the mechanism" if is_parameter else ""
+                    raise ExpressionError(
+                        f"{where} contains {describe(symbol)}, which the mechanism does not have{hint}"
+                    )
 
     def __repr__(self) -> str:
         low, high = self.duration
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
         return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
-
-
-def _cost(given: Any, name: str) -> ca.SX:
-    value = ca.SX(quantity(given, "OptimalControlProblem", name))
-    if is_relation(value):
-        raise ExpressionError(
-            f"{name} is the relation {to_text(value)}; a cost is an expression, conditions go to path="
-        )
-    return value
-
-
-def _state_or_conditions(given: Any, mechanism: Mechanism) -> State | tuple[Condition, ...]:
-    if not isinstance(given, State):
-        return read_conditions(given)
-    theirs, ours = equations(given.mechanism), equations(mechanism)
-    for one, other in ((theirs.q, ours.q), (theirs.z, ours.z)):
-        hashes = ([s.element_hash() for s in ca.vertsplit(x)] for x in (one, other))
-        if next(hashes) != next(hashes):
-            raise ModelError(f"OptimalControlProblem: the state belongs to {given.mechanism!r}, not to {mechanism!r}")
-    return given
-
-
-def _in_order(waypoints: Any, duration: tuple[float, float]) -> tuple[Waypoint, ...]:
-    """Waypoints, whose times must follow each other within the duration."""
-    found = entries(waypoints, "waypoints=")
-    before = (0.0, 0.0)
-    for k, waypoint in enumerate(found, start=1):
-        if not isinstance(waypoint, Waypoint):
-            raise ModelError(f"waypoints= takes Waypoint objects, got {waypoint!r}")
-        low, high = waypoint.time
-        if high <= before[0] or (low == high and before[0] == before[1] and low <= before[0]):
-            raise ModelError(f"waypoint {k} at {high:g} s does not come after what is before it, at {before[0]:g} s")
-        if low >= duration[1]:
-            raise ModelError(f"waypoint {k} at {low:g} s does not come before the end at {duration[1]:g} s")
-        before = waypoint.time
-    return found

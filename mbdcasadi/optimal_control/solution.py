@@ -1,11 +1,12 @@
-"""The optimum: its motion, its inputs, and the proof by simulation."""
+"""The optimum: its motion, its inputs, and its verification by simulation."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,43 +14,131 @@ from ..arguments.piecewise_polynomial import PiecewisePolynomial
 from ..arguments.values import pairs_of, parameter_vector
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
+from ..model.conditions import Condition
 from ..model.symbols import Parameter, number
+from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory
 from ..simulation.simulate import simulate
-from .guess.guess import Guess, Iterate, guess_from_motion
-from .motion import OptimalMotion, Polynomials
+from .guess.guess import Guess, Iterate, PhaseGuess, guess_from_motion
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
 from .nlp.motion_program import MotionProgram
+from .nlp.phase_program import PhaseProgram
+from .nlp.statistics import Answer, SolveStatistics
+from .phase import Phase
 from .problem import OptimalControlProblem
 from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
-from .refinement.verification import Replay, replay
-from .solve_statistics import Answer, SolveStatistics
+from .refinement.verification import Verification, verification
+from .transcription.motion import OptimalMotion, Polynomials
 
-#: Miss of a constraint from which the first state of a solution is none of a mechanism with other parameters.
-BREAKS = 1e-6
+if TYPE_CHECKING:
+    from .nlp.setup import Settings
+
+#: Miss of a constraint from which the first state of a solution does not belong to a mechanism with other parameters.
+STATE_TOLERANCE = 1e-6
 
 
-@dataclass(frozen=True)
-class Shifted:
-    """A solution from a later time on, to start from; made by :meth:`Solution.shifted`."""
+class PhaseSolution:
+    """One phase of a solution.
 
-    solution: Solution
-    time: float
+    Parameters
+    ----------
+    program : PhaseProgram
+        Variables and rows of the phase.
+    numeric : NumericEquations
+        Equations at the parameters of the solution.
+    mesh : Mesh
+        The mesh.
+    x : numpy.ndarray
+        Variables of the whole program, in physical units.
+    segment_times : numpy.ndarray
+        Times of start, waypoints and end if none of them is free, s.
+    extra : numpy.ndarray
+        Values of the free parameters that the mechanism does not have.
+    seconds : float
+        Time of the solve, s.
 
-    def as_guess(self, problem: OptimalControlProblem) -> Guess:
-        """The later part of the motion as a guess for the same problem."""
-        solution, guess = self.solution, self.solution.as_guess(problem)
-        last = float(guess.marks[-1])
+    Attributes
+    ----------
+    phase : Phase
+        The phase.
+    mesh_times : numpy.ndarray
+        Mesh points (N + 1,), s.
+    polynomials : Polynomials
+        Motion between the mesh points.
+    """
 
-        def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
-            return guess.sample(np.clip(wanted + self.time, 0.0, last))
+    def __init__(
+        self,
+        program: PhaseProgram,
+        numeric: NumericEquations,
+        mesh: Mesh,
+        x: np.ndarray,
+        segment_times: np.ndarray,
+        extra: np.ndarray,
+        seconds: float,
+    ):
+        self.phase: Phase = program.phase
+        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+        self.segment_times = x[program.time_index] if program.time_count else np.asarray(segment_times, float)
+        self.mesh_times = mesh.times(self.segment_times)
+        points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
+        intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
+        self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, numeric)
 
-        moved = replace(guess, sample=sample, iterate=None, word=f"solution, {self.time:g} s later")
-        x = moved.variables(solution.program, solution.shares)
-        iterate = Iterate(solution.program, solution.shares, x, solution.answer.lam_x, solution.answer.lam_g)
-        return replace(moved, iterate=iterate)
+    @property
+    def duration(self) -> float:
+        """Time of the phase, s."""
+        return float(self.segment_times[-1] - self.segment_times[0])
+
+    @cached_property
+    def mesh_states(self) -> np.ndarray:
+        """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
+        return np.hstack(self.polynomials.at_mesh_points)
+
+    @property
+    def redundant(self) -> bool:
+        """True if constraint rows were left out because others imply them."""
+        scheme = self.program.scheme
+        return len(scheme.rows) < scheme.eom.lam.numel()
+
+    @cached_property
+    @symbolic
+    def trajectory(self) -> OptimalMotion:
+        """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
+        scheme = self.program.scheme
+        statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
+        extra = dict(zip(self.program.extra_parameters, self._extra.tolist(), strict=True))
+        return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
+
+    @property
+    def limits(self) -> list[Condition]:
+        """Inequalities that hold throughout: path conditions, and limits of inputs and first-order states."""
+        return [c for c in (*self.phase.path, *self.program.limit_owners) if not c.equality]
+
+    @property
+    def points_per_interval(self) -> int:
+        """Points of :attr:`trajectory` in each interval."""
+        return (len(self.trajectory) - 1) // self.mesh.count
+
+    @cached_property
+    @symbolic
+    def end_errors(self) -> np.ndarray:
+        """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
+        return end_errors(self)
+
+    @property
+    def state_ranges(self) -> np.ndarray:
+        """Ranges of the first-order states over the motion, typical sizes of those that do not change (k,)."""
+        changes = np.ptp(self.mesh_states[:, 2 * self.phase.equations.q.numel() :], axis=0)
+        ranges: np.ndarray = np.where(changes > 0, changes, self.program.scales.z)
+        return ranges
+
+    @cached_property
+    def mesh_error(self) -> float:
+        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
+        return float(np.max(scaled_errors(self)))
 
 
 class Solution:
@@ -58,19 +147,21 @@ class Solution:
     Parameters
     ----------
     problem : OptimalControlProblem
-        What it was made for.
+        Problem that it solves.
     program : MotionProgram
-        The program that was solved.
-    settings : dict
-        Transcription, degree and control by which it was made.
-    given : NumericEquations
-        Equations at the parameters that were given.
-    shares : Mesh
-        The mesh.
+        Program that was solved.
+    settings : Settings
+        Transcription and control.
+    initial : State or tuple of Condition
+        Conditions at the start.
+    p : sequence of numpy.ndarray
+        Parameters of the mechanism that were given, by phase.
+    meshes : sequence of Mesh
+        Meshes by phase.
+    segment_times : sequence of numpy.ndarray
+        Times of start, waypoints and end by phase if none of them is free, s.
     x : numpy.ndarray
         Variables of the program, in physical units.
-    marks : numpy.ndarray
-        Times of start, waypoints and end where none of them was sought, s.
     cost : float
         Value that was minimised.
     statistics : SolveStatistics
@@ -80,12 +171,14 @@ class Solution:
 
     Attributes
     ----------
-    mesh : numpy.ndarray
+    phases : tuple of PhaseSolution
+        Mesh and motion by phase.
+    mesh, mesh_times : numpy.ndarray
         Mesh points (N + 1,), s.
     duration : float
         s.
     waypoint_times : numpy.ndarray
-        When the waypoints are passed, s.
+        Times of the waypoints, s.
     parameters : dict of Parameter to float
         Values of the free parameters.
     """
@@ -94,98 +187,84 @@ class Solution:
         self,
         problem: OptimalControlProblem,
         program: MotionProgram,
-        settings: dict[str, Any],
-        given: NumericEquations,
-        shares: Mesh,
+        settings: Settings,
+        initial: State | tuple[Condition, ...],
+        p: Sequence[np.ndarray],
+        meshes: Sequence[Mesh],
+        segment_times: Sequence[np.ndarray],
         x: np.ndarray,
-        marks: np.ndarray,
         cost: float,
         statistics: SolveStatistics,
         answer: Answer,
     ):
-        self.problem, self.program, self.settings = problem, program, settings
-        self.cost = cost
-        self.statistics = statistics
-        self.answer = answer
-        self.shares = shares
+        self.problem, self.program, self.settings, self.initial = problem, program, settings, initial
+        self.cost, self.statistics, self.answer = cost, statistics, answer
         #: variables of the program, in physical units
         self.variables = x
-        self.marks = x[program.mark_index] if program.mark_count else np.asarray(marks, float)
-        self.duration = float(self.marks[-1])
-        self.waypoint_times = self.marks[1:-1]
-        self.mesh = shares.times(self.marks)
-        values = x[program.parameter_index]
-        self.parameters: dict[Parameter, float] = dict(zip(problem.free_parameters, values.tolist(), strict=True))
-        self.numeric = NumericEquations(problem.equations, self._mechanism_parameters(given.p))
+        free = x[program.parameter_index].tolist()
+        self.parameters: dict[Parameter, float] = dict(zip(problem.free_parameters, free, strict=True))
+        parts = zip(program.phases, p, meshes, segment_times, strict=True)
+        self.phases = tuple(self._part(*part) for part in parts)
+        last = self.phases[-1]
+        self.duration = float(last.segment_times[-1])
+        self.waypoint_times = last.segment_times[1:-1]
+        self.mesh = self.mesh_times = last.mesh_times
 
-    def _mechanism_parameters(self, given: np.ndarray) -> np.ndarray:
-        """Parameters of the mechanism with the free ones put in."""
-        p = given.copy()
-        for k, symbol in enumerate(self.problem.mechanism.parameters):
-            if symbol in self.parameters:
-                p[k] = self.parameters[symbol]
-        return p
-
-    # --- the motion ----------------------------------------------------------------------------
-    @cached_property
-    def nodes(self) -> np.ndarray:
-        """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
-        return np.hstack(self.polynomials.at_nodes)
-
-    @cached_property
-    def polynomials(self) -> Polynomials:
-        """The polynomials of the scheme, with numbers."""
-        scheme = self.program.scheme
-        count = self.shares.count
-        nodes = np.array([self.variables[self.program.node_index(k)[: scheme.node_size]] for k in range(count + 1)])
-        blocks = np.array([self.variables[self.program.block_index(i)] for i in range(count)])
-        return Polynomials(scheme, self.mesh, nodes, blocks, self.numeric)
-
-    @cached_property
-    def inputs(self) -> dict[Any, PiecewisePolynomial]:
-        """The inputs as piecewise polynomials, as ``simulate(inputs=…)`` takes them."""
-        return self.polynomials.inputs
+    def _part(self, program: PhaseProgram, p: np.ndarray, mesh: Mesh, times: np.ndarray) -> PhaseSolution:
+        phase, values = program.phase, p.copy()
+        for k, symbol in enumerate(phase.mechanism.parameters):
+            values[k] = self.parameters.get(symbol, values[k])
+        numeric = NumericEquations(phase.equations, values)
+        extra = np.array([self.parameters[s] for s in program.extra_parameters])
+        return PhaseSolution(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
 
     @property
-    def redundant(self) -> bool:
-        """Whether constraint rows were left out because others imply them."""
-        scheme = self.program.scheme
-        return len(scheme.rows) < scheme.eom.lam.numel()
+    def meshes(self) -> tuple[Mesh, ...]:
+        """Meshes by phase."""
+        return tuple(phase.mesh for phase in self.phases)
 
-    @cached_property
+    # --- the motion -----------------------------------------------------------------------
+    @property
+    def inputs(self) -> dict[Any, PiecewisePolynomial]:
+        """The inputs as piecewise polynomials, as ``simulate(inputs=…)`` takes them."""
+        return self.phases[0].polynomials.inputs
+
+    @property
     def trajectory(self) -> OptimalMotion:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
-        scheme = self.program.scheme
-        form = f"order {scheme.order}, {self.shares.count} intervals"
-        own = np.array([self.parameters[p] for p in self.problem.own_parameters])
-        statistics = Statistics(scheme.name, form, self.statistics.seconds)
-        return self.polynomials.trajectory(self.problem, own, statistics, redundant=self.redundant)
+        return self.phases[0].trajectory
+
+    @property
+    def mesh_error(self) -> float:
+        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
+        return max(phase.mesh_error for phase in self.phases)
 
     @property
     def points_per_interval(self) -> int:
         """Points of :attr:`trajectory` in each interval."""
-        return (len(self.trajectory) - 1) // self.shares.count
+        return self.phases[0].points_per_interval
+
+    @property
+    def redundant(self) -> bool:
+        """True if constraint rows were left out because others imply them: reactions are not unique."""
+        return any(phase.redundant for phase in self.phases)
 
     def state(self, index: int) -> State:
         """State at a mesh point, by index."""
-        points = self.shares.count + 1
+        part = self.phases[0]
+        points = part.mesh.count + 1
         if isinstance(index, bool) or not isinstance(index, int | np.integer) or not -points <= index < points:
             raise MechanismError(f"the solution has {points} mesh points, and none of index {index!r}")
-        return self.trajectory.state((index % points) * self.points_per_interval)
+        return part.trajectory.state((index % points) * part.points_per_interval)
 
     def as_guess(self, problem: OptimalControlProblem) -> Guess:
         """The motion as a guess for the same or a similar problem."""
-        marks = self.marks
-        if len(marks) != len(problem.waypoints) + 2:
-            marks = np.linspace(0, self.duration, len(problem.waypoints) + 2)
-        spans = [(0.0, 0.0), *[w.time for w in problem.waypoints], problem.duration]
-        marks = np.array([np.clip(t, low, high) for t, (low, high) in zip(marks, spans, strict=True)])
-        guess = guess_from_motion(problem, self.trajectory, marks)
+        phases = tuple(map(_as_guess, self.phases, problem.phases))
         free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
-        iterate = Iterate(
-            self.program, self.shares, self.variables / self.program.scale, self.answer.lam_x, self.answer.lam_g
-        )
-        return Guess(guess.sample, marks, np.array(free), "solution", iterate)
+        return Guess(phases, np.array(free), "solution", self._iterate(self.variables / self.program.scale))
+
+    def _iterate(self, x: np.ndarray) -> Iterate:
+        return Iterate(self.program, self.meshes, x, self.answer.lam_x, self.answer.lam_g)
 
     def shifted(self, time: float) -> Shifted:
         """The motion from a later time on, as a guess: what follows its end stays as it ends.
@@ -195,56 +274,43 @@ class Solution:
         Parameters
         ----------
         time : float
-            By how much later it begins, s.
+            Time by which it begins later, s.
         """
         return Shifted(self, number(time, "shifted", "time"))
 
-    # --- proof ---------------------------------------------------------------------------------
-    def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Replay:
-        """Simulate by IDAS from the first state with the solution's own input polynomials."""
-        return replay(self, reltol, abstol)
+    # --- verification ---------------------------------------------------------------------
+    @symbolic
+    def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Verification:
+        """Simulate by IDAS from the first state with the input polynomials of the solution."""
+        return verification(self, reltol, abstol)
 
+    @symbolic
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
-        """Simulate the mechanism with the inputs that were found, from other starts or with other parameters."""
+        """Simulate the mechanism with the inputs of the solution, from other starts or with other parameters."""
         taken = {"times", "duration", "inputs"} & set(settings)
         if taken:
             raise ModelError(f"Solution.simulate: {', '.join(sorted(taken))} are those of the solution")
-        own = dict(zip(self.problem.mechanism.parameters, self.numeric.p, strict=True))
-        changed = own | dict(pairs_of(parameters, "parameters="))
+        part = self.phases[0]
+        eom, mechanism = part.phase.equations, part.phase.mechanism
+        values = dict(zip(mechanism.parameters, part.numeric.p, strict=True)) | dict(
+            pairs_of(parameters, "parameters=")
+        )
         if initial is None:
             initial = self.trajectory.initial
-            eom = self.problem.equations
-            name, missed = NumericEquations(eom, parameter_vector(eom, changed)).largest_miss(0.0, initial.q, initial.v)
-            if abs(missed) > BREAKS:
+            numeric = NumericEquations(eom, parameter_vector(eom, values))
+            name, missed = numeric.largest_miss(0.0, initial.q, initial.v)
+            if abs(missed) > STATE_TOLERANCE:
                 raise ConditionError(
                     f"simulate: with these parameters the first state of the solution does not meet {name}, by "
                     f"{missed:.3g}; give initial= as conditions, such as those of the problem"
                 )
-        return simulate(
-            self.problem.mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=changed, **settings
-        )
+        return simulate(mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=values, **settings)
 
+    # --- limits ---------------------------------------------------------------------------
     @cached_property
-    def end_errors(self) -> np.ndarray:
-        """By how much each interval, integrated again, misses the next mesh point in q, v and z (N, 2 n + k)."""
-        return end_errors(self)
-
-    @property
-    def state_ranges(self) -> np.ndarray:
-        """By how much each first-order state changes over the motion, its typical size where it does not (k,)."""
-        ranges = np.ptp(self.nodes[:, 2 * self.problem.equations.q.numel() :], axis=0)
-        found: np.ndarray = np.where(ranges > 0, ranges, self.program.scales.z)
-        return found
-
-    @cached_property
-    def mesh_error(self) -> float:
-        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
-        return float(np.max(scaled_errors(self)))
-
-    # --- limits --------------------------------------------------------------------------------
-    @cached_property
+    @symbolic
     def costates(self) -> dict[str, np.ndarray | float]:
-        """What each limit and condition costs, by label.
+        """Sensitivities of the cost to limits and conditions, by label.
 
         Path limits and limits of inputs: by interval (N,), the decrease of the
         cost for one unit by which the limit is loosened, per second.
@@ -254,16 +320,18 @@ class Solution:
         return costates(self)
 
     @cached_property
+    @symbolic
     def active_limits(self) -> list[ActiveLimit]:
-        """Limits that hold the motion back, and when; the costliest first."""
+        """Limits that are active, and when; the costliest first."""
         return active_limits(self)
 
     @cached_property
+    @symbolic
     def limit_excess(self) -> dict[str, float]:
-        """By how much each limit is passed between the points at which it is held, by label, in its own unit."""
+        """Amounts by which limits are passed between the points at which they are held, by label, in their own unit."""
         return limit_excess(self)
 
-    # --- files ------------------------------------------------------------------------------------
+    # --- files ----------------------------------------------------------------------------
     def save(self, path: str | Path) -> None:
         """Write the solution to a ``.npz`` file; ``read_solution(path, problem)`` reads it."""
         from .storage import save
@@ -273,7 +341,41 @@ class Solution:
     def __repr__(self) -> str:
         s = self.statistics
         text = (
-            f"Solution: cost {self.cost:.8g}, duration {self.duration:.6g} s, {self.shares.count} intervals, "
+            f"Solution: cost {self.cost:.8g}, duration {self.duration:.6g} s, "
+            f"{sum(mesh.count for mesh in self.meshes)} intervals, "
             f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"
         )
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
+
+
+def _as_guess(part: PhaseSolution, phase: Phase) -> PhaseGuess:
+    """A phase of a solution as a guess for a phase with perhaps other waypoints and another duration."""
+    times, spans = part.segment_times, phase.time_spans
+    if len(times) != len(spans):
+        times = np.linspace(0, times[-1], len(spans))
+    times = np.array([np.clip(t, low, high) for t, (low, high) in zip(times, spans, strict=True)])
+    return guess_from_motion(part.trajectory, times)
+
+
+@dataclass(frozen=True)
+class Shifted:
+    """A solution from a later time on, as a guess; made by :meth:`Solution.shifted`."""
+
+    solution: Solution
+    time: float
+
+    def as_guess(self, problem: OptimalControlProblem) -> Guess:
+        """The later part of the motion as a guess for the same problem."""
+        solution, guess = self.solution, self.solution.as_guess(problem)
+        phases = tuple(self._later(phase) for phase in guess.phases)
+        moved = replace(guess, phases=phases, iterate=None, description=f"solution, {self.time:g} s later")
+        x = moved.variables(solution.program, solution.meshes)
+        return replace(moved, iterate=solution._iterate(x))
+
+    def _later(self, phase: PhaseGuess) -> PhaseGuess:
+        last = float(phase.segment_times[-1])
+
+        def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+            return phase.sample(np.clip(wanted + self.time, 0.0, last))
+
+        return replace(phase, sample=sample)

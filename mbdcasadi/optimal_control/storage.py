@@ -9,47 +9,50 @@ from typing import Any
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
 from ..errors import FileError, ModelError
+from ..numerics.symbolic import symbolic
 from ..results.archives import read_arrays, write_arrays
 from .nlp.motion_program import MotionProgram
+from .nlp.setup import Settings
 from .nlp.solver import Solver
-from .preparation import Settings
+from .nlp.statistics import Answer, Pass, SolveStatistics, Start, Step
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .solution import Solution
-from .solve_statistics import Answer, Pass, SolveStatistics, Start, Step
+from .transcription import TRANSCRIPTIONS
 
-_FORMAT = "mbdcasadi solution 2"
-#: Difference of scaled rows and costs up to which two problems count as the same.
-SAME = 1e-6
+_FORMAT = "mbdcasadi solution 3"
+#: Relative difference of costs, and difference of scaled rows, up to which two problems count as the same.
+SAME_TOLERANCE = 1e-6
 
 
 def save(solution: Solution, path: str | Path) -> None:
     """Write a solution; see :func:`read_solution`."""
-    program = solution.program
-    if not isinstance(solution.settings["transcription"], str):
+    program, part, scheme = solution.program, solution.phases[0], solution.settings.transcription
+    if type(scheme) not in TRANSCRIPTIONS.values():
         raise ModelError(
-            f"save: the solution was found by the transcription {program.scheme.name!r}, which is no part of the "
-            "package and so is not known where the file is read; save solution.trajectory, which can be a guess too"
+            f"save: the solution was found by the transcription {scheme.name!r}, which is not part of the "
+            "package, and not known when the file is read; save solution.trajectory, which can be a guess too"
         )
+    settings = {"transcription": scheme.name, "degree": scheme.degree, "control": solution.settings.control}
     content: dict[str, Any] = {
         "format": _FORMAT,
-        "settings": json.dumps(solution.settings),
+        "settings": json.dumps(settings),
         "statistics": json.dumps(asdict(solution.statistics)),
         "cost": solution.cost,
         "x": solution.variables,
-        "marks": solution.marks,
-        "parameters": solution.numeric.p,
+        "segment times": part.segment_times,
+        "parameters": part.numeric.p,
         "lam_x": solution.answer.lam_x,
         "lam_g": solution.answer.lam_g,
         "rows": solution.answer.rows,
         "row labels": np.array([row.label for row in program.rows], dtype=str),
     }
-    content |= {f"phase {k}": shares for k, shares in enumerate(solution.shares.phases)}
+    content |= {f"mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
     write_arrays(path, content)
 
 
+@symbolic
 def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
     """Read what ``Solution.save`` wrote.
 
@@ -58,17 +61,17 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
     path : str or Path
         The file.
     problem : OptimalControlProblem
-        The problem that it solves: the rows of its program must be the same.
+        Problem that it solves: the rows of its program must be the same.
 
     Returns
     -------
     Solution
-        With everything that it could do before.
+        As complete as the one that was saved.
 
     Raises
     ------
     FileError
-        For what is no such file, and for a solution of another problem.
+        For what is not such a file, and for a solution of another problem.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"read_solution takes an OptimalControlProblem, got {problem!r}")
@@ -82,30 +85,34 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
-    settings = Settings(**json.loads(str(content["settings"])), options={}, progress=False)
-    phases = [content[f"phase {k}"] for k in range(sum(name.startswith("phase ") for name in content))]
-    mesh = Mesh(tuple(phases))
-    if len(phases) != len(problem.waypoints) + 1:
-        raise FileError(f"{path}: the solution has {len(phases) - 1} waypoints, the problem {len(problem.waypoints)}")
-    program = Solver(problem, settings, None).layout(mesh)
+    try:
+        settings = Settings.read(**json.loads(str(content["settings"])), options=None, progress=False)
+    except ModelError as error:
+        raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
+    segments = [content[f"mesh {k}"] for k in range(sum(name.startswith("mesh ") for name in content))]
+    meshes, waypoints = [Mesh(tuple(segments))], problem.phases[0].waypoints
+    if len(segments) != len(waypoints) + 1:
+        raise FileError(f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(waypoints)}")
+    solver = Solver(problem, settings)
+    program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]
     theirs = content["row labels"].tolist()
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
-    parameters = NumericEquations(problem.equations, content["parameters"])
-    _check_values(path, program, parameters, mesh, content)
+    _check_values(path, problem, program, meshes, content)
     statistics = json.loads(str(content["statistics"]))
     for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
         statistics[name] = [kind(**one) for one in statistics[name]]
     return Solution(
         problem,
         program,
-        settings.plain,
-        parameters,
-        mesh,
+        settings,
+        solver.initial,
+        [content["parameters"]],
+        meshes,
+        [content["segment times"]],
         content["x"],
-        content["marks"],
         float(content["cost"]),
         SolveStatistics(**statistics),
         Answer(content["lam_x"], content["lam_g"], content["rows"]),
@@ -113,21 +120,25 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
 
 
 def _check_values(
-    path: str | Path, program: MotionProgram, numeric: NumericEquations, mesh: Mesh, content: dict[str, np.ndarray]
+    path: str | Path,
+    problem: OptimalControlProblem,
+    program: MotionProgram,
+    meshes: list[Mesh],
+    content: dict[str, np.ndarray],
 ) -> None:
     """Refuse a solution whose cost or rows are others in this problem."""
-    low, high = program.problem.duration
-    duration = float(content["marks"][-1])
-    if not low * (1 - SAME) <= duration <= high * (1 + SAME):
+    low, high = problem.phases[0].duration
+    duration = float(content["segment times"][-1])
+    if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
-    data = program.data(numeric, mesh, content["marks"])
-    cost, rows = program.program.evaluate()(content["x"] / program.scale, data)
+    data = program.data([content["parameters"]], meshes, [content["segment times"]])
+    cost, rows = program.nlp.evaluate(content["x"] / program.scale, data)
     off = abs(float(cost) * program.cost_scale - float(content["cost"]))
-    if off > SAME * (abs(float(content["cost"])) + program.cost_scale):
+    if off > SAME_TOLERANCE * (abs(float(content["cost"])) + program.cost_scale):
         raise FileError(f"{path}: the solution belongs to another problem: its cost there would differ by {off:.3g}")
     difference = np.abs(rows.full().ravel() - content["rows"])
     worst = int(np.argmax(difference))
-    if difference[worst] > SAME:
+    if difference[worst] > SAME_TOLERANCE:
         raise FileError(
             f"{path}: the solution belongs to another problem, which differs in: {program.rows[worst].label}"
         )

@@ -2,7 +2,7 @@
 
 CasADi keeps the binary operations in the order in which they were called, so
 that derivatives come as ``0.4*w*cos(phi)*w`` and ``-(-0.25*x - 0.4*y)``. A
-table of forms holds them as a textbook has them. Each form stands there once,
+table of forms holds them as a textbook has them. Each form is there once,
 below the forms it is made of: what goes through the table needs no recursion.
 """
 
@@ -18,14 +18,14 @@ Scaled = tuple[float, int]
 
 @dataclass(frozen=True)
 class Number:
-    """A number that is no coefficient: one, and what is zero or not finite."""
+    """A number that is not a coefficient: one, and what is zero or not finite."""
 
     value: float
 
 
 @dataclass(frozen=True)
 class Symbol:
-    """A symbol; those of one name are told apart."""
+    """A symbol; those of one name are distinguished."""
 
     name: str
     identity: int
@@ -103,7 +103,7 @@ class Forms:
         """Sum with like terms collected, in order of first appearance.
 
         One that would lead with a minus starts with its first positive summand
-        instead; where there is none, the minus is taken out.
+        instead; if there is none, the minus is taken out.
         """
         totals: dict[int, float] = {}
         largest: dict[int, float] = {}
@@ -132,7 +132,7 @@ class Forms:
         return sign, self._place(Sum(tuple(summands)), ("sum", frozenset(summands)))
 
     def product(self, factors: Iterable[tuple[Scaled, int]]) -> Scaled:
-        """Product of powers with whole exponents: one number, and each factor once, where it appears last."""
+        """Product of powers with whole exponents: one number, and each factor once, at its last place."""
         number, over = 1.0, 1.0
         above: dict[int, int] = {}
         below: dict[int, int] = {}
@@ -205,7 +205,7 @@ def _multiply(powers: dict[int, int], factors: Iterable[tuple[int, int]]) -> Non
 
 
 def _times_power(total: float, size: float, exponent: int) -> float | None:
-    """``total * size**exponent``, or None where a float does not hold it."""
+    """``total * size**exponent``, or None if a float does not hold it."""
     if size == 1:
         return total
     try:
@@ -216,7 +216,7 @@ def _times_power(total: float, size: float, exponent: int) -> float | None:
 
 
 def _lowest_terms(number: float, over: float) -> tuple[float, float]:
-    """Number and denominator of a fraction; one number where a decimal is as short."""
+    """Number and denominator of a fraction; one number if a decimal is as short."""
     if over == 1:
         return number, over
     if number.is_integer() and over.is_integer():

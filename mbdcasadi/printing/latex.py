@@ -11,7 +11,7 @@ from .text import TextStyle, digits
 
 
 class LatexStyle(TextStyle):
-    """How to write the pieces in LaTeX."""
+    """Style of LaTeX."""
 
     words: ClassVar[dict[str, str]] = {"and": r"\land", "or": r"\lor", "not": r"\lnot "}
     signs: ClassVar[dict[str, str]] = {"<=": r"\leq", ">=": r"\geq", "==": "=", "!=": r"\neq"}
@@ -74,7 +74,7 @@ class LatexStyle(TextStyle):
         return Term(f"{self.words['not']}{self.within(a, ATOM)}", NOT)
 
     def choice(self, condition: Term, a: Term, b: Term) -> Term:
-        # Iverson's bracket: 1 where the condition holds, else 0.
+        # Iverson's bracket: 1 if the condition holds, else 0.
         parts = [(condition, a), (self.negation(condition), b)]
         terms = [self._bracket(c, value) for c, value in parts if value.text != "0"]
         if len(terms) < 2:
@@ -113,12 +113,12 @@ def to_latex(expression: Any, limit: int = LIMIT) -> str:
     Returns
     -------
     str
-        ``if_else(c, a, b)`` is written with Iverson's bracket, ``[c] a + [¬c] b``: 1 where c holds, else 0.
+        ``if_else(c, a, b)`` is written with Iverson's bracket, ``[c] a + [¬c] b``: 1 if c holds, else 0.
 
     Raises
     ------
     ModelError
-        For what is no scalar expression.
+        If it is not a scalar expression.
 
     Examples
     --------

@@ -13,11 +13,11 @@ from .terms import LIMIT, write
 from .text import TextStyle
 
 
-def _entries(matrix: Any, style: TextStyle, limit: int, where: str) -> list[list[str]]:
+def _entries(matrix: Any, style: TextStyle, limit: int, function: str) -> list[list[str]]:
     try:
         matrix = ca.SX(matrix)
     except (TypeError, NotImplementedError):
-        raise ModelError(f"{where}: takes a matrix in casadi.SX or of numbers, got {matrix!r}") from None
+        raise ModelError(f"{function}: takes a matrix in casadi.SX or of numbers, got {matrix!r}") from None
     rows, columns = matrix.shape
     return [[write(matrix[i, j], style, limit) for j in range(columns)] for i in range(rows)]
 
@@ -54,7 +54,7 @@ def matrix_to_text(
     Raises
     ------
     ModelError
-        For what is no matrix, and for names that do not match its shape.
+        If it is not a matrix, and for names that do not match its shape.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def matrix_to_latex(matrix: Any, limit: int = LIMIT) -> str:
     Raises
     ------
     ModelError
-        For what is no matrix.
+        If it is not a matrix.
     """
     rows = [" & ".join(row) for row in _entries(matrix, LatexStyle(), limit, "matrix_to_latex")]
     return "\\begin{bmatrix}\n" + " \\\\\n".join(rows) + "\n\\end{bmatrix}"

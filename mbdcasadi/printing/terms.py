@@ -34,7 +34,7 @@ class Term:
     negative : bool
         Whether a minus leads. It belongs to the whole, but to the first summand of a sum.
     function : (str, str) or None
-        For a function in LaTeX: its name and its argument, so that the exponent can stand between.
+        For a function in LaTeX: its name and its argument, so that the exponent can be written between.
     bare : bool
         Whether it ends with an argument without parentheses, which would swallow a factor that follows.
     """
@@ -51,11 +51,11 @@ class Term:
 
     @property
     def opposite(self) -> bool:
-        """Whether the minus belongs to the whole term."""
+        """True if the minus belongs to the whole term."""
         return self.negative and self.level >= PRODUCT
 
 
-def scalar(expression: Any, where: str) -> ca.SX:
+def scalar(expression: Any, function: str) -> ca.SX:
     """Expression of one entry.
 
     Raises
@@ -66,9 +66,9 @@ def scalar(expression: Any, where: str) -> ca.SX:
     try:
         expression = expression if isinstance(expression, ca.SX) else ca.SX(expression)
     except (TypeError, NotImplementedError):
-        raise ModelError(f"{where}: takes an expression in casadi.SX or a number, got {expression!r}") from None
+        raise ModelError(f"{function}: takes an expression in casadi.SX or a number, got {expression!r}") from None
     if not expression.is_scalar():
-        raise ModelError(f"{where}: takes a scalar, got shape {expression.shape}; use matrix_{where}")
+        raise ModelError(f"{function}: takes a scalar, got shape {expression.shape}; use matrix_{function}")
     return expression
 
 
@@ -84,7 +84,7 @@ def write(expression: ca.SX, style: TextStyle, limit: int) -> str:
 
 
 class _Writer:
-    """Terms of all forms of a table; each stands below those it is made of."""
+    """Terms of all forms of a table; each below those it is made of."""
 
     def __init__(self, forms: Forms, style: TextStyle) -> None:
         self.forms, self.style = forms.table, style

@@ -11,7 +11,7 @@ from .terms import AND, ATOM, COMPARISON, LIMIT, NOT, OR, POWER, PRODUCT, SUM, T
 
 
 class TextStyle:
-    """How to write the pieces in plain text; Python can read it."""
+    """Style of plain text that Python can read."""
 
     words: ClassVar[dict[str, str]] = {"and": "and", "or": "or", "not": "not "}
 
@@ -25,7 +25,7 @@ class TextStyle:
         return f"({text})"
 
     def within(self, term: Term, level: int) -> str:
-        """Text of an operand of an operation of a level: in parentheses where it binds less tightly."""
+        """Text of an operand of an operation of a level: in parentheses if it binds less tightly."""
         if term.level < level or (term.negative and level > SUM):
             return self.wrapped(term.signed)
         return term.signed
@@ -88,7 +88,7 @@ class TextStyle:
 
 
 def digits(value: float) -> str:
-    """Shortest decimal text of a number that is not negative; six digits where that is long."""
+    """Shortest decimal text of a number that is not negative; six digits if that is long."""
     exact = repr(float(value)).removesuffix(".0")
     count = len(exact.partition("e")[0].replace(".", "").strip("0"))
     text = exact if count <= 9 else f"{value:.6g}"
@@ -102,7 +102,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
     """Scalar expression as plain text.
 
     What Python can read, if the names of the symbols are (``crank.x`` is an
-    attribute): ``if_else``, ``atan2``, ``fmax`` and the like stand for functions.
+    attribute): ``if_else``, ``atan2``, ``fmax`` and the like are functions.
     Sums and products are written without inner parentheses, with like terms
     and repeated factors collected.
 
@@ -112,7 +112,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
         A scalar.
     limit : int
         Most operations, symbols and numbers to write out, shared parts counted
-        wherever they stand; a longer expression is given as ``… (N operations)``.
+        wherever they stand; a longer expression is written as ``… (N operations)``.
 
     Returns
     -------
@@ -122,7 +122,7 @@ def to_text(expression: Any, limit: int = LIMIT) -> str:
     Raises
     ------
     ModelError
-        For what is no scalar expression.
+        If it is not a scalar expression.
 
     Examples
     --------

@@ -20,7 +20,7 @@ _Chain = list[tuple[ca.SX, int]]
 
 
 def is_short(expression: ca.SX, limit: int) -> bool:
-    """Whether the expression, with its shared parts written out, has at most `limit` nodes."""
+    """Return True if the expression, with its shared parts written out, has at most `limit` nodes."""
     stack, count = [expression], 0
     while stack:
         node = stack.pop()
@@ -56,8 +56,8 @@ def forms_of(expression: ca.SX) -> tuple[Forms, Scaled]:
         if missing:
             stack.extend(reversed(missing))
         else:
-            found = [(done[part.element_hash()], n) for part, n in chains[key]]
-            done[key] = _form(node, found, forms)
+            parts = [(done[part.element_hash()], n) for part, n in chains[key]]
+            done[key] = _form(node, parts, forms)
     return forms, done[expression.element_hash()]
 
 
@@ -66,7 +66,7 @@ def _parts(node: ca.SX) -> list[ca.SX]:
 
 
 def _kind(node: ca.SX) -> str:
-    """Whether the node is a ``sum``, a ``product``, a ``choice``, a ``norm``, or ``other``."""
+    """Return the kind of a node: ``sum``, ``product``, ``choice``, ``norm``, or ``other``."""
     if node.n_dep() == 0:
         return "other"
     op = node.op()
@@ -103,13 +103,13 @@ def _chain(node: ca.SX) -> _Chain:
 
 
 def _closes(part: ca.SX, exponent: int) -> bool:
-    """Whether a quotient stays together, as one that is raised to a power."""
+    """Return True if a quotient stays together, as one that is raised to a power."""
     return abs(exponent) != 1 and part.op() in (ca.OP_DIV, ca.OP_INV)
 
 
 def _summands(node: ca.SX, sign: int) -> _Chain:
     signs = {ca.OP_ADD: (1, 1), ca.OP_SUB: (1, -1), ca.OP_NEG: (-1,)}[node.op()]
-    return [(part, sign * own) for part, own in zip(_parts(node), signs, strict=True)]
+    return [(part, sign * factor) for part, factor in zip(_parts(node), signs, strict=True)]
 
 
 def _factors(node: ca.SX, exponent: int) -> _Chain:
@@ -119,7 +119,7 @@ def _factors(node: ca.SX, exponent: int) -> _Chain:
     if op == ca.OP_TWICE:
         return [(ca.SX(2), exponent), (node.dep(0), exponent)]
     exponents = {ca.OP_MUL: (1, 1), ca.OP_SQ: (2,), ca.OP_DIV: (1, -1), ca.OP_INV: (-1,)}[op]
-    return [(part, exponent * own) for part, own in zip(_parts(node), exponents, strict=False)]
+    return [(part, exponent * power) for part, power in zip(_parts(node), exponents, strict=False)]
 
 
 def _norm(node: ca.SX) -> list[ca.SX] | None:
@@ -148,7 +148,7 @@ def _norm(node: ca.SX) -> list[ca.SX] | None:
 
 
 def _whole(exponent: ca.SX) -> bool:
-    """Whether an exponent is a whole number other than zero."""
+    """Return True if an exponent is a whole number other than zero."""
     return exponent.is_constant() and float(exponent).is_integer() and float(exponent) != 0
 
 
@@ -167,14 +167,14 @@ def _branches(node: ca.SX) -> list[ca.SX] | None:
 
 
 def _zero_branch(node: ca.SX) -> list[ca.SX]:
-    """Condition and branches where one of them is zero."""
+    """Condition and branches, one of which is zero."""
     condition, value = _parts(node)
     if condition.n_dep() == 1 and condition.op() == ca.OP_NOT:
         return [condition.dep(0), ca.SX(0.0), value]
     return [condition, value, ca.SX(0.0)]
 
 
-def _form(node: ca.SX, found: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
+def _form(node: ca.SX, parts: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
     """Form of a node from those of its chain."""
     if node.is_constant():
         return forms.number(float(node))
@@ -182,10 +182,10 @@ def _form(node: ca.SX, found: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Symbol(node.name(), node.element_hash()))
     kind, op = _kind(node), node.op()
     if kind == "sum":
-        return forms.sum((sign * value, place) for (value, place), sign in found)
+        return forms.sum((sign * value, place) for (value, place), sign in parts)
     if kind == "product":
-        return forms.product(found)
-    arguments = tuple(scaled for scaled, _ in found)
+        return forms.product(parts)
+    arguments = tuple(scaled for scaled, _ in parts)
     if kind == "choice":
         return forms.of(Operation("choice", "if_else", arguments))
     if kind == "norm":
@@ -202,6 +202,9 @@ def _form(node: ca.SX, found: list[tuple[Scaled, int]], forms: Forms) -> Scaled:
         return forms.of(Operation("logic", _LOGIC[op], arguments))
     if op == ca.OP_NOT:
         return forms.of(Operation("negation", "not", arguments))
+    if op == ca.OP_PRINTME and node.dep(1).is_symbolic():
+        # an expression with a mark, such as at_end(x): see optimal_control/placeholders.py
+        return forms.of(Operation("call", node.dep(1).name(), arguments[:1]))
     if node.is_call():
         return forms.of(Operation("call", node.which_function().name(), arguments, node.element_hash()))
     if node.is_output():

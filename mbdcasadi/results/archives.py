@@ -1,24 +1,89 @@
-"""Arrays by name in one NumPy file, without pickle."""
+"""Arrays by name in one NumPy file, without pickle; what is read is checked entry by entry."""
 
 from __future__ import annotations
 
-import zipfile
+import json
+import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from ..errors import FileError
-from .writing import whole_file
+from ..numerics.writing import whole_file
 
 
 def write_arrays(path: str | Path, content: dict[str, Any]) -> None:
     """Write arrays, numbers and texts by name; the entry ``format`` says what they are."""
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
+    with whole_file(path) as part, open(part, "wb") as file:
         np.savez(file, allow_pickle=False, **content)
 
 
-def read_arrays(path: str | Path, form: str, what: str, writer: str) -> dict[str, np.ndarray]:
+class Archive(dict[str, np.ndarray]):
+    """Entries of a file by name; one that is missing or damaged raises a :class:`FileError` that names file and entry.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    content : dict of str to numpy.ndarray
+        Its entries.
+    """
+
+    def __init__(self, path: str | Path, content: dict[str, np.ndarray]):
+        super().__init__(content)
+        self.path = path
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise self.refuse(f"the entry '{name}' is missing")
+
+    def refuse(self, reason: str) -> FileError:
+        """Return the error that names the file."""
+        return FileError(f"{self.path}: {reason}; the file is damaged, or was not written by this package")
+
+    def numbers(self, name: str, *shape: int | None, unknown: bool = False) -> np.ndarray:
+        """Return an array of finite numbers.
+
+        Parameters
+        ----------
+        name : str
+            Name of the entry.
+        shape : int or None
+            Its shape; None for any length.
+        unknown : bool, default False
+            Whether rows may be unknown: NaN throughout.
+        """
+        values = self[name]
+        if values.dtype.kind not in "fiub":
+            raise self.refuse(f"the entry '{name}' does not hold numbers")
+        if len(values.shape) != len(shape) or any(n not in (None, k) for n, k in zip(shape, values.shape, strict=True)):
+            expected = ", ".join("any" if n is None else str(n) for n in shape)
+            raise self.refuse(f"the entry '{name}' has the shape {values.shape} instead of ({expected})")
+        finite = np.isfinite(values)
+        if unknown and values.ndim > 1:
+            finite |= np.isnan(values).all(axis=-1, keepdims=True)
+        if not finite.all():
+            place = tuple(int(k) for k in np.argwhere(~finite)[0])
+            raise self.refuse(f"the entry '{name}' is {values[place]} at {list(place)}")
+        return values
+
+    def names(self, name: str, count: int | None = None) -> list[str]:
+        """Return a list of texts."""
+        values = self[name]
+        if (values.dtype.kind != "U" and values.size) or values.ndim != 1 or count not in (None, values.size):
+            raise self.refuse(f"the entry '{name}' is not a list of {'' if count is None else f'{count} '}names")
+        return values.astype(str).tolist()
+
+    def json(self, name: str) -> Any:
+        """Return what a text in JSON holds."""
+        try:
+            return json.loads(str(self[name]))
+        except ValueError:
+            raise self.refuse(f"the entry '{name}' cannot be read") from None
+
+
+def read_arrays(path: str | Path, form: str, kind: str, writer: str) -> Archive:
     """Read what :func:`write_arrays` wrote.
 
     Parameters
@@ -27,21 +92,47 @@ def read_arrays(path: str | Path, form: str, what: str, writer: str) -> dict[str
         The file.
     form : str
         Its entry ``format``.
-    what, writer : str
-        What it should be, and who writes such files, for the message.
+    kind, writer : str
+        What it should be, and the function that writes such files, for the message.
 
     Raises
     ------
     FileError
-        For a file that is not there, is no such file, or one of another format.
+        If the file is not there or cannot be read, and for one of another kind or format.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise FileError(f"the path of a {kind} is a text or a pathlib.Path, got {path!r}")
     try:
         with np.load(path, allow_pickle=False) as file:
-            content = {name: file[name] for name in file.files}
+            archive = Archive(path, {name: file[name] for name in file.files})
     except OSError as error:
         raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, zipfile.BadZipFile, AttributeError, TypeError):
-        raise FileError(f"{path}: the file is no {what}; {writer} writes one") from None
-    if str(content.get("format")) != form:
-        raise FileError(f"{path}: the file is no {what} of this version of the package; {writer} writes one")
-    return content
+    except Exception:  # NumPy, zipfile and zlib raise errors of any kind for damaged files
+        raise FileError(f"{path}: the file is not a {kind} file, or is damaged; {writer} writes one") from None
+    if str(archive.get("format")) != form:
+        raise FileError(f"{path}: the file is not a {kind} file of this version of the package; {writer} writes one")
+    return archive
+
+
+def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]) -> None:
+    """Raise a :class:`FileError` that names the first difference, if an entry holds other names than expected.
+
+    Parameters
+    ----------
+    archive : Archive
+        The file.
+    kind : str
+        What is named: ``"coordinate"`` for the entry ``coordinate names``.
+    owner : str
+        What the file holds, for the message: ``"trajectory"``.
+    expected : sequence of str
+        The names in their order.
+    """
+    saved = archive.names(f"{kind} names")
+    for k in range(max(len(saved), len(expected))):
+        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
+        if there != here:
+            raise FileError(
+                f"{archive.path}: the {owner} belongs to another mechanism: its {kind} number {k + 1} is {there}, "
+                f"that of the mechanism is {here}"
+            )

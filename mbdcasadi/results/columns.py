@@ -19,7 +19,7 @@ _LEVELS = ("x", "y", "phi", "vx", "vy", "omega", "ax", "ay", "alpha")
 def reaction_body(element: Any) -> Body | None:
     """Body on which the reaction of a joint is reported.
 
-    The second marker's body; where that is the ground, the body that moves.
+    The second marker's body, or the body that moves if that is the ground.
     """
     candidates = [marker.body for marker in reversed(element.markers)] + list(reversed(element.bodies))
     return next((body for body in candidates if not body.is_ground), None)
@@ -38,19 +38,19 @@ def effort_unit(driver: Any) -> str:
 
 
 def has_multipliers(motion: Trajectory) -> bool:
-    """Whether reactions and efforts were computed with the motion."""
+    """Return True if reactions and efforts were computed with the motion."""
     return bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))
 
 
 def default_expressions(motion: Trajectory) -> dict[str, ca.SX]:
     """Coordinates and rates by body, reactions by joint, efforts by driver, inputs and states."""
     mechanism = motion.mechanism
-    found: dict[str, ca.SX] = {}
+    named: dict[str, ca.SX] = {}
 
     def add(name: str, value: Any) -> None:
-        if name in found or name == "t":
-            raise MechanismError(f"two columns would be called '{name}'; give the expressions with names of your own")
-        found[name] = ca.SX(value)
+        if name in named or name == "t":
+            raise MechanismError(f"two columns would be called '{name}'; give the expressions by other names")
+        named[name] = ca.SX(value)
 
     for body in mechanism.bodies:
         for level in _LEVELS:
@@ -70,43 +70,43 @@ def default_expressions(motion: Trajectory) -> dict[str, ca.SX]:
                 add(f"{name}.effort", effort)
     for symbol in (*mechanism.inputs, *mechanism.states):
         add(symbol.label, symbol)
-    return found
+    return named
 
 
 def read_expressions(expressions: Any) -> dict[str, ca.SX]:
     """Check a mapping {name: expression}."""
     if not isinstance(expressions, Mapping):
         raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
-    found: dict[str, ca.SX] = {}
+    read: dict[str, ca.SX] = {}
     for name, expression in expressions.items():
         if not isinstance(name, str):
             raise MechanismError(f"the name of an expression must be a text, got {name!r}")
         try:
-            found[name] = ca.SX(expression)
+            read[name] = ca.SX(expression)
         except (NotImplementedError, TypeError):
             raise MechanismError(f"'{name}' must be an expression, got {expression!r}") from None
-    return found
+    return read
 
 
 def read_lines(expressions: Any) -> dict[str, tuple[list[str], ca.SX]]:
     """Check what is drawn, {label: expression} or {label: {name: scalar}}: names of lines and their column."""
     if not isinstance(expressions, Mapping):
         raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
-    found: dict[str, tuple[list[str], ca.SX]] = {}
-    for label, given in expressions.items():
-        if not isinstance(given, Mapping):
-            (expression,) = read_expressions({label: given}).values()
+    lines: dict[str, tuple[list[str], ca.SX]] = {}
+    for label, drawn in expressions.items():
+        if not isinstance(drawn, Mapping):
+            (expression,) = read_expressions({label: drawn}).values()
             names = [name.lstrip(".") for name in component_names("", expression.shape)]
-            found[label] = names, ca.vec(expression.T)
+            lines[label] = names, ca.vec(expression.T)
             continue
-        named = read_expressions(given)
+        named = read_expressions(drawn)
         if not named or any(e.numel() != 1 for e in named.values()):
             raise MechanismError(
-                f"'{label}' must be an expression, or {{name: scalar}} for lines with names, got {given!r}"
+                f"'{label}' must be an expression, or {{name: scalar}} for lines with names, got {drawn!r}"
             )
         read_expressions({label: 0})
-        found[label] = list(named), ca.vertcat(*named.values())
-    return found
+        lines[label] = list(named), ca.vertcat(*named.values())
+    return lines
 
 
 def component_names(name: str, shape: tuple[int, int]) -> list[str]:
@@ -131,13 +131,13 @@ def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray
         A vector of two gives ``name.x`` and ``name.y``, others ``name[0]``
         and so on. Without, the columns of ``Trajectory.to_csv``.
     """
-    found = default_expressions(motion) if expressions is None else read_expressions(expressions)
-    names = [part for name, expression in found.items() for part in component_names(name, expression.shape)]
+    named = default_expressions(motion) if expressions is None else read_expressions(expressions)
+    names = [part for name, expression in named.items() for part in component_names(name, expression.shape)]
     repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if repeated:
         raise MechanismError(f"two columns would be called '{repeated[0]}'; give the expressions other names")
     if not names:
         return {}
-    stacked = ca.veccat(*[expression.T for expression in found.values()])  # CasADi stacks by column, names run by row
+    stacked = ca.veccat(*[expression.T for expression in named.values()])  # CasADi stacks by column, names run by row
     values = motion[stacked].reshape(len(motion), len(names))
     return dict(zip(names, values.T, strict=True))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv
 import importlib
 import json
+import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +16,14 @@ import numpy as np
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import FileError, MechanismError
+from ..errors import MechanismError, MechanismWarning
 from ..model.mechanism import Mechanism
-from .archives import read_arrays, write_arrays
+from ..numerics.writing import whole_file
+from .archives import Archive, check_names, read_arrays, write_arrays
 from .columns import columns, read_expressions
+from .fingerprint import difference, fingerprint
 from .state import State
 from .trajectory import EventOccurrence, Statistics, Trajectory
-from .writing import whole_file
 
 if TYPE_CHECKING:
     import pandas
@@ -40,7 +42,7 @@ def to_pandas(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
     motion : Trajectory
         The motion.
     expressions : dict of str to expression, optional
-        Scalars are named as given; a vector of two becomes ``name.x`` and
+        Scalars keep their names; a vector of two becomes ``name.x`` and
         ``name.y``, others ``name[0]`` and so on. Without, the columns of :func:`to_csv`.
     """
     pd = _imported("pandas", "to_pandas")
@@ -56,7 +58,7 @@ def to_xarray(motion: Trajectory, expressions: dict[str, Any] | None = None) -> 
         The motion.
     expressions : dict of str to expression, optional
         One variable each; a vector of two has the dimension ``axis`` (x, y),
-        others have dimensions ``name_0`` and ``name_1`` of their own. Without, ``q, v, a`` by
+        others have the dimensions ``name_0`` and ``name_1``. Without, ``q, v, a`` by
         ``coordinate``, ``lam`` by ``row``, ``z`` by ``state`` and ``inputs`` by ``input``.
     """
     xr = _imported("xarray", "to_xarray")
@@ -90,7 +92,7 @@ def to_csv(motion: Trajectory, path: str | Path, expressions: dict[str, Any] | N
         As for :func:`to_pandas`. Without: ``body.x, .y, .phi, .vx, .vy,
         .omega, .ax, .ay, .alpha``; by joint ``joint.fx, .fy`` (N, global axes)
         and ``.torque`` (N m, about the joint marker), which act on the second
-        marker's body, or on the one that moves where that is the ground;
+        marker's body, or on the one that moves if that is the ground;
         ``driver.effort``; inputs and first-order states.
     """
     table = columns(motion, expressions)
@@ -112,20 +114,23 @@ def save(motion: Trajectory, path: str | Path) -> None:
     motion : Trajectory
         The motion.
     path : str or Path
-        The file, named as given; ``.npz`` is usual.
+        The file; ``.npz`` is usual, and is not added.
     """
     content: dict[str, Any] = {"format": _FORMAT, "t": motion.t, "parameters": motion.parameters}
     content |= {name: getattr(motion, name) for name in _ARRAYS}
     content |= {f"{kind} names": np.array(names, dtype=str) for kind, names in _names(motion.equations).items()}
+    content["fingerprint"] = fingerprint(motion.equations, motion.arguments)
     content["missing multipliers"] = motion._missing_multipliers
     content["statistics"] = json.dumps(asdict(motion.statistics))
     content["event names"] = np.array([event.name for event in motion.events], dtype=str)
-    content["event t"] = np.array([event.t for event in motion.events])
+    content["event t"] = np.array([event.t for event in motion.events], float)
     for name in _ARRAYS:
-        values = [getattr(event.state, name) for event in motion.events]
-        content[f"event {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
-        values = [getattr(event.after or event.state, name) for event in motion.events]
-        content[f"event after {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
+        for entry, states in (
+            ("event", [event.state for event in motion.events]),
+            ("event after", [event.after or event.state for event in motion.events]),
+        ):
+            values = [getattr(state, name) for state in states]
+            content[f"{entry} {name}"] = np.reshape(values, (len(values), getattr(motion, name).shape[1]))
     content["event resets"] = np.array([event.after is not None for event in motion.events], dtype=bool)
     write_arrays(path, content)
 
@@ -149,7 +154,13 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
     Raises
     ------
     FileError
-        For a file that is none, or belongs to another mechanism; it names the first difference.
+        If the file cannot be read, an entry is missing or damaged, or it belongs to a mechanism with other names; it
+        names the first difference.
+
+    Warns
+    -----
+    MechanismWarning
+        If the mechanism has the same names, but other masses, lengths or forces than the one that was saved.
 
     Examples
     --------
@@ -158,15 +169,31 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
     >>> mbd.simulate(model, duration=0.1).save("run.npz")  # doctest: +SKIP
     >>> motion = mbd.read_trajectory("run.npz", model)  # doctest: +SKIP
     """
-    content = read_arrays(Path(path), _FORMAT, "trajectory", "Trajectory.save")
+    if not isinstance(mechanism, Mechanism):
+        raise MechanismError(f"read_trajectory: takes a mechanism after the path, got {mechanism!r}")
+    archive = read_arrays(path, _FORMAT, "trajectory", "Trajectory.save")
     eom = equations(mechanism)
     for kind, names in _names(eom).items():
-        _check_names(path, kind, content[f"{kind} names"].tolist(), names)
-    parameters = content["parameters"]
-    q, v, a, z, lam, u = (content[name] for name in _ARRAYS)
+        check_names(archive, kind, "trajectory", names)
+    t = archive.numbers("t", None)
+    if np.any(np.diff(t) < 0):
+        raise archive.refuse("the entry 't' decreases")
+    parameters = archive.numbers("parameters", len(mechanism.parameters))
+    arrays = q, v, a, z, lam, u = _states(archive, "", eom, t.size)
+    if "fingerprint" in archive:
+        here = fingerprint(eom, (t[:, None], *arrays, parameters[None]))
+        other = difference(eom, archive["fingerprint"], here)
+        if other:
+            warnings.warn(
+                f"{path}: the mechanism has the names of the one that was saved, but differs from it in {other}",
+                MechanismWarning,
+                stacklevel=2,
+            )
+    known = {field.name for field in fields(Statistics)}
+    statistics = archive.json("statistics") if "statistics" in archive else {}
     return Trajectory(
         mechanism,
-        content["t"],
+        t,
         q,
         v,
         a,
@@ -174,22 +201,38 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
         lam,
         u,
         parameters,
-        events=[_event(mechanism, content, k) for k in range(content["event t"].size)],
-        statistics=Statistics(**json.loads(str(content["statistics"]))),
-        refine=_refine(eom, content),
-        missing_multipliers=str(content["missing multipliers"]),
+        events=_events(archive, eom, parameters),
+        statistics=Statistics(**{name: value for name, value in dict(statistics).items() if name in known}),
+        refine=_refine(eom, t, q, parameters),
+        missing_multipliers=str(archive.get("missing multipliers", "")),
     )
 
 
-def _event(mechanism: Mechanism, content: dict[str, np.ndarray], k: int) -> EventOccurrence:
-    time = float(content["event t"][k])
+def _states(archive: Archive, prefix: str, eom: Equations, count: int) -> list[np.ndarray]:
+    """``q, v, a, z, lam, u`` by time."""
+    sizes = (x.numel() for x in (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u))
+    return [
+        archive.numbers(prefix + name, count, size, unknown=name != "q")
+        for name, size in zip(_ARRAYS, sizes, strict=True)
+    ]
 
-    def state(which: str) -> State:
-        q, v, a, z, lam, u = (content[f"{which} {name}"][k] for name in _ARRAYS)
-        return State(mechanism, time, q, v, a, z, lam, u, content["parameters"])
 
-    after = state("event after") if "event resets" in content and content["event resets"][k] else None
-    return EventOccurrence(str(content["event names"][k]), time, state("event"), after)
+def _events(archive: Archive, eom: Equations, parameters: np.ndarray) -> list[EventOccurrence]:
+    times = archive.numbers("event t", None)
+    names = archive.names("event names", times.size)
+    before = _states(archive, "event ", eom, times.size)
+    # files of older versions know no resets
+    resets = archive.numbers("event resets", times.size) if "event resets" in archive else np.zeros(times.size, bool)
+    after = _states(archive, "event after ", eom, times.size) if np.any(resets) else before
+
+    def state(arrays: Sequence[np.ndarray], k: int) -> State:
+        q, v, a, z, lam, u = (x[k] for x in arrays)
+        return State(eom.mechanism, float(times[k]), q, v, a, z, lam, u, parameters)
+
+    return [
+        EventOccurrence(name, float(times[k]), state(before, k), state(after, k) if resets[k] else None)
+        for k, name in enumerate(names)
+    ]
 
 
 def _names(eom: Equations) -> dict[str, tuple[str, ...]]:
@@ -203,22 +246,14 @@ def _names(eom: Equations) -> dict[str, tuple[str, ...]]:
     }
 
 
-def _check_names(path: str | Path, kind: str, found: Sequence[str], expected: Sequence[str]) -> None:
-    for k in range(max(len(found), len(expected))):
-        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (found, expected))
-        if there != here:
-            raise FileError(
-                f"{path}: the trajectory belongs to another mechanism: its {kind} number {k + 1} is {there}, "
-                f"that of the mechanism is {here}"
-            )
-
-
-def _refine(eom: Equations, content: dict[str, np.ndarray]) -> Callable[..., tuple[np.ndarray, ...]] | None:
-    """How values between the times return onto the constraints, as in the run that was saved."""
-    if not content["t"].size or any(getattr(element, "modes", ()) for element in eom.mechanism.elements):
+def _refine(
+    eom: Equations, t: np.ndarray, q: np.ndarray, parameters: np.ndarray
+) -> Callable[..., tuple[np.ndarray, ...]] | None:
+    """Return the function that brings values between the times onto the constraints, as in the run that was saved."""
+    if not t.size or any(getattr(element, "modes", ()) for element in eom.mechanism.elements):
         return None  # the constraints of exact friction change along the motion
-    numeric = NumericEquations(eom, content["parameters"])
-    redundant = numeric.rank(float(content["t"][0]), content["q"][0]).rank < eom.lam.numel()
+    numeric = NumericEquations(eom, parameters)
+    redundant = numeric.rank(float(t[0]), q[0]).rank < eom.lam.numel()
     return Recovery(numeric, redundant=redundant).refine()
 
 

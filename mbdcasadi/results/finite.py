@@ -1,4 +1,4 @@
-"""Values that are no numbers, though everything they are made of is one."""
+"""Values that are NaN though everything they depend on is finite."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..printing import to_text
 
 
 def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments: Sequence[np.ndarray]) -> None:
-    """Raise where an expression is NaN at a state whose every part it depends on is finite.
+    """Raise an error if an expression is NaN at a state although all that it depends on is finite.
 
     What is unknown itself may be NaN: the multipliers of a kinematic analysis.
 
@@ -39,16 +39,16 @@ def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments:
         return
     at = np.flatnonzero(missing.reshape(len(values), -1).any(axis=1))
     used = {symbol.element_hash() for symbol in symbols_of(expression)}
-    for group, given in zip(eom.symbols, arguments, strict=True):
+    for group, values_of in zip(eom.symbols, arguments, strict=True):
         columns = [k for k, symbol in enumerate(ca.vertsplit(group)) if symbol.element_hash() in used]
-        known = np.isfinite(given[:, columns]).all(axis=1)
+        known = np.isfinite(values_of[:, columns]).all(axis=1)
         at = at[np.broadcast_to(known, (len(values),))[at]]
     if at.size:
         t = float(arguments[0][at[0], 0])
         text = to_text(expression) if expression.numel() == 1 else f"an expression of shape {expression.shape}"
         text = text if len(text) <= 100 else text[:97] + "..."
         raise ExpressionError(
-            f"{text} is not finite at t = {t:.6g} s, where all that it depends on is: the data of a spline with "
-            'outside="error" are left, or a function (sqrt, log, a quotient) has no value there',
+            f"{text} is not finite at t = {t:.6g} s, though all that it depends on is finite: the data of a spline "
+            'with outside="error" are left, or a function (sqrt, log, a quotient) has no value there',
             time=t,
         )

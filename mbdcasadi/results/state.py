@@ -1,7 +1,8 @@
-"""One instant of a mechanism."""
+"""One instant of a mechanism, and events that take place at one."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -9,12 +10,13 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from .finite import refuse_nan
 
 
-class State:
+class State(HoldsSymbols):
     """Pose, velocity, acceleration and multipliers of a mechanism at one time.
 
     ``state[expression]`` evaluates anything.
@@ -29,7 +31,7 @@ class State:
         Coordinates, velocities, accelerations, first-order states,
         multipliers, inputs and parameters, in the order of ``equations(mechanism)``.
     obstacle : MechanismError, optional
-        Why there are no accelerations and multipliers, where there are none.
+        Reason if there are no accelerations and multipliers.
 
     Examples
     --------
@@ -68,7 +70,7 @@ class State:
 
     @property
     def obstacle(self) -> MechanismError | None:
-        """Why there are no accelerations and multipliers; None where they are known."""
+        """Reason if there are no accelerations and multipliers; None if they are known."""
         return self._obstacle
 
     @property
@@ -82,7 +84,7 @@ class State:
         Raises
         ------
         ExpressionError
-            For a symbol that the mechanism does not have, and where the expression has no value.
+            For a symbol that the mechanism does not have, and if the expression has no value.
         """
         expression = as_expression(expression, "state[…]")
         eom = self.equations
@@ -110,3 +112,25 @@ class State:
             lines.append(f"  {names[k]} = {self.q[k]:.6g}")
         lines += [f"  {s.label} = {value:.6g}" for s, value in zip(self.mechanism.states, self.z, strict=True)]
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class EventOccurrence:
+    """An event that took place.
+
+    Attributes
+    ----------
+    name : str
+        Name of the event.
+    t : float
+        Time, s.
+    state : State
+        State at that time; just before, if the event resets velocities.
+    after : State or None
+        State just after a reset.
+    """
+
+    name: str
+    t: float
+    state: State
+    after: State | None = None

@@ -1,4 +1,4 @@
-"""What a motion came to, in a few lines of text."""
+"""Summary of a motion in a few lines of text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NOTHING = 1e-9
 
 
 def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
-    """Return a table of what a motion came to.
+    """Return a summary of a motion as a table.
 
     Parameters
     ----------
@@ -56,29 +56,29 @@ def _parts(motion: Trajectory) -> str:
 
 
 def _table(title: str, entries: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Entries under one title, which stands beside the first of them."""
+    """Entries under one title, beside the first of them."""
     width = max(map(len, entries), default=0) + 2
     return [(title if k == 0 else "", f"{name:{width}}{text}") for k, (name, text) in enumerate(entries.items())]
 
 
 def _efforts(motion: Trajectory) -> dict[str, str]:
-    found = {}
+    entries = {}
     for driver in motion.mechanism.drivers:
         unit = effort_unit(driver)
         for name, values in columns(motion, {driver.name: -driver.multipliers}).items():
-            found[name] = f"{_rounded(np.nanmin(values))} … {_rounded(np.nanmax(values))} {unit}"
-    return found
+            entries[name] = f"{_rounded(np.nanmin(values))} … {_rounded(np.nanmax(values))} {unit}"
+    return entries
 
 
 def _reactions(motion: Trajectory) -> dict[str, str]:
-    found = {}
+    entries = {}
     for joint in joints_of(motion.mechanism):
         reaction = joint.reaction_on(reaction_body(joint))
         sizes = columns(motion, {"N": norm(reaction.force), "N m": norm(reaction.torque)})
         largest = {unit: int(np.nanargmax(size)) for unit, size in sizes.items() if np.nanmax(size) > _NOTHING}
         parts = [f"{_rounded(sizes[unit][k])} {unit} at t = {motion.t[k]:.4g} s" for unit, k in largest.items()]
-        found[joint.name] = ", ".join(parts) or "none"
-    return found
+        entries[joint.name] = ", ".join(parts) or "none"
+    return entries
 
 
 def _rounded(value: float) -> str:

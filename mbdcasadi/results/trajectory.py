@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,13 @@ import numpy as np
 
 from ..equations import Equations, equations
 from ..errors import MechanismError
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
-from .records import Drift, Energy, EventOccurrence, Statistics
-from .state import State
+from .state import EventOccurrence, State
 
 if TYPE_CHECKING:
     import pandas
@@ -26,7 +28,32 @@ if TYPE_CHECKING:
 __all__ = ["Drift", "Energy", "EventOccurrence", "Statistics", "Trajectory"]
 
 
-class Trajectory:
+@dataclass
+class Statistics:
+    """Statistics of the run that computed a trajectory.
+
+    Attributes
+    ----------
+    method : str
+        Integrator or solver.
+    formulation : str
+        Form of the equations that it integrated.
+    seconds : float
+        Wall-clock time of the run, s.
+    restarts : int
+        Number of starts of the integrator.
+    notes : list of str
+        Remarks for the user.
+    """
+
+    method: str = ""
+    formulation: str = ""
+    seconds: float = 0.0
+    restarts: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+class Trajectory(HoldsSymbols):
     """States of a mechanism at times; ``motion[expression]`` evaluates anything.
 
     Parameters
@@ -43,12 +70,12 @@ class Trajectory:
     events : sequence of EventOccurrence, optional
         Events that took place.
     statistics : Statistics, optional
-        How it was computed.
+        Statistics of the run.
     refine : callable, optional
         ``refine(t, q, v, z, u) -> (q, v, a, lam, u)`` brings interpolated values
         back onto the constraints; see :meth:`at`.
     missing_multipliers : str, optional
-        Why there are no multipliers, where there are none.
+        Reason if there are no multipliers.
     """
 
     def __init__(
@@ -96,10 +123,10 @@ class Trajectory:
         Raises
         ------
         ExpressionError
-            For a symbol that the mechanism does not have, and where the expression has no value.
+            For a symbol that the mechanism does not have, and if the expression has no value.
         """
         expression = as_expression(expression, "motion[…]")
-        function, given = self._compiled(expression)
+        function, arguments = self._compiled(expression)
         if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
             raise MechanismError(self._missing_multipliers)
         rows, columns = expression.shape
@@ -107,19 +134,23 @@ class Trajectory:
         if count == 0:
             values = np.zeros((0, rows, columns))
         else:
-            stacked = function(*[x.T for x in given]).full()
+            stacked = function(*[x.T for x in arguments]).full()
             if stacked.shape[1] == columns:  # nothing in it varies: CasADi evaluated it once
                 stacked = np.tile(stacked, (1, count))
             values = stacked.reshape(rows, count, columns).transpose(1, 0, 2)
-            refuse_nan(self.equations, expression, values, given[: len(self.equations.symbols)])
+            refuse_nan(self.equations, expression, values, arguments[: len(self.equations.symbols)])
         if rows * columns == 1:
             return values.reshape(count)
         return values.reshape(count, rows * columns) if 1 in (rows, columns) else values
 
+    @property
+    def arguments(self) -> tuple[np.ndarray, ...]:
+        """``(t, q, v, a, z, lam, u, p)`` for compiled expressions, by time (n_t, k); the parameters are (1, k)."""
+        return self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
+
     def _compiled(self, expression: ca.SX) -> tuple[ca.Function, tuple[np.ndarray, ...]]:
         """Function of an expression, and its arguments by time."""
-        given = self.t[:, None], self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters[None, :]
-        return self.equations.function(expression), given
+        return self.equations.function(expression), self.arguments
 
     def state(self, index: int) -> State:
         """State at one of the times, by index."""
@@ -169,7 +200,7 @@ class Trajectory:
         wanted = np.atleast_1d(np.asarray(times, float))
         if not self.t.size or not wanted.size:
             raise MechanismError(
-                "a trajectory of no times cannot be interpolated" if wanted.size else "at() was given no times"
+                "a trajectory of no times cannot be interpolated" if wanted.size else "at() needs at least one time"
             )
         slack = 1e-12 * max(1.0, abs(self.t[-1]))
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
@@ -178,18 +209,15 @@ class Trajectory:
                 f"the trajectory covers t = {self.t[0]:.6g} … {self.t[-1]:.6g} s, not t = {wanted[outside][0]:.6g} s"
             )
         if self._refine is None:
-            raise MechanismError(
-                "this trajectory was read from arrays and knows no way to interpolate between its times"
-            )
+            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
         wanted = np.clip(wanted, self.t[0], self.t[-1])
-        jumps = any(event.after is not None for event in self.events)
-        q, v, z, u = (self._with_jumps if jumps else self)._between(wanted)
+        q, v, z, u = self.with_jumps._between(wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return self._at(wanted, q, v, a, z, lam, u)
 
     @property
     def interpolates(self) -> bool:
-        """Whether :meth:`at` can be asked; not where the trajectory was made from arrays alone."""
+        """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
 
     def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -199,8 +227,10 @@ class Trajectory:
         return q, v, z, linear(self.t, self.inputs, wanted)
 
     @cached_property
-    def _with_jumps(self) -> Trajectory:
-        """The same with the states just before and just after each reset among its times."""
+    def with_jumps(self) -> Trajectory:
+        """The same with the states just before and just after each reset among its times; itself if there is none."""
+        if all(event.after is None for event in self.events):
+            return self
         parts: list[tuple[np.ndarray, ...]] = [(self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs)]
         for event in self.events:
             if event.after is None:
@@ -208,7 +238,7 @@ class Trajectory:
             for time, s in ((event.t, event.state), (np.nextafter(event.t, np.inf), event.after)):
                 parts.append((np.array([time]), *(x[None] for x in (s.q, s.v, s.a, s.z, s.lam, s.inputs))))
         t, *arrays = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        # of states at one time the first stands before a jump, and the last behind it
+        # of states at one time the first is before a jump, and the last behind it
         order = np.argsort(t, kind="stable")
         once = np.r_[np.diff(t[order]) > 0, True]
         return self._at(t[order][once], *(x[order][once] for x in arrays))
@@ -246,16 +276,11 @@ class Trajectory:
     @property
     def drift(self) -> Drift:
         """Largest violation of the constraints at position and velocity level."""
-        eom = self.equations
-        if not eom.lam.numel() or not self.t.size:
+        if not self.t.size:
             return Drift(0.0, 0.0)
-        position = self[eom.Phi] if eom.Phi.numel() else np.zeros(1)
-        # rows that hold in some modes only (stick and slip) do not count
-        always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]
-        velocity = self[(eom.Phi_q @ eom.v - eom.nu)[always]] if always else np.zeros(1)
-        return Drift(float(np.max(np.abs(position))), float(np.max(np.abs(velocity))))
+        return Drift(*(float(np.max(sizes)) for sizes in violations(self)))
 
-    # --- where people work ------------------------------------------------------------------
+    # --- tables and files -------------------------------------------------------------------
     def to_pandas(self, expressions: dict[str, Any] | None = None) -> pandas.DataFrame:
         """Return a DataFrame over time; without expressions the columns of :meth:`to_csv`."""
         from .export import to_pandas

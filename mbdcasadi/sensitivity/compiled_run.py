@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Collection, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,10 +18,12 @@ from ..numerics.console import call
 from ..results.state import State
 from ..simulation.modes import SingleMode
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.time_dependence import time_dependence
 from .design_variables import DesignVariables
-from .differentiable_motion import DifferentiableMotion
+from .differentiable_motion import Course, DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
+
+#: Patterns of cuts for which compiled functions are kept.
+PATTERNS = 16
 
 
 class MotionSetup(Setup):
@@ -70,26 +73,11 @@ class MotionSetup(Setup):
     def start(self) -> State:
         return self.differentiable_start.state
 
-    def motion(self, integrands: ca.SX | None = None) -> DifferentiableMotion:
-        """Return the motion over the grid, in as many pieces as it takes to stay on the constraints."""
-        start, timed = self.start, time_dependence(self)
-        obstacle = timed.obstacle()
-        if obstacle is not None:
-            raise obstacle
-        motion = DifferentiableMotion(
-            self.numeric,
-            self.signals,
-            self.grid,
-            self.integrator,
-            redundant=self.has_redundant_rows,
-            integrands=integrands,
-            unknowns=np.r_[start.a, start.lam],
-            stops=timed.stops,
-            jumps=timed.jumps,
-            max_step=timed.max_step,
-        )
-        motion.cut_where_it_drifts(np.r_[start.q, start.v, start.z])
-        return motion
+    def motion(
+        self, varied: Collection[int], *, integrands: ca.SX | None = None, in_state: bool = True
+    ) -> DifferentiableMotion:
+        """Return the motion over the grid; see :class:`DifferentiableMotion`."""
+        return DifferentiableMotion(self, self.integrator, varied=varied, integrands=integrands, in_state=in_state)
 
 
 class CompiledRun:
@@ -110,25 +98,15 @@ class CompiledRun:
     def __init__(self, setup: MotionSetup, wrt: Any, expressions: Sequence[ca.SX], integrands: ca.SX | None = None):
         start = setup.differentiable_start
         self.setup = setup
-        self.motion = setup.motion(integrands=integrands)
-        self.design = DesignVariables(wrt, start, self.motion, setup.initial)
+        self.design = DesignVariables(wrt, setup, start)
+        self.motion = setup.motion(self.design.varied, integrands=integrands)
         self.guess = start.guess
-        d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
-        p, right, z, levels, channel = self.design.arguments(d)
-        x0, solution, residual = start.function(p, right, z, guess)
-        states = self.motion.motion()(x0, p, levels, channel)
-        outputs = self.motion.outputs(expressions)(states, p, levels, channel)
-        self.rows = outputs.shape[0]
-        totals = states[-1 - self.motion.integrals : -1, -1]
-        self.function = ca.Function(
-            "run",
-            [d, guess],
-            [ca.vertcat(ca.vec(outputs), totals), states, residual, solution],
-            ["d", "guess"],
-            ["y", "X", "r", "s"],
-        )
-        self._values = ca.Function("values", [d, guess], [ca.vertcat(ca.vec(outputs), totals)])
-        self._derivatives: dict[tuple[str, int], ca.Function] = {}
+        self._expressions = list(expressions)
+        self.rows = sum(e.numel() for e in self._expressions)
+        d = ca.MX.sym("d", self.design.size)
+        self._given = ca.Function("given", [d], list(self.design.arguments(d)))
+        self._outputs = self.motion.outputs(expressions)
+        self._compiled: OrderedDict[Any, Compiled] = OrderedDict()
 
     def values(self, d: np.ndarray) -> np.ndarray:
         """All outputs (n_y n_t + integrals,), time by time.
@@ -136,17 +114,14 @@ class CompiledRun:
         Raises
         ------
         ModelError
-            Where a parameter is out of what the model allows.
+            For parameters beyond what the model allows.
         SimulationError
-            Where no start is found near the last one, or the integrator stops.
+            If no start is found near the last one, or the integrator stops.
         """
         self.setup.mechanism.check_values(self.design.parameters(d))
-        y, states, residual, solution = self._call(self.function, d, self.guess)
-        if not found(float(residual)):
-            raise SimulationError(
-                f"no start that meets the constraints and initial= was found at {self._where(d)}: "
-                "the linkage does not reach there, or the values are too far from the last ones"
-            )
+        course = self._course(d)
+        y, states, residual, solution = self._call(self._of(course).function, d, self.guess, *course.arguments)
+        self._refuse_no_start(float(residual), d)
         if not self.motion.reached(states.full()):
             raise SimulationError(self._stopped(d, "the step size became too small, or a value was not finite"))
         self.guess = solution.full().ravel()
@@ -154,22 +129,61 @@ class CompiledRun:
 
     def forward(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outputs and their derivatives (n, n_d), by forward sensitivities."""
-        y = self.values(d)
-        function = self._derivative("forward", self.design.size)
-        slope = self._call(
-            function, d, self.guess, y, np.eye(self.design.size), np.zeros((self.guess.size, self.design.size))
-        )
+        y, size = self.values(d), self.design.size
+        course = self._course(d)
+        given = [self.guess, *course.arguments]
+        function = self._of(course).derivative("forward", size)
+        slope = self._call(function, d, *given, y, np.eye(size), *still(given, size))
         return y, slope.full()
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
         remedy = 'take method="erk", or larger tolerances' if self.setup.integrator.is_multistep else None
-        return self._call(self._derivative("reverse", 1), d, self.guess, y, weights, remedy=remedy)[0].full().ravel()
+        course = self._course(d)
+        function = self._of(course).derivative("reverse", 1)
+        return self._call(function, d, self.guess, *course.arguments, y, weights, remedy=remedy)[0].full().ravel()
 
-    def _derivative(self, kind: str, count: int) -> ca.Function:
-        if (kind, count) not in self._derivatives:
-            self._derivatives[kind, count] = getattr(self._values, kind)(count)
-        return self._derivatives[kind, count]
+    # --- the course ---------------------------------------------------------------------------
+    def _course(self, d: np.ndarray) -> Course:
+        """Where the motion is cut."""
+        p, right, z, levels, channel = (part.full() for part in self._given(d))
+        start = None
+        if self.motion.follows_state:
+            x, _, residual = self._call(self.setup.differentiable_start.function, p, right, z, self.guess)
+            self._refuse_no_start(float(residual), d)
+            start = x.full().ravel()
+        return self.motion.course(start, p.ravel(), levels.ravel(), channel)
+
+    def _of(self, course: Course) -> Compiled:
+        """What is compiled for a course and others of its pattern."""
+        pattern = course.pattern
+        if pattern not in self._compiled:
+            self._compiled[pattern] = Compiled(self._function(course), 1)
+            while len(self._compiled) > PATTERNS:
+                self._compiled.popitem(last=False)
+        self._compiled.move_to_end(pattern)
+        return self._compiled[pattern]
+
+    def _function(self, course: Course) -> ca.Function:
+        """``(d, guess, cuts, sides, borders) -> (y, X, residual of the start, its solution)``."""
+        start, motion = self.setup.differentiable_start, self.motion
+        d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
+        arguments = course.symbols
+        p, right, z, levels, channel = self._given(d)
+        x0, solution, residual = start.function(p, right, z, guess)
+        states, _ = motion.motion(course)(x0, p, levels, channel, *arguments)
+        outputs = self._outputs(states, p, levels, channel)
+        totals = states[-1 - motion.integrals : -1, -1]
+        return ca.Function(
+            "run", [d, guess, *arguments], [ca.vertcat(ca.vec(outputs), totals), states, residual, solution]
+        )
+
+    def _refuse_no_start(self, residual: float, d: np.ndarray) -> None:
+        if not found(residual):
+            raise SimulationError(
+                f"no start that meets the constraints and initial= was found at {self._where(d)}: "
+                "the linkage does not reach there, or the values are too far from the last ones"
+            )
 
     def _call(self, function: ca.Function, *arguments: Any, remedy: str | None = None) -> Any:
         try:
@@ -187,3 +201,32 @@ class CompiledRun:
             for e, low in zip(self.design.entries, self.design.places[:-1], strict=True)
         ]
         return ", ".join(parts)
+
+
+class Compiled:
+    """A compiled function and its derivatives, for one pattern of cuts.
+
+    Parameters
+    ----------
+    function : casadi.Function
+        The function.
+    outputs : int, optional
+        How many of its outputs, the first ones, are differentiated; all of them if left out.
+    """
+
+    def __init__(self, function: ca.Function, outputs: int | None = None):
+        self.function = function
+        given = function.mx_in()
+        self._values = function if outputs is None else ca.Function("values", given, function(*given)[:outputs])
+        self._derivatives: dict[tuple[str, int], ca.Function] = {}
+
+    def derivative(self, kind: str, count: int) -> ca.Function:
+        """Derivatives, "forward" or "reverse", in a number of directions."""
+        if (kind, count) not in self._derivatives:
+            self._derivatives[kind, count] = getattr(self._values, kind)(count)
+        return self._derivatives[kind, count]
+
+
+def still(arguments: Sequence[np.ndarray], count: int) -> list[np.ndarray]:
+    """Seeds of arguments that do not change in any of a number of directions."""
+    return [np.zeros((ca.DM(a).size1(), count * ca.DM(a).size2())) for a in arguments]

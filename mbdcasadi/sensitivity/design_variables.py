@@ -10,12 +10,13 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.values import position_in
+from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, StateVariable
 from ..results.state import State
-from .differentiable_motion import DifferentiableMotion
+from .differentiable_motion import channel_over
 from .differentiable_start import DifferentiableStart
 
 
@@ -61,20 +62,18 @@ class DesignVariables:
     wrt : sequence
         Parameters; inputs (the constant, or every sample); first-order states
         (their initial estimate); relations of ``initial=`` (their right side).
+    setup : Setup
+        Mechanism, parameters, inputs, times; ``initial`` as it was given, to recognise relations.
     start : DifferentiableStart
         The start.
-    motion : DifferentiableMotion
-        The motion.
-    initial : relations or State
-        As it was given, to recognise relations.
     """
 
-    def __init__(self, wrt: Any, start: DifferentiableStart, motion: DifferentiableMotion, initial: Any):
-        self.start, self.motion = start, motion
+    def __init__(self, wrt: Any, setup: Setup, start: DifferentiableStart):
+        self.start, self._setup = start, setup
         keys = entries(wrt, "wrt=")
         if not keys:
             raise ModelError("wrt= is empty; name parameters, inputs, states or relations of initial=")
-        self.entries = tuple(self._entry(key, initial) for key in keys)
+        self.entries = tuple(self._entry(key) for key in keys)
         for k, entry in enumerate(self.entries):
             if any(e.kind == entry.kind and e.index == entry.index for e in self.entries[:k]):
                 raise ModelError(f"wrt= names {entry.label} twice")
@@ -104,35 +103,36 @@ class DesignVariables:
         raise ModelError(f"{getattr(key, 'label', key)!r} is not among what was differentiated by: {names}")
 
     # --- reading --------------------------------------------------------------------
-    def _entry(self, key: Any, initial: Any) -> Entry:
-        mechanism, numeric = self.motion.numeric.eom.mechanism, self.motion.numeric
+    def _entry(self, key: Any) -> Entry:
+        mechanism, p = self._setup.mechanism, self._setup.p
         if isinstance(key, Parameter):
             k = position_in(mechanism.parameters, key, "wrt=")
-            return Entry(key, f"parameter '{key.label}'", "parameter", k, numeric.p[[k]], key.lower, key.upper)
+            return Entry(key, f"parameter '{key.label}'", "parameter", k, p[[k]], key.lower, key.upper)
         if isinstance(key, Input):
             return self._input(key, position_in(mechanism.inputs, key, "wrt="))
         if isinstance(key, StateVariable):
             k = position_in(mechanism.states, key, "wrt=")
             value = self.start.z_estimate[[k]]
             return Entry(key, f"start of state '{key.label}'", "state", k, value, key.lower, key.upper)
-        return self._relation(key, initial)
+        return self._relation(key)
 
     def _input(self, key: Input, k: int) -> Entry:
-        samples = self.motion.signals.samples
+        signals = self._setup.signals
+        samples = signals.samples
         if k in samples:
             place = list(samples).index(k)
             return Entry(key, f"input '{key.label}'", "samples", place, samples[k], key.lower, key.upper)
-        if k not in self.motion.signals.level_places:
+        if k not in signals.level_places:
             raise ModelError(
                 f"wrt= holds input '{key.label}', which is given by an expression in time or state; "
                 "put parameters into the expression and differentiate by these"
             )
-        place = self.motion.signals.level_places[k]
-        value = self.motion.signals.level_values[[place]]
+        place = signals.level_places[k]
+        value = signals.level_values[[place]]
         return Entry(key, f"input '{key.label}'", "input", place, value, key.lower, key.upper)
 
-    def _relation(self, key: Any, initial: Any) -> Entry:
-        if not isinstance(key, ca.SX) or key.numel() != 1 or isinstance(initial, State):
+    def _relation(self, key: Any) -> Entry:
+        if not isinstance(key, ca.SX) or key.numel() != 1 or isinstance(self._setup.initial, State):
             raise ModelError(f"wrt= takes parameters, inputs, states, or scalar relations of initial=; got {key!r}")
         labels = [c.label for c in self.start.conditions]
         read: Sequence[Condition] = read_conditions([key])
@@ -143,11 +143,11 @@ class DesignVariables:
     # --- setting --------------------------------------------------------------------------
     def arguments(self, d: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX, ca.MX]:
         """``p, right sides, z estimate, levels, channel`` as functions of the vector."""
-        numeric, motion = self.motion.numeric, self.motion
-        p, right = ca.MX(ca.DM(numeric.p)), ca.MX(ca.DM(self.start.right))
-        z, levels = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM(motion.signals.level_values))
-        channel = ca.MX(ca.DM(motion.channel()))
-        steps = ca.DM(np.diff(motion.grid)).T
+        signals, grid = self._setup.signals, self._setup.grid
+        p, right = ca.MX(ca.DM(self._setup.p)), ca.MX(ca.DM(self.start.right))
+        z, levels = ca.MX(ca.DM(self.start.z_estimate)), ca.MX(ca.DM(signals.level_values))
+        channel = ca.MX(ca.DM(channel_over(signals, grid)))
+        steps = ca.DM(np.diff(grid)).T
         for entry, low, high in zip(self.entries, self.places[:-1], self.places[1:], strict=True):
             given = d[int(low) : int(high)]
             if entry.kind == "parameter":
@@ -163,9 +163,14 @@ class DesignVariables:
                 channel[2 * entry.index + 1, :] = (given[1:] - given[:-1]).T / steps
         return p, right, z, levels, channel
 
+    @property
+    def varied(self) -> list[int]:
+        """Positions of the parameters among the entries."""
+        return [entry.index for entry in self.entries if entry.kind == "parameter"]
+
     def parameters(self, d: np.ndarray) -> np.ndarray:
         """Parameter values at a vector."""
-        p = self.motion.numeric.p.copy()
+        p = self._setup.p.copy()
         for entry, low in zip(self.entries, self.places[:-1], strict=True):
             if entry.kind == "parameter":
                 p[entry.index] = d[low]

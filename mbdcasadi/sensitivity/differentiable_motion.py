@@ -3,95 +3,155 @@
 Accelerations and multipliers at outputs come from the equations of motion
 there, after a step back onto the constraints; so derivatives of reactions are
 exact, forward and adjoint, which those through the algebraic outputs of IDAS are not.
+
+Where the equations jump the motion is cut. With ``w(t, x, p) = 0`` at the instant
+``tau``, rates ``f⁻`` before and ``f⁺`` after it,
+
+    x⁺ = x + f⁻ delta - f⁺ delta,    delta = -w / w_rate,
+
+where ``delta`` vanishes in value: its derivative is that of the instant.
+
+References
+----------
+Aizerman and Gantmacher, "Determination of stability by linear approximation of a periodic solution of a system of
+differential equations with discontinuous right-hand sides", Q. J. Mech. Appl. Math. 11 (1958) 385; Galán, Feehery,
+Barton, "Parametric sensitivity functions for hybrid discrete/continuous systems", Appl. Numer. Math. 31 (1999) 17.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
-from ..equations.numeric import NumericEquations
+from ..assembly.setup import Setup
 from ..equations.recovery import Recovery
+from ..equations.time_breaks import resolution
 from ..errors import ModelError
 from ..integrators import Integrator
 from ..integrators.compiled import MAX_STEPS, CompiledIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
-from ..simulation.resolution import has_gaps
+from ..simulation.gap_closings import has_gaps
 from ..simulation.schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from ..simulation.stepping import DECAY, perturbed
+from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
+from .held_system import HeldSystem, SwitchesInTime, parts_of_motion
+from .switching import Cut, Passage
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
 ACCEPTED = 10.0
+#: Courses that are kept.
+COURSES = 64
+
+
+@dataclass(frozen=True)
+class Course:
+    """Where a motion is cut at values of the parameters.
+
+    Attributes
+    ----------
+    stops : numpy.ndarray
+        Times over which no step may go, s.
+    jumps : numpy.ndarray
+        Times at which the equations jump, whatever the parameters are, s.
+    max_step : float or None
+        Longest step, s.
+    cuts : tuple of Cut
+        Instants that depend on the parameters, or at which sides change.
+    sides : tuple of float
+        Sides of the switches at the start.
+    """
+
+    stops: np.ndarray
+    jumps: np.ndarray
+    max_step: float | None
+    cuts: tuple[Cut, ...] = ()
+    sides: tuple[float, ...] = ()
+
+    @property
+    def pattern(self) -> tuple[Any, ...]:
+        """Hashable: courses with the same pattern share compiled functions."""
+        cuts = tuple((c.interval, c.at_output, c.joined, c.switches[:1], c.impulse) for c in self.cuts)
+        return cuts, self.stops.tobytes(), self.jumps.tobytes(), self.max_step, len(self.sides)
+
+    @property
+    def arguments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Times of the cuts, sides of the switches in all pieces by column, and borders."""
+        sides = np.array([self.sides, *(cut.sides for cut in self.cuts)]).T.reshape(-1, len(self.cuts) + 1)
+        times = np.array([cut.time for cut in self.cuts])
+        return times, sides, np.array([cut.border for cut in self.cuts])
+
+    @property
+    def symbols(self) -> list[ca.MX]:
+        """Symbols for these arguments."""
+        count = len(self.cuts)
+        shapes = {"cuts": (count, 1), "sides": (len(self.sides), count + 1), "borders": (count, 1)}
+        return [ca.MX.sym(name, *shape) for name, shape in shapes.items()]
 
 
 class DifferentiableMotion:
-    """A simulation as functions of ``(x0, p, levels, channel)``.
+    """A simulation as functions of ``(x0, p, levels, channel)``, and of its course.
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at parameters that are typical.
-    signals : Signals
-        Inputs; their levels are arguments.
-    grid : numpy.ndarray
-        Output times (n_t,), s.
+    setup : Setup
+        Mechanism, inputs and output times; its parameters are typical ones.
     integrator : Integrator
         Method and tolerances.
-    redundant : bool
-        Whether rows are dependent.
+    varied : collection of int
+        Positions of the parameters that change.
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
-    unknowns : numpy.ndarray, optional
-        Accelerations and multipliers at the start (n + m,), from which IDAS looks for consistent ones.
-    stops, jumps : numpy.ndarray, optional
-        Times over which no step may go, and at which the equations jump.
-    max_step : float, optional
-        Longest step, s.
+    in_state : bool
+        Whether switches in the state are cuts too; without, they are integrated over.
     """
 
     def __init__(
         self,
-        numeric: NumericEquations,
-        signals: Signals,
-        grid: np.ndarray,
+        setup: Setup,
         integrator: Integrator,
         *,
-        redundant: bool = False,
+        varied: Collection[int] = (),
         integrands: ca.SX | None = None,
-        unknowns: np.ndarray | None = None,
-        stops: np.ndarray | None = None,
-        jumps: np.ndarray | None = None,
-        max_step: float | None = None,
+        in_state: bool = True,
     ):
+        numeric, signals, grid = setup.numeric, setup.signals, setup.grid
         if signals.controller or signals.polynomials:
             raise ModelError(
                 "inputs= takes numbers, samples and expressions here; a SampledController or the polynomials of an "
                 "optimal solution cannot be differentiated or compiled: give samples of them"
             )
-        self.numeric, self.grid, self.redundant, self.signals = numeric, grid, redundant, signals
-        self._stops, self._jumps, self._max_step = stops, jumps, max_step
+        self.numeric, self.grid, self.signals, self.redundant = numeric, grid, signals, setup.has_redundant_rows
+        self._integrands = ca.SX(0, 1) if integrands is None else integrands
+        self.integrals = self._integrands.numel()
+        self.form = choose_formulation(numeric, integrator, redundant=self.redundant)
         self._abstol = integrator.abstol
-        self.form = choose_formulation(numeric, integrator, redundant=redundant)
-        self.integrals = 0 if integrands is None else integrands.numel()
-        self._dae = self.form.dae(numeric, signals, integrands)
         if integrator.is_multistep:
             # gradients by parameters are quadratures of the adjoint: outside the error test they were off by a quarter
             # where the adjoint itself is so simple that IDAS takes steps as long as the motion
             integrator = integrator.replace(options={"quad_err_con": True} | dict(integrator.options))
-            if has_gaps(numeric.eom.mechanism):  # free flight has steps that jump over short contacts
-                limits = [x for x in (max_step, float(grid[-1] - grid[0]) / WATCH_POINTS) if x is not None]
-                self._max_step = min(limits)
-        self._compiled = CompiledIntegrator(self._dae, integrator)
-        self._recovery = Recovery(numeric, redundant=redundant)
+        self._integrator = integrator
+        self._courses: OrderedDict[tuple[Any, ...], Course] = OrderedDict()
+        self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
+        start = setup.start
+        self._timed = timed_equations(setup, self._integrands)
+        self._parts = parts_of_motion(numeric, signals, self._integrands)
+        self._in_time = SwitchesInTime(numeric, signals, self._parts)
+        self._varied = self._in_time.depend_on(varied)
+        #: whether the course depends on the parameters that change
+        self.course_varies = bool(self._timed.parameters & frozenset(varied))
+        self._in_state = in_state
+        self._hold(frozenset())
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
-        self._unknowns = perturbed(unknowns) if unknowns is not None and self._dae.z.numel() else None
+        self._unknowns = perturbed(np.r_[start.a, start.lam]) if self._dae.z.numel() else np.zeros(0)
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
         if integrator.is_multistep and self.integrals and self.signals.is_sampled:
@@ -99,6 +159,30 @@ class DifferentiableMotion:
             # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
             # more steps than the motion it ended the process. Each interval is an integration of its own.
             self.pieces = grid.size - 1
+        self._cut_where_it_drifts(np.r_[start.q, start.v, start.z])
+
+    def _hold(self, active: frozenset[int]) -> None:
+        """Hold the switches in the state and the active ones in time, and compile the system."""
+        in_time = frozenset(self._in_time.nodes)
+        nodes = frozenset().union(*[part.nodes for part in self._parts])
+        free = in_time - active if self._in_state else nodes - active
+        self._active = active
+        self._system = HeldSystem(
+            self.numeric,
+            self.signals,
+            self._integrands,
+            redundant=self.redundant,
+            parts=self._parts,
+            free=free,
+            in_time=in_time,
+        )
+        self._dae = self.form.dae(self._system.numeric, self._system.signals, self._system.integrands)
+        self._compiled = CompiledIntegrator(self._dae, self._integrator)
+
+    @property
+    def follows_state(self) -> bool:
+        """Whether a course depends on the start: there are switches in the state."""
+        return not np.all(self._system.in_time)
 
     @property
     def channel_size(self) -> tuple[int, int]:
@@ -108,40 +192,134 @@ class DifferentiableMotion:
 
     def channel(self) -> np.ndarray:
         """Values of the channel as the inputs were given."""
-        found = self.signals.channel_from(self.grid[:-1])
-        return np.zeros(self.channel_size) if found is None else found
+        return channel_over(self.signals, self.grid)
 
     def _stretch(self, first: int, last: int) -> np.ndarray:
         """Times of the grid from one to another, both included."""
         return self.grid[first:] if last == -1 else self.grid[first : last + 1]
 
-    def motion(self, first: int = 0, last: int = -1) -> ca.Function:
-        """Return ``(x0, p, levels, channel) -> X`` over the grid, or from one of its times to another.
+    @property
+    def _decay(self) -> float:
+        """Rate at which drift decays in the regularised form."""
+        return DECAY * PIECES / float(self.grid[-1] - self.grid[0])
+
+    def _max_step(self, timed: TimeDependence) -> float | None:
+        """Longest step; free flight has steps that jump over short contacts."""
+        watched = float(self.grid[-1] - self.grid[0]) / WATCH_POINTS if self._has_gaps else None
+        return min([limit for limit in (timed.max_step, watched) if limit is not None], default=None)
+
+    # --- the course at values of the parameters -----------------------------------------------
+    def course(
+        self,
+        x0: np.ndarray | None,
+        p: np.ndarray,
+        levels: np.ndarray,
+        channel: np.ndarray,
+        first: int = 0,
+        last: int = -1,
+    ) -> Course:
+        """Find where the motion is cut.
+
+        Parameters
+        ----------
+        x0 : numpy.ndarray or None
+            Start ``(q, v, z)``; not needed unless the course :attr:`follows_state`.
+        p, levels, channel : numpy.ndarray
+            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the stretch.
+        first, last : int
+            Stretch of the grid.
+
+        Raises
+        ------
+        SimulationError
+            At a jump through which no derivative can be carried, with the name of the element.
+        """
+        given = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
+        if given not in self._courses:
+            self._courses[given] = self._found_course(x0, p, levels, channel, first, last)
+            while len(self._courses) > COURSES:
+                self._courses.popitem(last=False)
+        return self._courses[given]
+
+    def _found_course(
+        self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
+    ) -> Course:
+        grid, whole = self._stretch(first, last), self.grid
+        timed = dependence_at(self._timed, p, float(whole[0]), float(whole[-1]))
+        obstacle = timed.obstacle()
+        if obstacle is not None:
+            raise obstacle
+        width = resolution(float(whole[0]), float(whole[-1]))
+        flips = self._in_time.sides(timed.jumps - width, p) != self._in_time.sides(timed.jumps + width, p)
+        flipping = np.any(flips, axis=1)
+        if np.any(flipping & self._varied) or timed.velocity_jumps or self.follows_state:
+            needed = frozenset(node for node, flip in zip(self._in_time.nodes, flipping, strict=True) if flip)
+            if not needed <= self._active:
+                self._hold(self._active | needed)
+        system = self._system
+        if not system.size:
+            return Course(timed.stops, timed.jumps, self._max_step(timed))
+        places = {node: k for k, node in enumerate(self._in_time.nodes)}
+        own = np.array([places.get(switch.node, -1) for switch in system.switches])
+
+        def in_time(time: float) -> np.ndarray:
+            """Sides of the switches in time at an instant, of others zero."""
+            sides = self._in_time.sides(np.array([time]), p)[:, 0]
+            return np.where(system.in_time, sides[own], 0.0) if sides.size else np.zeros(system.size)
+
+        max_step = self._max_step(timed)
+        passage = Passage(
+            system,
+            self._compiled,
+            grid,
+            np.r_[x0, np.zeros(self.integrals)] if self.follows_state else None,
+            p=p,
+            levels=levels,
+            channel=channel,
+            stops=np.union1d(timed.stops, timed.jumps),
+            max_step=max_step,
+            watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
+            unknowns=self._unknowns,
+            rate=self._decay,
+            in_time=in_time(float(grid[0]) + width),
+        )
+        natural = []
+        for time in timed.jumps[(timed.jumps > grid[0] + width) & (timed.jumps <= grid[-1] + width)]:
+            sides = in_time(time + width)
+            flipped = np.flatnonzero(system.in_time & (sides != in_time(time - width)))
+            if flipped.size:
+                passage.advance(float(time))
+                strikes = any(abs(jump.time - time) <= 2 * width for jump in timed.velocity_jumps)
+                passage.change(flipped.tolist(), sides, impulse=strikes)
+            else:
+                natural.append(float(time))
+        passage.advance(float(grid[-1]))
+        return _with_stops(grid, passage, timed.stops, np.array(natural), max_step)
+
+    # --- the motion ----------------------------------------------------------------------------
+    def motion(self, course: Course, first: int = 0, last: int = -1) -> ca.Function:
+        """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a stretch of the grid.
 
         The states stand by column (n_x, n_t): ``(q, v, z)``, integrals, and a
-        clock. Pieces of equal steps share a compiled integrator.
+        clock; `end` is the state on the constraints after the last cut. The last
+        three arguments are those of the course, and of others of its pattern.
+        Pieces of equal steps share a compiled integrator.
         """
         grid = self._stretch(first, last)
-        schedule = Schedule(grid, stops=self._stops, jumps=self._jumps)
         size, rows = self._dae.x.numel() - self.integrals, self.channel_size[0]
         x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", self.numeric.eom.p.numel())
         levels = ca.MX.sym("levels", self.signals.levels.numel())
         channel = ca.MX.sym("channel", rows, grid.size - 1 if rows else 0)
-        columns = [ca.vertcat(x0, ca.MX.zeros(self.integrals + 1))]
-        now, begin = columns[0], float(grid[0])
-        for start, piece in self._cut(schedule, grid):
-            if start > 0:
-                now = self._projected(begin, now, p)
-            interval = np.clip(np.searchsorted(grid, piece.begins, side="right") - 1, 0, grid.size - 2)
-            inputs = channel[:, interval.tolist()] if rows else None
-            states = self._over(piece, now, p, levels, inputs)
-            columns.append(states[:, np.flatnonzero(piece.wanted).tolist()])
-            now, begin = states[:, -1], float(piece.times[-1])
-        states = ca.horzcat(*columns)
-        return ca.Function("motion", [x0, p, levels, channel], [states], ["x0", "p", "levels", "channel"], ["X"])
+        cuts, sides, borders = course.symbols
+        walk = _Walk(self, course, grid, ca.vertcat(x0, ca.MX.zeros(self.integrals + 1)), (p, levels, channel), sides)
+        walk.run(cuts, borders)
+        given = [x0, p, levels, channel, cuts, sides, borders]
+        names = ["x0", "p", "levels", "channel", "cuts", "sides", "borders"]
+        return ca.Function("motion", given, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
 
-    def _cut(self, schedule: Schedule, grid: np.ndarray) -> list[tuple[int, Piece]]:
-        """Pieces of a stretch: up to jumps of the equations, and ends at which the state is brought back."""
+    def schedule(self, course: Course, grid: np.ndarray) -> list[Piece]:
+        """Pieces of a stretch without cuts: up to jumps of the equations, and ends at which drift is taken away."""
+        schedule = Schedule(grid, stops=course.stops, jumps=course.jumps)
         intervals = grid.size - 1
         count = max(1, min(intervals, round(self.pieces * intervals / (self.grid.size - 1))))
         ends = grid[[part[-1] + 1 for part in np.array_split(np.arange(intervals), count)]]
@@ -149,58 +327,78 @@ class DifferentiableMotion:
         pieces, first, start = [], 0, float(grid[0])
         while first < schedule.size:
             last = min([schedule.next_break(first), *[k for k in lasts if k >= first]])
-            pieces.append((first, schedule.piece(start, first, last)))
+            pieces.append(schedule.piece(start, first, last))
             first, start = last + 1, float(schedule.times[last])
         return pieces
 
-    def _over(self, piece: Piece, begin: ca.MX, p: ca.MX, levels: ca.MX, channel: ca.MX | None) -> ca.MX:
-        """States at the times of a piece (n_x, k), with the clock of the whole stretch."""
-        start, times = piece.inside
-        length, count = float(times[-1] - start), times.size
-        fractions = np.r_[(times[:-1] - start) / length, 1.0]
-        given = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), piece.stops, count)
-        function = self._compiled.function(
-            fractions,
-            groups=given["groups"],
-            steps=MAX_STEPS,
-            least_steps=self._compiled.least_steps(length, self._max_step),
-        )
-        passed = begin[-1]
+    def integrated(
+        self,
+        x: ca.MX,
+        start: Any,
+        length: Any,
+        fractions: np.ndarray,
+        stops: np.ndarray,
+        least_steps: int,
+        parameters: tuple[ca.MX, ca.MX],
+        channel: ca.MX | None,
+    ) -> ca.MX:
+        """States, with the clock of the whole stretch, at fractions of a piece (n_x, k)."""
+        given = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+        function = self._compiled.function(fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps)
         # the rate at which drift decays in the regularised form comes last
-        rate = DECAY * PIECES / float(self.grid[-1] - self.grid[0])
         arguments: dict[str, Any] = {
-            "x0": ca.vertcat(begin[:-1], 0),
-            "p": ca.vertcat(start, length, p, levels, rate),
+            "x0": ca.vertcat(x[:-1], 0),
+            "p": ca.vertcat(start, length, *parameters, self._decay),
         }
-        if self._unknowns is not None:
+        if self._unknowns.size:
             arguments["z0"] = self._unknowns
         if given["u"] is not None:
             stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
             arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
         states = function(**arguments)["xf"]
-        return ca.vertcat(states[:-1, :], passed + length * states[-1, :])
+        return ca.vertcat(states[:-1, :], x[-1] + length * states[-1, :])
 
-    def _projected(self, time: Any, x: Any, p: Any) -> Any:
-        """A state, with whatever stands below it, brought onto the constraints."""
-        eom, n = self.numeric.eom, self.numeric.eom.q.numel()
-        q, v, weights = x[:n], x[n : 2 * n], ca.DM(self.numeric.weights)
-        if eom.Phi.numel():
-            q = self._recovery.position_step(time, q, p, weights)[0]
-        if eom.lam.numel():
-            v = self._recovery.velocity_step(time, q, v, p, weights)
-        return ca.vertcat(q, v, x[2 * n :])
+    def least_steps(self, length: float, course: Course) -> int:
+        """Least number of steps over a piece."""
+        return self._compiled.least_steps(length, course.max_step)
 
-    def cut_where_it_drifts(self, x0: np.ndarray) -> None:
+    def through(
+        self, cut: Cut, time: ca.MX, x: ca.MX, border: ca.MX, p: ca.MX, after: ca.MX, levels: ca.MX, channel: ca.MX
+    ) -> ca.MX:
+        """The state beyond a cut, as a function of the state at its time and of the parameters before and after it."""
+        system, y = self._system, x[:-1]
+        w, rates, before = system.switching(time, y, p, levels, channel)
+        first = cut.switches[0]
+        delta = (border - w[first]) / rates[first]
+        y = y + before * delta
+        if cut.impulse:
+            n, mass = system.numeric.eom.q.numel(), system.numeric.mass
+            weights = ca.DM(np.where(mass > 0, mass, system.numeric.weights))
+            v = y[n : 2 * n]
+            for _ in range(2):  # the second step removes the regularisation of the first
+                v = system.recovery.velocity_step(time, y[:n], v, after, weights)
+            y = ca.vertcat(y[:n], v, y[2 * n :])
+        return ca.vertcat(y - system.rates(time, y, after, levels, channel) * delta, x[-1])
+
+    def on_constraints(self, time: Any, x: Any, p: Any) -> Any:
+        """A state, with whatever stands below it, on the constraints with their switches held."""
+        return _projected(self._system.recovery, time, x, p)
+
+    def _cut_where_it_drifts(self, x0: np.ndarray) -> None:
         """Cut the motion into as many pieces as keep its drift near the tolerance, by one run from `x0`.
 
         Drift grows with the square of the time since the state was last on the
         constraints; each cut starts the integrator again, which costs.
         """
+        if not self.numeric.eom.Phi.numel():
+            return
+        p, levels, channel = self.numeric.p, self.signals.level_values, self.channel()
+        course = self.course(x0, p, levels, channel)
         try:
-            states = call(self.motion(), x0, self.numeric.p, self.signals.level_values, self.channel()).full()
+            states = call(self.motion(course), x0, p, levels, channel, *course.arguments)[0].full()
         except RuntimeError:
             return  # the run itself will say what is wrong
-        if not self.reached(states) or not self.numeric.eom.Phi.numel():
+        if not self.reached(states):
             return
         n = self.numeric.eom.q.numel()
         drift = max(
@@ -249,7 +447,7 @@ class DifferentiableMotion:
         ]
         t, x, p, levels, channel = given
         n, k = eom.q.numel(), eom.z.numel()
-        x = self._projected(t, x, p)
+        x = _projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
         signals = self.signals
         known = [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel]
@@ -258,3 +456,161 @@ class DifferentiableMotion:
         a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
         values = eom.function(expression)(t, q, v, a, z, lam, u, p)
         return ca.Function("output", given, [values])
+
+
+def channel_over(signals: Signals, grid: np.ndarray) -> np.ndarray:
+    """Values of the channel of sampled inputs in the intervals of a grid (rows, k)."""
+    found = signals.channel_from(grid[:-1])
+    return np.zeros((0, 0)) if found is None else found
+
+
+class _Walk:
+    """A motion that is put together from pieces and cuts."""
+
+    def __init__(
+        self,
+        motion: DifferentiableMotion,
+        course: Course,
+        grid: np.ndarray,
+        x: ca.MX,
+        arguments: tuple[ca.MX, ca.MX, ca.MX],
+        sides: ca.MX,
+    ):
+        self._motion, self._course, self._grid, self._x = motion, course, grid, x
+        self._p, self._levels, self._channel = arguments
+        self._sides, self._sampled = sides, bool(motion.channel_size[0])
+        self._piece, self._begin, self._on_constraints = 0, float(grid[0]), True
+        self.columns = [x]
+
+    def run(self, times: ca.MX, borders: ca.MX) -> None:
+        """Go over the grid.
+
+        Parameters
+        ----------
+        times, borders : casadi.MX
+            Times and borders of the cuts.
+        """
+        by_interval: dict[int, list[int]] = {}
+        for k, cut in enumerate(self._course.cuts):
+            by_interval.setdefault(cut.interval, []).append(k)
+        interval, last = 0, self._grid.size - 1
+        while interval < last:
+            if interval in by_interval:
+                self._cut_interval(interval, by_interval[interval], times, borders)
+                interval += 1
+                continue
+            end = min([k for k in by_interval if k > interval], default=last)
+            for piece in self._motion.schedule(self._course, self._grid[interval : end + 1]):
+                self._fixed(piece)
+            interval = end
+
+    def end(self) -> ca.MX:
+        """The state on the constraints, after all cuts, without the clock."""
+        return self._motion.on_constraints(float(self._grid[-1]), self._x, self._parameters(self._piece))[:-1]
+
+    def _parameters(self, piece: int) -> ca.MX:
+        return ca.vertcat(self._p, self._sides[:, piece])
+
+    def _project(self) -> None:
+        if not self._on_constraints:
+            self._x = self._motion.on_constraints(self._begin, self._x, self._parameters(self._piece))
+            self._on_constraints = True
+
+    def _fixed(self, piece: Piece) -> None:
+        """Go over a piece between times of the grid."""
+        self._project()
+        start, times = piece.inside
+        length = float(times[-1] - start)
+        fractions = np.r_[(times[:-1] - start) / length, 1.0]
+        interval = np.clip(np.searchsorted(self._grid, piece.begins, side="right") - 1, 0, self._grid.size - 2)
+        states = self._motion.integrated(
+            self._x,
+            start,
+            length,
+            fractions,
+            piece.stops,
+            self._motion.least_steps(length, self._course),
+            (self._parameters(self._piece), self._levels),
+            self._channel[:, interval.tolist()] if self._sampled else None,
+        )
+        self.columns.append(states[:, np.flatnonzero(piece.wanted).tolist()])
+        self._x, self._begin, self._on_constraints = states[:, -1], float(piece.times[-1]), False
+
+    def _cut_interval(self, interval: int, cuts: Sequence[int], times: ca.MX, borders: ca.MX) -> None:
+        """Go over an output interval with cuts in it."""
+        for k in cuts:
+            cut = self._course.cuts[k]
+            if not cut.joined:
+                self._moving(interval, times[k])
+            self._project()
+            if cut.at_output and not cut.joined:
+                self.columns.append(self._x)
+            if cut.switches:
+                channel = self._channel[:, interval] if self._sampled else ca.MX(0, 1)
+                self._x = self._motion.through(
+                    cut,
+                    times[k],
+                    self._x,
+                    borders[k],
+                    self._parameters(k),
+                    self._parameters(k + 1),
+                    self._levels,
+                    channel,
+                )
+            self._piece = k + 1
+        if not self._course.cuts[cuts[-1]].at_output:
+            self._moving(interval, float(self._grid[interval + 1]))
+            self.columns.append(self._x)
+
+    def _moving(self, interval: int, end: Any) -> None:
+        """Go over a piece of which one end, or both, are arguments."""
+        self._project()
+        length = float(self._grid[interval + 1] - self._grid[interval])
+        states = self._motion.integrated(
+            self._x,
+            self._begin,
+            end - self._begin,
+            np.ones(1),
+            np.zeros(1, bool),
+            self._motion.least_steps(length, self._course),
+            (self._parameters(self._piece), self._levels),
+            self._channel[:, interval] if self._sampled else None,
+        )
+        self._x, self._begin, self._on_constraints = states, end, False
+
+
+def _with_stops(
+    grid: np.ndarray, passage: Passage, stops: np.ndarray, jumps: np.ndarray, max_step: float | None
+) -> Course:
+    """The course of a passage; in intervals that are cut, stops are cuts too, since what lies between may change."""
+    cut_intervals = {cut.interval for cut in passage.cuts}
+    cuts = list(passage.cuts)
+    kept: dict[str, np.ndarray] = {}
+    tolerance = 1e-9 * float(grid[-1] - grid[0])
+    for name, times in (("stops", stops), ("jumps", jumps)):
+        inside = times[(times > grid[0]) & (times < grid[-1])]
+        intervals = np.searchsorted(grid, inside) - 1
+        moved = np.isin(intervals, list(cut_intervals))
+        kept[name] = inside[~moved]
+        for time, interval in zip(inside[moved], intervals[moved], strict=True):
+            others = [*grid[interval : interval + 2], *[cut.time for cut in cuts]]
+            if np.min(np.abs(np.array(others) - time)) > tolerance:
+                cuts.append(Cut(float(time), int(interval), False, False, (), 0.0, ()))
+    cuts.sort(key=lambda cut: cut.time)
+    sides = tuple(passage.first_sides.tolist())
+    filled, now = [], sides
+    for cut in cuts:
+        now = cut.sides or now
+        filled.append(replace(cut, sides=now))
+    return Course(kept["stops"], kept["jumps"], max_step, tuple(filled), sides)
+
+
+def _projected(recovery: Recovery, time: Any, x: Any, p: Any) -> Any:
+    """A state, with whatever stands below it, brought onto the constraints."""
+    eom, n = recovery.numeric.eom, recovery.numeric.eom.q.numel()
+    q, v, weights = x[:n], x[n : 2 * n], ca.DM(recovery.numeric.projection_weights)
+    if eom.Phi.numel():
+        q = recovery.position_step(time, q, p, weights)[0]
+    if eom.lam.numel():
+        v = recovery.velocity_step(time, q, v, p, weights)
+    return ca.vertcat(q, v, x[2 * n :])

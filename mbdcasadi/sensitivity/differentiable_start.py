@@ -19,12 +19,11 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
-from ..assembly.initial_state import start_state
-from ..assembly.state import levels_of
+from ..assembly.consistent_start import consistent_start, independent_rows, levels_of
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, read_conditions
+from ..numerics.console import call_each
 from ..numerics.least_squares import largest
-from ..numerics.rank import dependent_rows, unit_rows
 from ..results.state import State
 
 #: Value of an inequality at the start above which it holds the start in place.
@@ -61,7 +60,7 @@ class DifferentiableStart:
 
     def __init__(self, numeric: NumericEquations, initial: Any, time: float, signals: Signals):
         self.numeric, self.time = numeric, time
-        self.state = start_state(numeric, initial, time, signals)
+        self.state = consistent_start(numeric, initial, time, signals)
         eom = numeric.eom
         given = () if isinstance(initial, State) else read_conditions(initial)
         self.conditions = tuple(c for c in given if c.equality or self.state[c.expression] > ACTIVE)
@@ -78,8 +77,7 @@ class DifferentiableStart:
         right = ca.SX.sym("right", len(self.conditions))
         z_estimate = ca.SX.sym("z estimate", eom.z.numel())
         q, v, _ = self._targets
-        masses = ca.vertcat(*[ca.if_else(m > 0, m, 1.0) for m in ca.vertsplit(eom.mass_diagonal)])
-        metric = masses / float(np.mean(self.numeric.weights))
+        metric = self.numeric.weights_expression / float(np.mean(self.numeric.weights))
         known = [eom.p, right, z_estimate]
         velocity = eom.Phi_q @ eom.v - eom.nu
         z_metric = ca.SX.ones(eom.z.numel())
@@ -124,10 +122,24 @@ class DifferentiableStart:
             ["x", "solution", "residual"],
         )
 
+    def solve(self, p: np.ndarray, guess: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Starts at many parameters (n_p, k), as columns: states, solutions to go on from, residuals (k,).
+
+        Without a guess the solution of the first start is one. A residual is NaN if there is no start nearby.
+        """
+        x, solution, residual = call_each(
+            self.function, p, self.right, self.z_estimate, self.guess if guess is None else guess
+        )
+        return x, solution, residual.ravel()
+
     @property
     def z_estimate(self) -> np.ndarray:
         """Estimate of the first-order states."""
         return np.asarray(self._targets[2], float)
+
+    def column_scale(self, name: str) -> np.ndarray:
+        """Scale of the unknowns of one of the problems (n,): of states, pose or velocity."""
+        return np.ones(self.numeric.eom.z.numel()) if name == "z" else self.numeric.column_scale
 
     def label(self, index: int) -> str:
         """A condition as it was written."""
@@ -169,10 +181,8 @@ class _Nearest:
         slope = ca.jacobian(r, self.unknowns)
         arguments = [self.unknowns, *self.known, *self.before]
         numbers = ca.Function("rows", arguments, [ca.densify(slope)])(solution, *values, *others).full()
-        # conditions first: a row of the mechanism may as well be the one that is implied
-        order = [*range(len(self.rows), len(rows)), *range(len(self.rows))]
-        implied = {order[k] for k in dependent_rows(unit_rows(numbers)[order])}
-        kept = [k for k in range(len(rows)) if k not in implied]
+        of_mechanism = len(self.rows)
+        kept = independent_rows(numbers[:of_mechanism], numbers[of_mechanism:], start.column_scale(self.name))
         r, slope = r[kept], slope[kept, :]
         mu = ca.SX.sym("mu", len(kept))
         x = ca.vertcat(self.unknowns, mu)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import read_answer
-from ..assembly.initial_state import start_state
+from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
@@ -25,7 +25,8 @@ from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
 from .modes import Modes
 from .outputs import Outputs
-from .resolution import Path, Resolution
+from .path import Path
+from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular_passage import Passage, Regularity, SingularPassage, Trail
 from .stepping import Stepper
@@ -36,6 +37,9 @@ from .whole_stepping import WholeStepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
+#: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
+#: relative tolerances, from which a constraint counts as one that jumps.
+LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
@@ -126,7 +130,7 @@ class Run:
         self._builder = TrajectoryBuilder(modes, setup.p)
         self._builder.statistics.notes += timed.notes
         self._x = np.zeros(0)
-        self._trail = Trail()
+        self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
 
     # --- the loop ------------------------------------------------------------------------
@@ -164,7 +168,7 @@ class Run:
         """Find the consistent start, and the mode that holds there."""
         setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
         free = modes.numeric(modes.free)
-        state = start_state(free, setup.initial, begin, setup.signals)
+        state = consistent_start(free, setup.initial, begin, setup.signals)
         _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
@@ -213,14 +217,16 @@ class Run:
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
         arc = self._arc
-        piece = self._schedule.piece(self._time, self._index, last)
+        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
+        self._extra_stops = np.zeros(0)
         piece, path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.resolution.first_pass(path) if failure is None else None
-        if touch is not None and touch - piece.start >= NEW_START * piece.length:
-            piece, path, failure = self._integrated(piece.until(touch))
+        touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
+        if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
+            piece, path, failure = self._integrated(piece.until(touch[0]))
+            self._extra_stops = touch[1]
         return self._finish(piece, path, failure)
 
     def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
@@ -254,6 +260,9 @@ class Run:
         x = path.x[1:] if ready else outputs.projected(times, path.x[1:])
         if not ready and outputs.recovery.left_over > APART:
             x, failure = self._together(times, x)
+            times = times[: len(x)]
+        elif passage is None and (leap := self._leap(times, path.x[1:], x)) is not None:
+            x, failure = leap
             times = times[: len(x)]
         arc.stepper.note_turning(x)
         crossings = self._crossings(piece.start, times, x, passage)
@@ -367,6 +376,31 @@ class Run:
                 last = x[k - 1] if k else self._x
                 return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
         return x, None
+
+    def _leap(
+        self, times: np.ndarray, integrated: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, IntegrationFailure] | None:
+        """Outputs up to one to which only a jump of a constraint leads, and the failure there; None without a jump.
+
+        A row that jumps with the coordinates (an angle by ``atan2``) has a derivative
+        without the jump: the integrator passes by it, and the projection makes up for it at once.
+        """
+        numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
+        correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
+        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)
+        found = np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
+        if not found.size:
+            return None
+        k = int(found[0])
+        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
+        row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
+        moved = int(np.argmax(correction[k]))
+        message = (
+            f"the constraints are not continuous: '{row}' jumps before t = {times[k]:.6g} s, where "
+            f"{numeric.eom.coordinate_names[moved]} would have to leap by {(x - integrated)[k, moved]:.3g}"
+        )
+        last = x[k - 1] if k else self._x
+        return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..assembly.consistent_start import complete_state
 from ..assembly.setup import Setup
-from ..assembly.state import complete_state
 from ..equations.numeric import NumericEquations
 from ..model.events import Event
 from ..model.mechanism import Mechanism

@@ -8,6 +8,7 @@ from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..results.state import State
+from .path import Path, hermite_states
 
 
 class Outputs:
@@ -54,6 +55,10 @@ class Outputs:
         u = self.signals.values(times, q, v, z, self.numeric.p, self.numeric.eom, levels=self._levels, channel=channel)
         a, lam = self.recovery.accelerations(times, q, v, z, u)
         return times, q, v, a, z, lam, u
+
+    def accelerations(self, path: Path, times: np.ndarray) -> np.ndarray:
+        """Accelerations at times of a path (k, n)."""
+        return self.block(times, hermite_states(path, times, self.numeric.eom.q.numel()))[3]
 
     def unknowns(self, time: float, x: np.ndarray) -> np.ndarray:
         """Accelerations and multipliers at one state, as the integrator takes them."""

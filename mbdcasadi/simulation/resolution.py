@@ -5,40 +5,32 @@ the motion, outside the error test: over each output interval the integral is
 made of the same steps as the motion. Where the steps follow w it is ``w_end -
 w_start``; where they jump over the smoothing it misses that by the height of
 the jump. A contact that is closed between two steps alone leaves no trace in
-them; it is found on the interpolated path.
+them; it is found on the path between them (see ``gap_closings``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
 
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
-from ..model.mechanism import Mechanism
 from ..model.rates import time_derivative
 from ..model.validity import Smoothing
 from ..results.validity import validity_conditions
+from .gap_closings import GapClosings, has_gap
+from .path import Path
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
 MISSED = 0.5
 #: Loads below this share of the largest one of a run do not count.
 SMALL = 1e-3
-#: Points within an output interval at which gaps are looked at.
-POINTS = 9
-#: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
-SHALLOW = 1e-9
-#: Ways at the speeds of approach at both ends of an interval, beyond which a gap cannot close within it.
-REACH = 2.0
 #: Share of the way to a contact after which the integrator is started again where its steps went too deep.
 BEFORE = 0.95
-#: Depth, as a share of the change of a gap over an interval, from which an interpolated path counts as a touch.
-DEPTH = 1e-2
 
 
 @dataclass
@@ -60,36 +52,6 @@ class _Finding:
         more = len(self.times) - 1
         also = "" if not more else f" and at {more} more instant{'s' if more > 1 else ''}"
         return f"at t = {self.times[0]:.6g} s{also}"
-
-
-@dataclass(frozen=True)
-class Path:
-    """What an integrator found over a chunk.
-
-    Attributes
-    ----------
-    times, x : numpy.ndarray
-        Start and outputs (k + 1,), (k + 1, n_x).
-    integrals : numpy.ndarray
-        What was integrated along, by interval (k, n).
-    on_constraints : bool
-        Whether the states are on the constraints.
-    is_regular : bool
-        Whether the integrator has seen that no pose on it is near to a singular one.
-    """
-
-    times: np.ndarray
-    x: np.ndarray
-    integrals: np.ndarray
-    on_constraints: bool = False
-    is_regular: bool = False
-
-    def until(self, time: float) -> Path:
-        """The part of it up to a time."""
-        count = int(np.searchsorted(self.times, time, side="right"))
-        return replace(
-            self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)]
-        )
 
 
 class Resolution:
@@ -114,8 +76,9 @@ class Resolution:
         offered = [s for element in elements for s in getattr(element, "smoothings", ())]
         unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         self._smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
-        self._owner = [e for e in elements if _has_gap(e) and not ca.depends_on(e.gap, unknown)]
-        self._gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self._owner])
+        self._owner = [e for e in elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
+        self._closings = GapClosings(numeric, self._owner)
+        gaps = self._closings.gaps
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
         scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
         self._normal = [next(k for k, s in enumerate(self._smoothings) if s is e.smoothings[0]) for e in self._owner]
@@ -124,11 +87,10 @@ class Resolution:
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
         slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
         self._validity = [c for c in validity_conditions(eom.mechanism) if c.between_outputs]
-        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(self._gaps < 0, 1.0, 0.0), self._excess(eom)))
+        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(gaps < 0, 1.0, 0.0), self._excess(eom)))
         if self.rates.numel():
             self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
-            self._gaps_at = ca.Function("gaps", known, [ca.densify(self._gaps)])
-            approach = ca.vertcat(self._gaps, time_derivative(self._gaps, eom.mechanism))
+            approach = ca.vertcat(gaps, time_derivative(gaps, eom.mechanism)) if gaps.numel() else gaps
             self._approach = ca.Function("approach", known, [ca.densify(approach)])
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
@@ -147,73 +109,74 @@ class Resolution:
         """Whether there are outlines that may meet."""
         return bool(self._owner)
 
-    def first_pass(self, chunk: Path) -> float | None:
-        """Time at which outlines first meet in a chunk though no step found them closed, or the first went too deep."""
-        if not self._owner or chunk.times.size < 2:
-            return None
-        return min([float(start) for _, start, _, _ in self._passes(chunk)] + self._blows(chunk), default=None)
+    def first_touch(
+        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]
+    ) -> tuple[float, np.ndarray] | None:
+        """First time at which a piece is to end, as a contact closes that its steps did not follow; None if none does.
 
-    def _blows(self, chunk: Path) -> list[float]:
+        Parameters
+        ----------
+        accelerations : callable
+            ``(path, times) -> a`` by row, from the equations of motion.
+
+        Returns
+        -------
+        time : float
+            s.
+        stops : numpy.ndarray
+            Times of the next piece over which no step may go, so that the contact is noticed.
+        """
+        if not self._owner or path.times.size < 2:
+            return None
+        first = min(self._closings.unseen(path, self._closed(path)), key=lambda c: c.time, default=None)
+        blow = min(self._blows(path), default=np.inf)
+        if first is not None and first.time <= blow:
+            return first.time, self._closings.stops(path, first, accelerations)
+        return None if np.isinf(blow) else (blow, np.zeros(0))
+
+    def _closed(self, path: Path) -> np.ndarray:
+        """For how long the steps found each gap closed, by interval (k, n), s."""
+        first = 2 * len(self._smoothings)
+        return np.abs(path.integrals[:, first : first + len(self._owner)])
+
+    def _blows(self, path: Path) -> list[float]:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
-        lengths = np.diff(chunk.times)
-        missed, seen = (part[:, self._normal] for part in self._followed(chunk))
-        gaps, rates = np.split(self._at(self._approach, chunk.times, chunk.x), 2, axis=1)
+        lengths = np.diff(path.times)
+        missed, seen = (part[:, self._normal] for part in self._followed(path))
+        gaps, rates = np.split(self._at(self._approach, path.times, path.x), 2, axis=1)
         found = []
         for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
             bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
             ways = np.roots([bend / 2, rates[row, k], gaps[row, k]])
             ahead = [float(w.real) for w in ways if w.imag == 0 and 0 < w.real < lengths[row]]
-            found += [float(chunk.times[row]) + BEFORE * min(ahead)] if ahead else []
+            found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
         return found
 
-    def note(self, chunk: Path) -> None:
-        """Take note of a chunk that counts."""
-        if not self.rates.numel() or chunk.times.size < 2:
+    def note(self, path: Path) -> None:
+        """Take note of a piece that counts."""
+        if not self.rates.numel() or path.times.size < 2:
             return
         if self._smoothings:
-            self._blocks.append((chunk.times[1:], np.diff(chunk.times), *self._followed(chunk)))
-        for k, start, depth, spell in self._passes(chunk) if self._owner else ():
-            self._passed.setdefault(k, _Finding()).add(start, depth, spell)
+            self._blocks.append((path.times[1:], np.diff(path.times), *self._followed(path)))
+        for closing in self._closings.unseen(path, self._closed(path)):
+            self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
         if self._validity:
-            excess = chunk.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
-            limits = self._at(self._at_limit, chunk.times[:1], chunk.x[:1])
-            self._excesses.append((chunk.times, excess, limits))
+            excess = path.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
+            limits = self._at(self._at_limit, path.times[:1], path.x[:1])
+            self._excesses.append((path.times, excess, limits))
 
-    def _followed(self, chunk: Path) -> tuple[np.ndarray, np.ndarray]:
+    def _followed(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """By how much the steps of each interval miss the change of what is smoothed, and the size of its load."""
         n = len(self._smoothings)
-        courses = self._at(self._courses, chunk.times, chunk.x)
-        missed = np.abs(np.diff(courses[:, :n], axis=0) - chunk.integrals[:, :n])
+        courses = self._at(self._courses, path.times, path.x)
+        missed = np.abs(np.diff(courses[:, :n], axis=0) - path.integrals[:, :n])
         size = np.abs(courses[:, n:])
-        return missed, np.maximum(np.maximum(size[:-1], size[1:]), chunk.integrals[:, n : 2 * n] / 2)
+        return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
 
     def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         n = self._numeric.eom.q.numel()
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         return function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
-
-    def _passes(self, chunk: Path) -> Iterator[tuple[int, float, float, float]]:
-        """Outlines that meet on the interpolated path, though never at a step: gap, time, depth, for how long."""
-        lengths, n = np.diff(chunk.times), len(self._owner)
-        first = 2 * len(self._smoothings)
-        closed = np.abs(chunk.integrals[:, first : first + n])
-        knots = self._at(self._approach, chunk.times, chunk.x)
-        gaps, speeds = knots[:, :n], np.abs(knots[:, n:])
-        within = REACH * lengths[:, None] * np.maximum(speeds[:-1], speeds[1:])
-        near = (np.minimum(gaps[:-1], gaps[1:]) <= within) & (closed < DEPTH * lengths[:, None])
-        rows = np.flatnonzero(np.any(near, axis=1))
-        if not rows.size:
-            return
-        share = np.linspace(0, 1, POINTS + 2)
-        between = chunk.times[rows, None] + lengths[rows, None] * share
-        path = _interpolated(lengths[rows], chunk.x[rows], chunk.x[rows + 1], self._numeric.eom.q.numel(), share)
-        gaps = self._at(self._gaps_at, between.ravel(), path).reshape(*between.shape, -1)
-        depth, inside = -np.min(gaps, axis=1), gaps < 0
-        spell = np.mean(inside, axis=1) * lengths[rows, None]
-        way = np.max(gaps, axis=1) - np.min(gaps, axis=1)
-        for row, k in np.argwhere((depth > DEPTH * way) & (depth > SHALLOW) & (closed[rows] < DEPTH * spell)):
-            entry = max(int(np.argmax(inside[row, :, k])) - 1, 0)
-            yield int(k), float(between[row, entry]), float(depth[row, k]), float(spell[row, k])
 
     def sentences(self, reltol: float, abstol: float) -> list[str]:
         """What is to be told after a run, with the tolerances of the integrator; one sentence for each element."""
@@ -247,7 +210,8 @@ class Resolution:
             return {}
         times, lengths, missed, seen = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         largest = np.max(seen, axis=0)
-        spans = self._spans * seen
+        # of a load that comes and goes, what is missed is measured by the largest of the time that it lasts
+        spans = self._spans * np.where(self._is_load, _largest_of_episode(seen), seen)
         # a load that could not change a velocity by more than the tolerance does not matter
         matters = missed * lengths[:, None] > abstol * self._lightest
         counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
@@ -267,35 +231,11 @@ class Resolution:
         return found
 
 
-def has_gaps(mechanism: Mechanism) -> bool:
-    """Whether a mechanism has contacts or stops, which an integrator may jump over."""
-    return any(_has_gap(element) for element in mechanism.elements)
-
-
-def _has_gap(element: Any) -> bool:
-    return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
-
-
-def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
-    """States of a path at other times (k, n_x): coordinates by cubic Hermite polynomials, the rest linearly.
-
-    Parameters
-    ----------
-    n : int
-        Number of coordinates.
-    """
-    k = np.clip(np.searchsorted(path.times, times, side="right") - 1, 0, path.times.size - 2)
-    h = (path.times[k + 1] - path.times[k])[:, None]
-    s, begin, end = (times - path.times[k])[:, None] / h, path.x[k], path.x[k + 1]
-    q0, q1, v0, v1 = begin[:, :n], end[:, :n], h * begin[:, n : 2 * n], h * end[:, n : 2 * n]
-    q = q0 + s * (v0 + s * (3 * (q1 - q0) - 2 * v0 - v1 + s * (v0 + v1 - 2 * (q1 - q0))))
-    return np.hstack([q, begin[:, n:] + s * (end - begin)[:, n:]])
-
-
-def _interpolated(lengths: np.ndarray, begin: np.ndarray, end: np.ndarray, n: int, share: np.ndarray) -> np.ndarray:
-    """States on the cubic Hermite path from one output to the next, at shares of each interval, by row."""
-    h, s = lengths[:, None, None], share[None, :, None]
-    q0, q1, v0, v1 = begin[:, None, :n], end[:, None, :n], begin[:, None, n : 2 * n], end[:, None, n : 2 * n]
-    q = (1 + 2 * s) * (1 - s) ** 2 * q0 + s * (1 - s) ** 2 * h * v0 + s**2 * (3 - 2 * s) * q1 - s**2 * (1 - s) * h * v1
-    rest = (1 - s) * begin[:, None, n:] + s * end[:, None, n:]
-    return np.concatenate([q, rest], axis=2).reshape(-1, begin.shape[1])
+def _largest_of_episode(loads: np.ndarray) -> np.ndarray:
+    """For each entry of a column the largest of the uninterrupted stretch of positive ones that it belongs to."""
+    found = np.zeros_like(loads)
+    for column, course in zip(found.T, loads.T, strict=True):
+        edges = np.flatnonzero(np.diff(np.r_[False, course > 0, False].astype(int)))
+        for first, last in edges.reshape(-1, 2):
+            column[first:last] = np.max(course[first:last])
+    return found

@@ -89,8 +89,24 @@ class Piece:
             ends_at_jump=self.ends_at_jump and bool(times[-1] == self.times[-1]),
         )
 
+    def through(self, stops: np.ndarray) -> Piece:
+        """The beginning of it up to the last of some further stops; all of it if they are not inside."""
+        stops = stops[(stops > self.start) & (stops < self.times[-1])]
+        if not stops.size:
+            return self
+        before = self.times < stops[-1]
+        times = np.r_[self.times[before], stops]
+        wanted = np.r_[self.wanted[before], np.zeros(stops.size, bool)]
+        own = np.r_[self.stops[before], np.ones(stops.size, bool)]
+        times, first = np.unique(times, return_index=True)  # of equal times the one of the run
+        return replace(self, times=times, wanted=wanted[first], stops=own[first], ends_at_jump=False)
+
     def until(self, time: float) -> Piece:
         """The part of it up to a time between its start and its end."""
+        if np.any(self.times == time):
+            count = int(np.searchsorted(self.times, time, side="right"))
+            parts = {name: getattr(self, name)[:count] for name in ("times", "wanted", "stops")}
+            return replace(self, **parts, ends_at_jump=self.ends_at_jump and count == self.times.size)
         count = int(np.searchsorted(self.times, time))
         return replace(
             self,

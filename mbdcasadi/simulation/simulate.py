@@ -13,6 +13,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import MechanismWarning, SimulationError
 from ..integrators import Integrator, as_integrator
 from ..model.events import Event
+from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
@@ -20,7 +21,7 @@ from .accuracy import grown_error, small_motions, tolerance_for, unresolved_rang
 from .events import read_events
 from .loop import Run
 from .modes import Modes, SingleMode
-from .stick_slip.friction_modes import FrictionModes, switching
+from .stick_slip.friction_modes import FrictionModes
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 

@@ -14,7 +14,8 @@ from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
 from .formulations import Formulation, Regularised, choose_formulation
 from .outputs import Outputs
-from .resolution import Path, Resolution
+from .path import Path
+from .resolution import Resolution
 from .schedule import Piece
 
 #: Tolerances of what is integrated to rounding.

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..equations.explicit_time import ConstraintJump, explicit_time, first_jump
+from ..equations.explicit_time import ConstraintJump, ExplicitTime, explicit_time, first_jump
 from ..errors import SimulationError
 
 #: Steps over a run whose equations depend on time, at least: what begins after rest would be stepped over otherwise.
@@ -56,14 +56,22 @@ class TimeDependence:
 
 def time_dependence(setup: Setup) -> TimeDependence:
     """Find out how the equations of a run depend on time."""
-    eom, signals, p = setup.eom, setup.signals, setup.p
-    start, end = float(setup.grid[0]), float(setup.grid[-1])
+    return dependence_at(timed_equations(setup), setup.p, float(setup.grid[0]), float(setup.grid[-1]))
+
+
+def timed_equations(setup: Setup, integrands: ca.SX | None = None) -> ExplicitTime:
+    """Return the equations of a run, its inputs substituted, as functions of time."""
+    eom, signals = setup.eom, setup.signals
     # samples and polynomials change at times that are known; expressions may switch
     inputs = ca.SX(eom.u)
     for k, kind in enumerate(signals.structure):
         if isinstance(kind, tuple) and kind[0] == "expression":
             inputs[k] = signals.expressions[k]
-    timed = explicit_time(eom, inputs)
+    return explicit_time(eom, inputs, integrands)
+
+
+def dependence_at(timed: ExplicitTime, p: np.ndarray, start: float, end: float) -> TimeDependence:
+    """Find out how equations depend on time between two times, at values of the parameters."""
     none = np.zeros(0)
     if not timed.depends:
         return TimeDependence(none, none)

@@ -19,7 +19,8 @@ from ..numerics.console import Interruption
 from .events import EventWatch
 from .explicit_system import explicit_system
 from .outputs import Outputs
-from .resolution import Path, Resolution
+from .path import Path
+from .resolution import Resolution
 from .schedule import WATCH_POINTS, Piece
 from .stepping import PRECISE, Stepper
 
@@ -113,7 +114,7 @@ class WholeStepper(Stepper):
     @property
     def notes(self) -> list[str]:
         stiff = [
-            "stability and not accuracy limited most steps of dop853: the motion is stiff, and method=\"idas\" may be "
+            'stability and not accuracy limited most steps of dop853: the motion is stiff, and method="idas" may be '
             "faster"
         ]
         return [self._runner.said, *(stiff if self._is_stiff else [])]

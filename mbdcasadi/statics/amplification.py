@@ -1,4 +1,4 @@
-"""Reactions in singular poses and near to them, where small loads bring about large ones."""
+"""Reactions in and near singular poses, in which small loads bring about large ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NEAR, REPORTED = 1e-4, 1e3
 
 @dataclass(frozen=True)
 class Amplification:
-    """How a pose amplifies the loads.
+    """Amplification of the loads in a pose.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Amplification:
     reaction : float
         The amplified reactions, N.
     singular : bool
-        Whether the pose is singular, to the accuracy of a pose.
+        True if the pose is singular, to the accuracy of a pose.
     text : str
         The pose and the rows that take part, in words.
     """
@@ -40,7 +40,7 @@ class Amplification:
 
 
 def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
-    """Find out whether a pose is singular, or amplifies loads; None if it is neither."""
+    """Return how a pose amplifies loads; None if it does not and is not singular."""
     numeric = statics.numeric
     q, _, lam, _ = statics.split(x)
     if not lam.size:
@@ -63,13 +63,13 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     return Amplification(factor, reaction, singular, pose.text)
 
 
-def warn_of(found: Amplification) -> None:
+def warn_of(pose: Amplification) -> None:
     """Warn of a pose in which reactions say little."""
-    if found.factor:
+    if pose.factor:
         what = (
-            f"the pose is nearly singular: reactions of {found.reaction:.3g} N hold a load {found.factor:.2g} times "
-            f"smaller, and change as much with a small change of the pose; {found.text}"
+            f"the pose is nearly singular: reactions of {pose.reaction:.3g} N hold a load {pose.factor:.2g} times "
+            f"smaller, and change as much with a small change of the pose; {pose.text}"
         )
     else:
-        what = f"the pose is singular, and reactions to other loads than these may be without bound; {found.text}"
+        what = f"the pose is singular, and reactions to other loads than these may be without bound; {pose.text}"
     warnings.warn(f"equilibrium: {what}", MechanismWarning, stacklevel=4)

@@ -9,8 +9,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals, read_signals
 from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector, position_in
-from ..assembly.initial_state import carried_by
-from ..assembly.state import assemble_at
+from ..assembly.consistent_start import carried_by, consistent_start
 from ..equations import equations
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
@@ -21,12 +20,13 @@ from ..numerics.least_squares import largest
 from ..results.state import State
 from .amplification import amplification, warn_of
 from .search import newton, newton_nearby, to_stable
+from .small_motions import SmallMotions
 from .statics import Statics, Stiffness
 
 #: Speed of a driver that counts as rest (m/s or rad/s).
-AT_REST = 1e-9
-#: Violation of an inequality that is rounding.
-MET = 1e-8
+REST_TOLERANCE = 1e-9
+#: Violation of an inequality that is rounding, in its own unit.
+INEQUALITY_TOLERANCE = 1e-8
 
 
 class EquilibriumError(MechanismError):
@@ -39,12 +39,15 @@ class Equilibrium(State):
     Attributes
     ----------
     stable : bool
-        Whether every free direction is held: the reduced stiffness has real
-        eigenvalues above zero. A direction in which nothing pushes (a wheel
-        that may turn) is not stable. Damping and the rates of first-order
-        states are no part of statics: :func:`linearize` tells of these.
+        True if small disturbances stay small: every free direction is held by
+        stiffness, and no small motion grows, with the damping, the feedback
+        and the first-order states that the model has (the eigenvalues of
+        :func:`linearize`). A direction in which nothing pushes (a wheel that
+        may turn) is not stable.
     stiffness : Stiffness
         Eigenvalues and directions of the reduced stiffness.
+    small_motions : SmallMotions
+        Eigenvalues and shapes of the small motions.
     """
 
     def __init__(self, statics: Statics, x: np.ndarray):
@@ -54,16 +57,18 @@ class Equilibrium(State):
             statics.eom.mechanism, statics.t, q, rest, rest, z, lam, statics.inputs(x), statics.parameters(x)
         )
         self.stiffness: Stiffness = statics.stiffness(x)
+        self.small_motions: SmallMotions = statics.small_motions(x)
 
     @property
     def stable(self) -> bool:
-        """Whether the reduced stiffness holds every free direction."""
-        return self.stiffness.stable
+        """True if small disturbances stay small."""
+        return self.stiffness.holds and not self.small_motions.grow
 
     def __repr__(self) -> str:
         least = self.stiffness.least
         held = "nothing is free to move" if np.isinf(least) else f"least reduced stiffness {least:.6g} N/m"
-        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}"
+        growth = f"; small motions grow by {self.small_motions.growth:.6g} 1/s" if self.small_motions.grow else ""
+        return f"{super().__repr__()}\n  {'stable' if self.stable else 'not stable'} at rest; {held}{growth}"
 
 
 def equilibrium(
@@ -85,7 +90,7 @@ def equilibrium(
     mechanism : Mechanism
         The model. Drivers hold what they drive, and must be at rest.
     conditions : sequence of relations, or State, optional
-        Where to start from: the pose that :func:`assemble` finds for them, or
+        Start of the search: the pose that :func:`assemble` finds for them, or
         a state. Inequalities also hold for the result, which says which of
         several equilibria is meant. With ``unknowns=`` all of them hold for
         the result, and may then hold reactions, inputs and parameters.
@@ -137,9 +142,9 @@ def equilibrium(
         raise ModelError(f'equilibrium: prefer must be "stable" or "nearest", got {prefer!r}')
     eom = equations(mechanism)
     time = number(t, "equilibrium", "t")
-    own = carried_by(conditions, mechanism)
-    p = parameter_vector(eom, own["parameters"] | dict(pairs_of(parameters, "parameters=")))
-    given = own["inputs"] | dict(pairs_of(inputs, "inputs="))
+    carried = carried_by(conditions, mechanism)
+    p = parameter_vector(eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
+    given = carried["inputs"] | dict(pairs_of(inputs, "inputs="))
     numeric, signals = NumericEquations(eom, p), read_signals(eom, given)
     wanted = inputs_and_parameters(mechanism, unknowns, "unknowns=")
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
@@ -157,25 +162,25 @@ def equilibrium(
     values = [_value(w, eom, p, start) for w in wanted]
     x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
     if prefer == "stable" and not wanted:
-        found = to_stable(statics, x)
-        found = newton(statics, x) if found is None else found
+        rest = to_stable(statics, x)
+        rest = newton(statics, x) if rest is None else rest
     else:
-        found = newton_nearby(statics, x)
-    if found is None:
+        rest = newton_nearby(statics, x)
+    if rest is None:
         raise EquilibriumError(_left_over(statics, x))
     if wanted:
-        mechanism.check_values(statics.parameters(found))
-    result = Equilibrium(statics, found)
+        mechanism.check_values(statics.parameters(rest))
+    result = Equilibrium(statics, rest)
     _check_inequalities(rows, result)
-    _check_reactions(statics, found)
+    _check_reactions(statics, rest)
     return result
 
 
 def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
-    """Where the search for an unknown begins."""
+    """Start of the search for an unknown."""
     if isinstance(symbol, Parameter):
         return float(p[position_in(eom.mechanism.parameters, symbol, "unknowns=")])
-    known = any(symbol is own for own in start.mechanism.inputs)
+    known = any(symbol is symbol_there for symbol_there in start.mechanism.inputs)
     return float(start[symbol]) if known else symbol.value
 
 
@@ -183,25 +188,25 @@ def _start(numeric: NumericEquations, rows: Sequence[Condition], time: float, si
     """Assembled pose to start from; conditions that say nothing of the pose wait for the equilibrium itself."""
     later = ("multiplier", "input") if trim else ()
     usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
-    return assemble_at(numeric, usable, time, signals)
+    return consistent_start(numeric, usable, time, signals)
 
 
 def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:
     nu = np.abs(numeric.velocity(time, q)[1])
-    if largest(nu) > AT_REST:
+    if largest(nu) > REST_TOLERANCE:
         worst = int(np.argmax(nu))
         element = numeric.eom.row_elements[worst]
         kind = "driver" if any(element is d for d in numeric.eom.mechanism.drivers) else "constraint"
         raise EquilibriumError(
             f"equilibrium: {kind} '{element.name}' moves at {nu[worst]:.6g} per second at "
-            f"t = {time:.6g} s, so nothing is at rest there; choose t= where it stands still, or use inverse_dynamics",
+            f"t = {time:.6g} s, so nothing is at rest there; choose another time t=, or use inverse_dynamics",
             time=time,
         )
 
 
 def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
     for row in rows:
-        if not row.equality and result[row.expression] > MET:
+        if not row.equality and result[row.expression] > INEQUALITY_TOLERANCE:
             raise EquilibriumError(
                 f"equilibrium: the equilibrium that was found breaks the condition {row.label} by "
                 f"{result[row.expression]:.6g}; start from a pose nearer to the one that is meant"
@@ -210,21 +215,21 @@ def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
 
 def _check_reactions(statics: Statics, x: np.ndarray) -> None:
     """Refuse reactions without a significant digit, and warn of such as have few."""
-    found = amplification(statics, x)
-    if found is None:
+    pose = amplification(statics, x)
+    if pose is None:
         return
-    if found.singular and found.factor:
+    if pose.singular and pose.factor:
         raise EquilibriumError(
             f"equilibrium: the pose is singular, and no finite reactions hold the load in it (those that balance it "
-            f"nearby, {found.reaction:.3g} N, are {found.factor:.2g} times the load, and depend on rounding): "
-            f"{found.text}; move the mechanism out of this pose, or take the load off",
+            f"nearby, {pose.reaction:.3g} N, are {pose.factor:.2g} times the load, and depend on rounding): "
+            f"{pose.text}; move the mechanism out of this pose, or take the load off",
             time=statics.t,
         )
-    warn_of(found)
+    warn_of(pose)
 
 
 def _left_over(statics: Statics, x: np.ndarray) -> str:
-    """What is not balanced where the search started, in words."""
+    """Message on the forces that are not balanced at the start of the search."""
     eom, here = statics.eom, statics.stiffness(x)
     force = here.basis @ here.force / statics.numeric.column_scale**2
     order = np.argsort(-np.abs(force * statics.numeric.column_scale))

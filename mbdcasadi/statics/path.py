@@ -1,18 +1,36 @@
-"""Equilibria along a parameter."""
+"""Equilibria along a parameter: the path, and the points at which it loses its stability."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from ..arguments.inputs import read_signals
 from ..arguments.values import pairs_of
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input, Parameter, number
-from .equilibrium import equilibrium
-from .follower import EquilibriumPath, Follower
-from .statics import Statics
+from ..model.symbols import Input, Parameter, as_expression, number
+from ..numerics.homotopy import StepControl
+from ..numerics.least_squares import largest
+from ..numerics.newton import newton
+from ..numerics.roots import bracketed_root
+from .equilibrium import Equilibrium, EquilibriumError, equilibrium
+from .statics import NEUTRAL, Statics
+
+#: Points of a path that is asked to go on for ever.
+MOST_POINTS = 2000
+#: Smallest step of a path, as a share of the usual one.
+SMALLEST_STEP = 1e-6
+#: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
+LARGEST_TURN, STRAIGHT = 0.2, 0.7
+#: Singular values below this share vanish at a critical point: by rounding they would throw a step off the path.
+SINGULAR = 1e-9
+#: Accuracy to which a critical value is found, relative to the range.
+ACCURACY = 1e-11
 
 
 def equilibrium_path(
@@ -31,9 +49,10 @@ def equilibrium_path(
     """Follow an equilibrium while a parameter or an input changes.
 
     The path is followed along its length, so that it passes the points at which
-    it turns back (snap-through). Where the number of negative eigenvalues of
-    the reduced stiffness changes, or where small motions begin to flutter (loads
-    that follow a body have no potential), the critical value is located.
+    it turns back (snap-through). The critical value is located at
+    which the number of negative eigenvalues of the reduced stiffness changes,
+    or oscillations begin to grow with the damping that the model has (under
+    loads that follow a body, feedback, or falling friction).
 
     Parameters
     ----------
@@ -42,11 +61,11 @@ def equilibrium_path(
     parameter : Parameter or Input
         What changes: a load, a length, a torque.
     start, end : float
-        From where to where. A path that turns back may go beyond the start, by as much again.
+        First and last value. A path that turns back may go beyond the start, by as much again.
     conditions, inputs, parameters, prefer, t
         Of the equilibrium at the start; see :func:`equilibrium`.
     steps : int, default 50
-        Steps from start to end, where the path is straight; it takes smaller ones where it is not.
+        Steps from start to end if the path is straight; it takes smaller ones if it is not.
 
     Returns
     -------
@@ -56,7 +75,7 @@ def equilibrium_path(
     Raises
     ------
     EquilibriumError
-        Where there is no equilibrium at the start, or the path cannot be followed.
+        If there is no equilibrium at the start, or the path cannot be followed.
 
     References
     ----------
@@ -88,3 +107,243 @@ def equilibrium_path(
     numeric = NumericEquations(origin.equations, origin.parameters)
     statics = Statics(numeric, read_signals(numeric.eom, values["inputs"]), origin.t, [parameter])
     return Follower(statics, parameter, first, last, steps).run(origin)
+
+
+@dataclass(frozen=True)
+class CriticalState:
+    """A point of a path at which a direction loses (or gains) its stiffness.
+
+    Attributes
+    ----------
+    value : float
+        Value of the parameter: the buckling load.
+    state : Equilibrium
+        The equilibrium there.
+    kind : {"limit", "bifurcation", "flutter"}
+        At a limit point the path turns back, and the mechanism snaps through;
+        at a bifurcation the path goes on, and another one crosses it. From
+        flutter on, under forces without potential, feedback or negative
+        damping, oscillations grow.
+    direction : numpy.ndarray
+        Displacement over q in which the stiffness vanishes, or in which it flutters (n,), the largest entry 1.
+    """
+
+    value: float
+    state: Equilibrium
+    kind: str
+    direction: np.ndarray
+
+
+class EquilibriumPath:
+    """Equilibria in the order of the path; ``path[expression]`` evaluates anything.
+
+    Attributes
+    ----------
+    parameter : Input or Parameter
+        What was changed.
+    values : numpy.ndarray
+        Its values (k,); if the path turns they do not increase throughout.
+    states : tuple of Equilibrium
+        (k,).
+    stable : numpy.ndarray of bool
+        (k,).
+    least_stiffness : numpy.ndarray
+        Least eigenvalue of the reduced stiffness (k,), N/m.
+    critical : tuple of CriticalState
+        Points at which the number of directions that give way changes, and at which flutter sets in or ends.
+    """
+
+    def __init__(self, parameter: Any, values: Sequence[float], states: Sequence[Equilibrium], critical: Sequence[Any]):
+        self.parameter = parameter
+        self.values = np.array(values)
+        self.states = tuple(states)
+        self.stable = np.array([state.stable for state in states])
+        self.least_stiffness = np.array([state.stiffness.least for state in states])
+        self.critical: tuple[CriticalState, ...] = tuple(critical)
+
+    def __getitem__(self, expression: Any) -> np.ndarray:
+        """Values of an expression along the path: (k,), or (k, i) for a vector."""
+        expression = as_expression(expression, "path[…]")
+        return np.array([state[expression] for state in self.states])
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __repr__(self) -> str:
+        lines = [
+            f"EquilibriumPath: {len(self)} states, {self.parameter.label} = {self.values[0]:.6g} … "
+            f"{self.values[-1]:.6g}, {int(np.sum(self.stable))} of them stable"
+        ]
+        return "\n".join(lines + [f"  {c.kind} at {self.parameter.label} = {c.value:.8g}" for c in self.critical])
+
+
+@dataclass
+class _Point:
+    """A point of the path: unknowns, direction of the path there, eigenvalues."""
+
+    x: np.ndarray
+    tangent: np.ndarray
+    state: Equilibrium
+
+    @property
+    def flutters(self) -> bool:
+        """True if oscillations grow."""
+        return self.state.small_motions.flutter
+
+
+class Follower:
+    """Predictor along the tangent, corrector by Newton's method at a given advance along it."""
+
+    def __init__(self, statics: Statics, parameter: Any, first: float, last: float, steps: int):
+        self.statics, self.parameter, self.first, self.last, self.steps = statics, parameter, first, last, steps
+        n, k = statics.n, statics.k
+        c = statics.numeric.column_scale
+        # advances count in turns and levers, and in shares of the range of the parameter
+        self._size = np.concatenate([c * statics.lever, np.ones(k), np.zeros(statics.m), [abs(last - first)]])
+        self._seen = np.flatnonzero(self._size)
+        self._turns = np.flatnonzero(statics.eom.angles)
+        self._n = n
+
+    def run(self, origin: Equilibrium) -> EquilibriumPath:
+        sign = np.sign(self.last - self.first)
+        x = self.statics.join(origin.q, origin.z, origin.lam, [self.first])
+        point = self._point(x, None)
+        if point.tangent[-1] * sign < 0:
+            point.tangent = -point.tangent
+        points, critical = [point], []
+        usual = 1.0 / self.steps
+        control = StepControl(usual, SMALLEST_STEP * usual, usual)
+        while len(points) < MOST_POINTS:
+            nearest = (self.last - point.x[-1]) * sign / abs(self.last - self.first)
+            following = self._advance(point, control.step)
+            if following is None:
+                if not control.refuse():
+                    raise EquilibriumError(
+                        f"equilibrium_path: the path cannot be followed beyond {self.parameter.label} = "
+                        f"{point.x[-1]:.8g}: the constraints lock there, or a force has no value"
+                    )
+                continue
+            if (following.x[-1] - self.last) * sign > 0 and nearest > 0:
+                end = self._at(following, self.last)
+                following = end if end is not None else following
+            critical += self._critical_between(point, following)
+            points.append(following)
+            point = following
+            control.accept()
+            beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
+            if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
+                break
+        return EquilibriumPath(self.parameter, [p.x[-1] for p in points], [p.state for p in points], critical)
+
+    # --- points ----------------------------------------------------------------------
+    def _point(self, x: np.ndarray, before: np.ndarray | None) -> _Point:
+        return _Point(x, self._tangent(x, before), Equilibrium(self.statics, x))
+
+    def _tangent(self, x: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Direction of the path in scaled unknowns, in the sense of the direction before."""
+        jacobian = self.statics.scaled(x)[0](x)[1]
+        size = np.where(
+            self._size > 0, self._size, largest(jacobian[:, : self._n]) * self.statics.stiffness(x).scale + 1
+        )
+        _, values, right = np.linalg.svd(jacobian * size)
+        null = right[np.sum(values > 1e-10 * values[0]) :].T
+        # multipliers that are not unique have null directions of their own, in which nothing moves
+        left, sizes, _ = np.linalg.svd(null[self._seen], full_matrices=False)
+        tangent = left[:, 0] if before is None else left[:, sizes > 1e-6] @ (left[:, sizes > 1e-6].T @ before)
+        tangent = tangent / np.linalg.norm(tangent)
+        return tangent if before is None or tangent @ before >= 0 else -tangent
+
+    def _advance(self, point: _Point, step: float) -> _Point | None:
+        """Equilibrium at an advance along the tangent of a point; None if there is none nearby."""
+        seen, size = self._seen, self._size[self._seen]
+        guess = point.x.copy()
+        guess[seen] += step * size * point.tangent
+        equations, weights = self.statics.scaled(guess)
+        row = np.zeros((1, guess.size))
+        row[0, seen] = point.tangent / size
+
+        def with_advance(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = equations(x)
+            return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
+
+        x = newton(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
+        if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
+            return None
+        following = self._point(x, point.tangent)
+        return following if following.tangent @ point.tangent > STRAIGHT else None
+
+    def _at(self, point: _Point, value: float) -> _Point | None:
+        """Equilibrium at a value of the parameter, near a point."""
+        guess = point.x.copy()
+        guess[-1] = value
+        equations, weights = self.statics.scaled(guess)
+        row = np.zeros((1, guess.size))
+        row[0, -1] = 1.0
+
+        def at_value(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            values, slope = equations(x)
+            return np.append(values, x[-1] - value), np.vstack([slope, row])
+
+        x = newton(at_value, guess, weights, iterations=20, smallest=SINGULAR)
+        return None if x is None else self._point(x, point.tangent)
+
+    # --- critical points -------------------------------------------------------------------
+    def _critical_between(self, low: _Point, high: _Point) -> list[CriticalState]:
+        """Points between two others at which an eigenvalue changes its sign, or flutter begins."""
+        ends = low.state.stiffness, high.state.stiffness
+        length = float(low.tangent @ ((high.x - low.x)[self._seen] / self._size[self._seen]))
+        few, many = sorted(end.falling for end in ends)
+        if all(end.is_real for end in ends):
+            critical = [self._critical(low, high, length, index) for index in range(few, many)]
+        else:
+            critical = [self._critical(low, high, length, None)] if (many - few) % 2 else []
+        if low.flutters != high.flutters:
+            critical.append(self._flutter(low, high, length))
+        return critical
+
+    def _flutter(self, low: _Point, high: _Point, length: float) -> CriticalState:
+        """Point at which oscillations begin to grow, by halving: on the side on which it flutters."""
+        inner, outer = 0.0, length
+        points = {inner: low, outer: high}
+        while outer - inner > ACCURACY:
+            middle = (inner + outer) / 2
+            between = self._advance(low, middle)
+            if between is None or not inner < middle < outer:
+                break
+            points[middle] = between
+            if between.flutters == low.flutters:
+                inner = middle
+            else:
+                outer = middle
+        point = points[inner if low.flutters else outer]
+        direction = point.state.small_motions.fastest_growing
+        direction = direction / direction[np.argmax(np.abs(direction))]
+        return CriticalState(float(point.x[-1]), point.state, "flutter", direction)
+
+    def _critical(self, low: _Point, high: _Point, length: float, index: int | None) -> CriticalState:
+        points: dict[float, _Point] = {0.0: low, length: high}
+
+        def eigenvalue(advance: float) -> float:
+            if advance not in points:
+                between = self._advance(low, advance)
+                if between is None:
+                    raise EquilibriumError(
+                        f"equilibrium_path: the critical point near {self.parameter.label} = {low.x[-1]:.8g} "
+                        "cannot be located; take more steps="
+                    )
+                points[advance] = between
+            here = points[advance].state.stiffness
+            return here.singularity if index is None else float(np.sort(here.values.real)[index])
+
+        ends = {advance: eigenvalue(advance) for advance in (0.0, length)}
+        at = min(ends, key=lambda advance: abs(ends[advance]))
+        if abs(ends[at]) > NEUTRAL * low.state.stiffness.scale:  # else a point of the path is the critical one itself
+            at = bracketed_root(eigenvalue, 0.0, length, ends[0.0], ends[length], ACCURACY)
+        eigenvalue(at)
+        point = points[at]
+        turned = low.tangent[-1] * high.tangent[-1] < 0
+        here = point.state.stiffness
+        column = int(np.argmin(np.abs(here.values))) if index is None else index
+        direction = here.directions[:, column].real
+        direction = direction / direction[np.argmax(np.abs(direction))]
+        return CriticalState(float(point.x[-1]), point.state, "limit" if turned else "bifurcation", direction)

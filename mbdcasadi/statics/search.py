@@ -18,16 +18,16 @@ SMALLEST_SHARE = 1e-6
 #: Steps downhill.
 STEPS = 400
 #: A step this small (in levers) ends the way downhill: Newton's method takes over.
-SETTLED = 1e-6
+NO_STEP = 1e-6
 #: By how much a pose is moved out of an unstable equilibrium, in levers, and how often.
-NUDGE, NUDGES = 1e-2, 4
+PERTURBATION, PERTURBATIONS = 1e-2, 4
 
 
 def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
     """Follow the unbalanced forces until they vanish, or the steps are used up.
 
     Newton steps on the reduced stiffness with the signs of its eigenvalues
-    taken away lead downhill also where the stiffness is negative, so that
+    taken away lead downhill also if the stiffness is negative, so that
     unstable equilibria are passed. A step is halved until the forces have done
     work along it, which keeps it from overshooting; no potential is needed.
     """
@@ -36,7 +36,7 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
     for _ in range(STEPS):
         step = _step(here)
         size = largest(step)
-        if size <= SETTLED * statics.lever:
+        if size <= NO_STEP * statics.lever:
             return x
         step *= min(1.0, LARGEST_STEP * statics.lever / size)
 
@@ -51,10 +51,10 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
             work = here.force @ (here.basis.T @ path) + there.force @ (there.basis.T @ path)
             return (moved, there) if work > 0 else None
 
-        found = backtrack(with_work_done, SMALLEST_SHARE)
-        if found is None:
+        better = backtrack(with_work_done, SMALLEST_SHARE)
+        if better is None:
             return x
-        x, here = found
+        x, here = better
     return x
 
 
@@ -62,13 +62,13 @@ def _step(stiffness: Stiffness) -> np.ndarray:
     values, vectors = np.linalg.eigh((stiffness.matrix + stiffness.matrix.T) / 2)
     floor = max(1e-9 * stiffness.scale, 1e-6 * largest(stiffness.force), np.finfo(float).tiny)
     along = vectors.T @ stiffness.force
-    # where nothing pushes, nothing is to be gained, however soft the direction is
+    # without a force nothing is gained in a direction, however soft it is
     along[np.abs(along) <= 1e-13 * (1 + stiffness.scale)] = 0.0
     return vectors @ (along / np.maximum(np.abs(values), floor))
 
 
 def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
-    """Equilibrium to rounding by Newton's method on all rows; None where it does not settle."""
+    """Equilibrium to rounding by Newton's method on all rows; None if it does not converge."""
     equations, weights = statics.scaled(x)
     limit = np.full(x.size, np.inf)
     limit[np.flatnonzero(statics.eom.angles)] = LARGEST_TURN
@@ -76,33 +76,33 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
 
 
 def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
-    """Equilibrium by Newton's method; from beside the start where the stiffness vanishes at the start itself."""
-    found = newton(statics, x)
-    directions = statics.stiffness(x).directions if found is None else np.zeros((0, 0))
-    for way in directions.T[:2].real:
+    """Equilibrium by Newton's method; from poses near the start if the stiffness vanishes at the start itself."""
+    rest = newton(statics, x)
+    directions = statics.stiffness(x).directions if rest is None else np.zeros((0, 0))
+    for direction in directions.T[:2].real:
         for side in (1, -1, 5, -5):
-            moved = statics.displaced(x, side * NUDGE * statics.lever * way)
-            found = None if moved is None else newton(statics, moved)
-            if found is not None:
-                return found
-    return found
+            moved = statics.displaced(x, side * PERTURBATION * statics.lever * direction)
+            rest = None if moved is None else newton(statics, moved)
+            if rest is not None:
+                return rest
+    return rest
 
 
 def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
-    """Stable equilibrium downhill of a pose; an unstable one where there is none; None where none was found."""
+    """Stable equilibrium downhill of a pose; an unstable one if there is none; None if none was found."""
     first: np.ndarray | None = None
-    for attempt in range(NUDGES):
+    for attempt in range(PERTURBATIONS):
         settled = downhill(statics, x)
-        found = newton(statics, settled)
-        if found is None or largest((found - settled)[: statics.n]) > 0.1 * (1 + statics.lever):
-            return found if first is None else first
-        stiffness = statics.stiffness(found)
-        if stiffness.stable or stiffness.negative == 0:
-            return found
-        first = found if first is None else first
+        rest = newton(statics, settled)
+        if rest is None or largest((rest - settled)[: statics.n]) > 0.1 * (1 + statics.lever):
+            return rest if first is None else first
+        stiffness = statics.stiffness(rest)
+        if stiffness.negative == 0:
+            return rest
+        first = rest if first is None else first
         direction = stiffness.directions[:, 0].real
-        way = direction * NUDGE * statics.lever * (1 if attempt % 2 == 0 else -1)
-        moved = statics.displaced(found, way)
+        step = direction * PERTURBATION * statics.lever * (1 if attempt % 2 == 0 else -1)
+        moved = statics.displaced(rest, step)
         if moved is None:
             return first
         x = moved

@@ -23,6 +23,7 @@ from ..model.conditions import Condition
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
+from .small_motions import SmallMotions
 
 #: Eigenvalues of the reduced stiffness below this share of the typical stiffness count as zero.
 NEUTRAL = 1e-11
@@ -52,13 +53,6 @@ class Stiffness:
         Unbalanced force along the basis (k,), N.
     scale : float
         Stiffness that is typical of the mechanism: what rounding is measured by.
-    stable : bool
-        Whether every free direction is held: all eigenvalues above zero. Where
-        forces have no potential (a load that follows a rod) the matrix is not
-        symmetric, and small undamped motions decide: the squares of their
-        frequencies must be real and above zero.
-    flutters : bool
-        Whether such squares are complex, so that small motions grow.
     """
 
     values: np.ndarray
@@ -67,12 +61,19 @@ class Stiffness:
     basis: np.ndarray
     force: np.ndarray
     scale: float
-    stable: bool
-    flutters: bool
+
+    @property
+    def holds(self) -> bool:
+        """True if every free direction is held: no real eigenvalue is zero or below.
+
+        If forces have no potential (a load that follows a rod) eigenvalues may be complex; small motions decide.
+        """
+        real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
+        return not np.any(real & (self.values.real <= NEUTRAL * self.scale))
 
     @property
     def least(self) -> float:
-        """Smallest real part; infinite where nothing can move."""
+        """Smallest real part; infinite if nothing can move."""
         return float(np.min(self.values.real, initial=np.inf)) + 0.0  # no -0
 
     @property
@@ -84,7 +85,7 @@ class Stiffness:
     def falling(self) -> int:
         """Number of directions in which the mechanism gives way without turning about: real eigenvalues below zero.
 
-        Only these change their number where the stiffness is singular; a complex pair, of forces
+        Only these change their number at a singular stiffness; a complex pair, of forces
         without potential, may pass the imaginary axis and nothing happens.
         """
         real = np.abs(self.values.imag) <= CIRCULATORY * np.abs(self.values)
@@ -98,7 +99,7 @@ class Stiffness:
 
     @property
     def is_real(self) -> bool:
-        """Whether all eigenvalues are real, as they are where forces have a potential."""
+        """True if all eigenvalues are real, as they are if forces have a potential."""
         return not np.iscomplexobj(self.values)
 
 
@@ -137,7 +138,7 @@ class Statics:
         u = ca.SX(signals.expressions)
         for k in _places(eom.mechanism.inputs, unknowns):
             u[k] = eom.mechanism.inputs[k]
-        u = ca.substitute(u, eom.v, ca.SX.zeros(self.n))
+        fed_back, u = u, ca.substitute(u, eom.v, ca.SX.zeros(self.n))
         rows = ca.vertcat(eom.Q - eom.Phi_q.T @ eom.lam, eom.Phi, eom.z_rate, *[c.expression for c in conditions])
         rest = ca.SX.zeros(self.n)
         rows = ca.substitute(ca.densify(rows), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
@@ -145,6 +146,9 @@ class Statics:
         arguments = [x, eom.t, eom.p[self._known_p]]
         self._rows = ca.Function("statics", arguments, [rows, ca.jacobian(rows, x)])
         self._inputs = ca.Function("inputs", arguments, [ca.densify(u)])
+        moving = ca.substitute(ca.vertcat(eom.Q, eom.z_rate), eom.u, fed_back)
+        slope = ca.substitute(ca.jacobian(moving, eom.v), ca.vertcat(eom.v, eom.a, eom.u), ca.vertcat(rest, rest, u))
+        self._by_velocity = ca.Function("by_velocity", arguments, [ca.densify(slope)])
         self.constant_rows = eom.Phi.numel()
 
     # --- the unknowns ----------------------------------------------------------------
@@ -191,8 +195,8 @@ class Statics:
             values, slope = self.rows(x)
             return values / size, slope / size[:, None]
 
-        given = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
-        return equations, np.concatenate(given)
+        weights = [1 / c**2, np.ones(self.k), np.full(self.m, 1 / force**2), 1 / (1 + np.abs(self.split(x)[3])) ** 2]
+        return equations, np.concatenate(weights)
 
     def _typical(self, x: np.ndarray, values: np.ndarray, jacobian: np.ndarray) -> float:
         """Stiffness that slopes are compared with, N/m: of the springs, or of forces over the lever.
@@ -211,12 +215,12 @@ class Statics:
         """Typical distance on the mechanism: what a displacement is compared with, m."""
         return 1 / float(np.min(self.numeric.column_scale))
 
-    def displaced(self, x: np.ndarray, way: np.ndarray) -> np.ndarray | None:
-        """Pose moved by `way` (n,) and brought back onto the constraints; None where the parts come apart."""
+    def displaced(self, x: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """Pose displaced by `step` (n,) and brought back onto the constraints; None if the parts come apart."""
         numeric = self.numeric
         rows = partial(numeric.position, self.t)
         sizes = numeric.scale.coordinates
-        outcome = solve(rows, x[: self.n] + way, numeric.weights, sizes=sizes, iterations=20)
+        outcome = solve(rows, x[: self.n] + step, numeric.weights, sizes=sizes, iterations=20)
         if not outcome.converged:
             return None
         return self.follow(np.concatenate([outcome.x, x[self.n :]]))
@@ -250,28 +254,35 @@ class Statics:
         scale = self._typical(x, values, jacobian)
         if largest(matrix - matrix.T) <= CIRCULATORY * max(scale, np.finfo(float).tiny):
             values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
-            stable, flutters = bool(np.all(values > NEUTRAL * scale)), False
         else:
             values, vectors = np.linalg.eig(matrix)
             order = np.argsort(values.real)
             values, vectors = values[order], vectors[:, order]
-            squares = self._squares(matrix, basis, x)[0]
-            size = largest(squares)
-            flutters = bool(np.any(np.abs(squares.imag) > CIRCULATORY * size))
-            stable = not flutters and bool(np.all(squares.real > NEUTRAL * size))
-        return Stiffness(values, basis @ vectors, matrix, basis, force, scale, stable, flutters)
+        return Stiffness(values, basis @ vectors, matrix, basis, force, scale)
 
-    def _squares(self, matrix: np.ndarray, basis: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Squares of the frequencies of small undamped motions, and their shapes in the basis."""
-        inertia = basis.T @ (self.eom.masses(self.parameters(x))[:, None] * basis)
-        least = float(np.min(np.linalg.eigvalsh(inertia)))
-        return np.linalg.eig(np.linalg.solve(inertia, matrix) if least > 0 else matrix)
-
-    def flutter(self, x: np.ndarray) -> np.ndarray:
-        """Displacement over q of the small motion whose frequency is farthest from real (n,)."""
-        here = self.stiffness(x)
-        squares, shapes = self._squares(here.matrix, here.basis, x)
-        return here.basis @ shapes[:, np.argmax(np.abs(squares.imag))].real
+    def small_motions(self, x: np.ndarray) -> SmallMotions:
+        """Small motions about an equilibrium, with damping, feedback and the rates of first-order states."""
+        c, basis = self._free(x)
+        n, k = self.n, self.k
+        _, jacobian = self.rows(x)
+        by_velocity = self._by_velocity(x, self.t, self.numeric.p[self._known_p]).full()
+        rates = slice(n + self.constant_rows, n + self.constant_rows + k)
+        inertia = np.vstack([-self.eom.masses(self.parameters(x))[:, None] * basis, np.zeros((k, basis.shape[1]))])
+        # forces and rates by displacements, velocities, accelerations and states; multipliers follow
+        sources = np.hstack(
+            [
+                jacobian[[*range(n), *range(rates.start, rates.stop)], :n] @ basis,
+                by_velocity @ basis,
+                inertia,
+                jacobian[[*range(n), *range(rates.start, rates.stop)], n : n + k],
+            ]
+        )
+        lam = slice(n + k, n + k + self.m)
+        left = np.hstack([c[:, None] * jacobian[:n, lam], basis / c[:, None]])
+        answer = least_norm(left, c[:, None] * sources[:n], threshold=BALANCED)
+        force = answer[self.m :]
+        rate = sources[n:] - jacobian[rates, lam] @ answer[: self.m]
+        return SmallMotions.of(force, rate, basis)
 
     def _free(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scale of the coordinates, and virtual displacements that are orthonormal in it."""
@@ -282,7 +293,7 @@ class Statics:
         return c, c[:, None] * null
 
     def _left(self, jacobian: np.ndarray, basis: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """What multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
+        """Matrix that multiplies ``(dz, dlam, -f)``: states, multipliers, and the force left over along the basis."""
         n, k, m = self.n, self.k, self.m
         rates = slice(n + self.constant_rows, n + self.constant_rows + k)
         upper = np.hstack([c[:, None] * jacobian[:n, n : n + k + m], basis / c[:, None]])
@@ -291,5 +302,5 @@ class Statics:
 
 
 def _places(symbols: Sequence[ca.SX], wanted: Sequence[ca.SX]) -> list[int]:
-    """Where symbols stand that are among those wanted."""
+    """Places of the symbols that are among those wanted."""
     return [k for k, symbol in enumerate(symbols) if any(symbol is w for w in wanted)]

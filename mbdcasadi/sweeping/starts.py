@@ -2,81 +2,140 @@
 
 from __future__ import annotations
 
+import warnings
+
+import casadi as ca
 import numpy as np
 
-from ..assembly.initial_state import start_state
+from ..assembly.consistent_start import consistent_start
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError
+from ..errors import MechanismError, MechanismWarning, SimulationError
+from ..numerics.console import call_each
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import FOUND
+from .packed import Packed
 
 #: Steps from the start of the first case to those of the others, one try after the other.
 STEPS = (1, 8, 32)
 
 
-def starts_of(setup: MotionSetup, parameters: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
-    """Starts of all cases, and why some have none.
+class StartPath:
+    """The way from one start to those at other parameters: a compiled function and arrays, nothing of the model.
 
-    From the start of the setup the parameters are changed in steps, all
-    cases together, so that every case stays on the branch of the first; what
-    does not arrive in small turns is assembled by itself.
+    The parameters are changed in steps, so that every case stays on the branch
+    of the first; what does not arrive in small turns is not reached.
 
     Parameters
     ----------
     setup : MotionSetup
-        The mechanism at the parameters of one case.
-    parameters : numpy.ndarray
-        (k, n_p).
-
-    Returns
-    -------
-    starts : numpy.ndarray
-        (k, n_x).
-    failures : dict of int to str
-        Message by case.
+        The mechanism at the parameters from which the way begins.
     """
-    count, size = len(parameters), setup.differentiable_start.function.size1_out(0)
-    starts, failures = np.full((count, size), np.nan), _out_of_limits(setup, parameters)
-    left = np.array([k for k in range(count) if k not in failures], int)
-    for steps in STEPS:
-        if left.size:
-            found, good = _in_steps(setup, parameters[left], steps)
-            starts[left[good]] = found[good]
-            left = left[~good]
-    for k in left:
+
+    def __init__(self, setup: MotionSetup):
+        start = setup.differentiable_start
+        self._function = Packed(start.function)
+        self._p, self._guess = setup.p, start.guess
+        self._others = start.right, start.z_estimate
+        self._state = np.r_[start.state.q, start.state.v, start.state.z]
+        self._angles = np.flatnonzero(setup.eom.angles)
+
+    def starts(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Find the starts of some cases.
+
+        Parameters
+        ----------
+        parameters : numpy.ndarray
+            (k, n_p).
+
+        Returns
+        -------
+        starts : numpy.ndarray
+            (k, n_x).
+        reached : numpy.ndarray of bool
+            Which of them were found (k,).
+        """
+        function = self._function.unpacked()
+        starts = np.full((len(parameters), self._state.size), np.nan)
+        reached = np.zeros(len(parameters), bool)
+        for steps in STEPS:
+            left = np.flatnonzero(~reached)
+            if left.size:
+                starts[left], reached[left] = self._in_steps(function, parameters[left], steps)
+        return starts, reached
+
+    def _in_steps(self, function: ca.Function, parameters: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Starts that are reached in so many steps (k, n_x), and which of them are good."""
+        count = len(parameters)
+        guess, before = np.tile(self._guess[:, None], (1, count)), np.tile(self._state[:, None], (1, count))
+        good = np.ones(count, bool)
+        for step in range(1, steps + 1):
+            p = self._p[:, None] + step / steps * (parameters.T - self._p[:, None])
+            chosen = np.flatnonzero(good)
+            if not chosen.size:
+                break
+            states, solution, residual = self._solved(function, p[:, chosen], guess[:, chosen])
+            turned = np.max(np.abs(states - before[:, chosen])[self._angles], axis=0, initial=0.0)
+            good[chosen] = (residual <= FOUND) & (turned <= LARGEST_TURN)
+            guess[:, chosen], before[:, chosen] = solution, states
+        return before.T, good
+
+    def _solved(
+        self, function: ca.Function, p: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States and solutions by column, and residuals; infinite where the search meets a singular matrix."""
+        x, solution, residual = call_each(function, p, *self._others, guess)
+        solution = np.where(np.isfinite(solution), solution, self._guess[:, None])
+        return x, solution, np.where(np.isfinite(residual), residual, np.inf).ravel()
+
+
+def assembled_start(setup: MotionSetup, parameters: np.ndarray, case: int) -> np.ndarray:
+    """Assemble the start of one case by itself (n_x,).
+
+    Raises
+    ------
+    MechanismError
+        If there is none.
+
+    Warns
+    -----
+    MechanismWarning
+        With the case, if the pose may lie on another branch.
+    """
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
         try:
-            numeric = NumericEquations(setup.eom, parameters[k])
-            state = start_state(numeric, setup.initial, float(setup.grid[0]), setup.signals)
-            starts[k] = np.r_[state.q, state.v, state.z]
+            numeric = NumericEquations(setup.eom, parameters)
+            state = consistent_start(numeric, setup.initial, float(setup.grid[0]), setup.signals)
+        except RuntimeError as error:
+            raise SimulationError(f"no start was found: {error}") from None
+    repeat_for_case(caught, case)
+    return np.r_[state.q, state.v, state.z]
+
+
+def repeat_for_case(caught: list[warnings.WarningMessage], case: int) -> None:
+    """Warn of what was caught while a case was prepared, with the case."""
+    for warning in caught:
+        if issubclass(warning.category, MechanismWarning):
+            warnings.warn(f"sweep, case {case}: {warning.message}", MechanismWarning, stacklevel=5)
+        else:
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+
+def out_of_limits(setup: MotionSetup, parameters: np.ndarray, cases: np.ndarray) -> dict[int, str]:
+    """Message by case for values that the model does not allow.
+
+    Parameters
+    ----------
+    parameters : numpy.ndarray
+        Of all cases (k, n_p).
+    cases : numpy.ndarray of int
+        Cases that are looked at.
+    """
+    failures = {}
+    for k in cases:
+        try:
+            setup.mechanism.check_values(parameters[k])
         except MechanismError as error:
             failures[int(k)] = str(error)
-    return starts, failures
-
-
-def _out_of_limits(setup: MotionSetup, parameters: np.ndarray) -> dict[int, str]:
-    failures = {}
-    for k, p in enumerate(parameters):
-        try:
-            setup.mechanism.check_values(p)
-        except MechanismError as error:
-            failures[k] = str(error)
     return failures
-
-
-def _in_steps(setup: MotionSetup, parameters: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Starts that are reached in so many steps (k, n_x), and which of them are good."""
-    start, base = setup.differentiable_start, setup.numeric.p
-    angles = np.flatnonzero(setup.numeric.eom.angles)
-    guess = np.tile(start.guess[:, None], (1, len(parameters)))
-    before = np.tile(np.r_[start.state.q, start.state.v, start.state.z][:, None], (1, len(parameters)))
-    good = np.ones(len(parameters), bool)
-    for step in range(1, steps + 1):
-        p = base[:, None] + step / steps * (parameters.T - base[:, None])
-        x, solution, residual = start.function(p, start.right, start.z_estimate, guess)
-        states, guess = x.full(), solution.full()
-        turned = np.max(np.abs(states - before)[angles], axis=0, initial=0.0)
-        good &= (residual.full().ravel() <= FOUND) & (turned <= LARGEST_TURN)
-        guess = np.where(np.isfinite(guess), guess, start.guess[:, None])
-        before = states
-    return before.T, good

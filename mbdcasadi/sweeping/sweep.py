@@ -3,34 +3,50 @@
 from __future__ import annotations
 
 import time as clock
+import warnings
+from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..arguments.values import pairs_of
-from ..errors import AssemblyError, Interrupted, MechanismError, ModelError, SimulationError, SingularityError
+from ..arguments.values import pairs_of, position_in
+from ..assembly.setup import Setup
+from ..errors import (
+    AssemblyError,
+    FileError,
+    Interrupted,
+    MechanismError,
+    MechanismWarning,
+    ModelError,
+    SimulationError,
+    SingularityError,
+)
 from ..integrators import Integrator
+from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
 from ..numerics.progress import progress_bar
+from ..results.state import State
 from ..sensitivity.compiled_run import MotionSetup
+from ..sensitivity.differentiable_motion import Course
 from ..sensitivity.sensitivities import named_outputs
 from .cases import read_cases
 from .result import Sweep
-from .starts import starts_of
+from .starts import StartPath, assembled_start, out_of_limits, repeat_for_case
 from .sweep_file import SweepFile, fingerprint
-from .worker import Parcel, run_batch
+from .worker import Outcome, Parcel, run_batch
 
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
 #: Cases that are tried as the one from which the others are reached.
 TRIES = 100
 
-Batch = tuple[np.ndarray, np.ndarray, list[str]]
+#: Finished cases: their indices, outputs (k, n), and messages.
+Block = tuple[np.ndarray, np.ndarray, list[str]]
 
 
 def sweep(
@@ -52,9 +68,10 @@ def sweep(
 ) -> Sweep:
     """Run one compiled simulation over many values of parameters and inputs.
 
-    The starts of all cases are found first, together; then what travels to the
-    workers are a ``casadi.Function`` and arrays. A case that fails is kept as
-    such, with its message, and the others go on.
+    What travels to the workers are ``casadi.Function`` objects and arrays: they
+    find the starts of their cases by continuation from that of one of them, and
+    integrate. A start that is not reached so is assembled here by itself. A
+    case that fails is kept as such, with its message, and the others go on.
 
     Parameters
     ----------
@@ -110,31 +127,23 @@ def sweep(
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)
+    _batch_size(batch, count)
     fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
-    settings = {"method": method, "reltol": reltol, "abstol": abstol}
-    setup = _setup(mechanism, times, initial, inputs, fixed, varied, settings)
-    result = Sweep(setup.grid, varied, named)
-    p, levels = _values(setup, varied, count)
-    starts, failures = starts_of(setup, p)
-    parcel = _parcel(setup, named)
-    store = None if file is None else SweepFile(file, _fingerprint(setup, named, p, levels, starts))
+    given = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
+    plan = _Plan(mechanism, times, fixed, varied, given)
+    result = Sweep(plan.setup.grid, varied, named)
+    store = None if file is None else SweepFile(file, plan.fingerprint(named))
     for block in store.read() if store else []:
         result.take(*block)
-    waiting = np.flatnonzero(~result.done)
-    none = np.array([k for k in waiting if int(k) in failures], int)
-    _enter(
-        result, store, (none, np.full((none.size, result._values[0].size), np.nan), [failures[int(k)] for k in none])
-    )
-    left = np.array([k for k in waiting if int(k) not in failures], int)
-    batches = [left[k : k + size] for size in [_batch_size(batch, left.size)] for k in range(0, left.size, size)]
     began = clock.perf_counter()
     try:
-        with _bar(count, count - left.size, progress) as bar:
-            for block in _run(executor, parcel, batches, starts, p, levels):
-                _enter(result, store, block)
+        with _bar(count, int(np.sum(result.done)), progress) as bar:
+            for block in _blocks(executor, plan, named, np.flatnonzero(~result.done), batch):
+                result.take(*block)
+                if store is not None:
+                    store.append(*block)
                 bar.update(len(block[0]))
     except KeyboardInterrupt:
-        result.seconds = clock.perf_counter() - began
         raise Interrupted(
             f"stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
             + (f", and so does {file}" if file else ""),
@@ -146,113 +155,309 @@ def sweep(
             "processes need the lines that start them under if __name__ == '__main__'",
             partial=result,
         ) from None
-    result.seconds = clock.perf_counter() - began
+    except FileError as error:
+        raise FileError(f"{error}; .partial holds the cases that were finished", partial=result) from None
+    finally:
+        result.seconds = clock.perf_counter() - began
     return result
 
 
-def _setup(
-    mechanism: Mechanism,
-    times: Any,
-    initial: Any,
-    inputs: Any,
-    fixed: list[tuple[Any, Any]],
-    varied: dict[Any, np.ndarray],
-    settings: dict[str, Any],
-) -> MotionSetup:
-    """The mechanism at the first of the cases, spread over all of them, that can be assembled."""
-    obstacle: MechanismError | None = None
-    count = len(next(iter(varied.values())))
-    for k in np.unique(np.linspace(0, count - 1, min(count, TRIES)).astype(int)):
-        values = [(key, column[k]) for key, column in varied.items() if isinstance(key, Parameter)]
-        try:
-            return MotionSetup(
-                mechanism, "sweep", times, initial=initial, inputs=inputs, parameters=[*fixed, *values], **settings
-            )
-        except (AssemblyError, SingularityError) as error:
-            obstacle = obstacle or error
-        except ModelError as error:  # a length below zero belongs to its case; all else is wrong in every case
-            if not values:
-                raise
-            obstacle = obstacle or error
-    assert obstacle is not None
-    raise obstacle
+class _Plan:
+    """The cases of a sweep, as arguments of compiled runs.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    times : sequence of float
+        Output times, s.
+    fixed : list of (Parameter, float)
+        Values of parameters that do not vary.
+    varied : dict
+        Parameter or input to its values (k,).
+    given : dict
+        Further arguments of :class:`MotionSetup`.
+
+    Attributes
+    ----------
+    setup : Setup
+        The arguments, read; nothing is assembled.
+    p, levels : numpy.ndarray
+        Parameters (k, n_p), and values of the inputs that are numbers (k, n_levels).
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        times: Any,
+        fixed: list[tuple[Any, Any]],
+        varied: dict[Any, np.ndarray],
+        given: dict[str, Any],
+    ):
+        self._mechanism, self._times, self._fixed, self._varied, self._given = mechanism, times, fixed, varied, given
+        self.count = len(next(iter(varied.values())))
+        shared = {name: given[name] for name in ("initial", "inputs")}
+        with warnings.catch_warnings():
+            # limits of what varies are looked at in all cases
+            warnings.simplefilter("ignore", MechanismWarning)
+            self.setup = Setup(mechanism, "sweep", times=times, parameters=self._parameters(0), **shared)
+        self.p, self.levels = self._values()
+        self._report_exceeded_limits()
+
+    def _parameters(self, case: int) -> list[tuple[Any, Any]]:
+        varied = [(key, column[case]) for key, column in self._varied.items() if isinstance(key, Parameter)]
+        return [*self._fixed, *varied]
+
+    def _values(self) -> tuple[np.ndarray, np.ndarray]:
+        mechanism, signals = self._mechanism, self.setup.signals
+        p, levels = np.tile(self.setup.p, (self.count, 1)), np.tile(signals.level_values, (self.count, 1))
+        for key, values in self._varied.items():
+            if isinstance(key, Parameter):
+                p[:, position_in(mechanism.parameters, key, "cases=")] = values
+                continue
+            k = position_in(mechanism.inputs, key, "cases=")
+            if k not in signals.level_places:
+                raise ModelError(f"sweep: input '{key.label}' is in cases= and, varying, in inputs= too; leave one out")
+            levels[:, signals.level_places[k]] = values
+        return p, levels
+
+    def _report_exceeded_limits(self) -> None:
+        for parameter, values in zip(self._mechanism.parameters, self.p.T, strict=True):
+            beyond = np.flatnonzero((values < parameter.lower) | (values > parameter.upper))
+            if beyond.size:
+                shown = ", ".join(str(k) for k in beyond[:5]) + (" …" if beyond.size > 5 else "")
+                warnings.warn(
+                    f"sweep: parameter '{parameter.label}' is beyond its limits {parameter.lower:.6g} … "
+                    f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given",
+                    MechanismWarning,
+                    stacklevel=4,
+                )
+
+    def fingerprint(self, named: list[tuple[Any, ca.SX]]) -> str:
+        """Digest of the equations, the outputs, the start, the inputs, the settings and all numbers."""
+        setup, eom, signals = self.setup, self.setup.eom, self.setup.signals
+        expressions = [eom.mass_diagonal, eom.Q, eom.Phi, eom.Phi_q, eom.z_rate, signals.parametrised]
+        expressions += [ca.vec(e) for _, e in named]
+        initial, numbers = setup.initial, [*eom.estimate]
+        if isinstance(initial, State):
+            numbers += [initial.q, initial.v, initial.z]
+        else:
+            conditions = read_conditions(initial)
+            expressions += [c.expression for c in conditions]
+            numbers.append(np.array([c.equality for c in conditions], float))
+        # a serialised function holds every constant to the last digit; printed expressions do not
+        known = [*eom.symbols, signals.levels, signals.channel]
+        content = ca.Function("sweep", known, [ca.densify(e) for e in expressions]).serialize()
+        samples = [np.asarray(v) for v in signals.samples.values()]
+        names = [name for name, _ in named if isinstance(name, str)]
+        settings = repr([self._given[name] for name in ("method", "reltol", "abstol")])
+        return fingerprint(content, *names, settings, setup.grid, *samples, *numbers, self.p, self.levels)
+
+    def first_assembled(self) -> MotionSetup:
+        """The mechanism at the first of the cases, spread over all of them, that can be assembled.
+
+        Raises
+        ------
+        MechanismError
+            Why the first one cannot, if none can.
+        """
+        obstacle: MechanismError | None = None
+        shared = {name: self._given[name] for name in ("initial", "inputs", "method", "reltol", "abstol")}
+        varies = any(isinstance(key, Parameter) for key in self._varied)
+        for k in np.unique(np.linspace(0, self.count - 1, min(self.count, TRIES)).astype(int)):
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always")
+                try:
+                    found = MotionSetup(
+                        self._mechanism, "sweep", self._times, parameters=self._parameters(int(k)), **shared
+                    )
+                except (AssemblyError, SingularityError) as error:
+                    obstacle = obstacle or error
+                    continue
+                except ModelError as error:
+                    # a length below zero belongs to its case; all else is wrong in every case
+                    if not varies:
+                        raise
+                    obstacle = obstacle or error
+                    continue
+            repeat_for_case([w for w in caught if "the limits that it carries" not in str(w.message)], int(k))
+            return found
+        assert obstacle is not None
+        raise obstacle
 
 
-def _values(setup: MotionSetup, varied: dict[Any, np.ndarray], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters (count, n_p) and levels of the inputs (count, n_levels)."""
-    mechanism, signals = setup.mechanism, setup.signals
-    p, levels = np.tile(setup.p, (count, 1)), np.tile(signals.level_values, (count, 1))
-    for key, values in varied.items():
-        if isinstance(key, Parameter):
-            p[:, [k for k, own in enumerate(mechanism.parameters) if own is key]] = values[:, None]
-            continue
-        k = next(k for k, own in enumerate(mechanism.inputs) if own is key)
-        if k not in signals.level_places:
-            raise ModelError(f"sweep: input '{key.label}' is in cases= and, varying, in inputs= too; leave one out")
-        levels[:, signals.level_places[k]] = values
-    return p, levels
+class _Jobs:
+    """Batches of cases with what is compiled for them.
+
+    Parameters
+    ----------
+    plan : _Plan
+        The cases.
+    named : list of (str, casadi.SX)
+        Outputs.
+    """
+
+    def __init__(self, plan: _Plan, named: list[tuple[Any, ca.SX]]):
+        self._plan = plan
+        self.setup = plan.first_assembled()
+        parameters = self.setup.mechanism.parameters
+        varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
+        self._motion = self.setup.motion(varied, in_state=False)
+        self._path = StartPath(self.setup)
+        self._outputs = self._motion.outputs([e for _, e in named])
+        self._parcels: dict[tuple[Any, ...], Parcel] = {}
+        #: numbers that are kept of a case
+        self.width = self.setup.grid.size * sum(e.numel() for _, e in named)
+
+    def courses(self, cases: np.ndarray) -> tuple[dict[int, Course], dict[int, str]]:
+        """Where the motions of cases are cut, and why some have none."""
+        found, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
+        channel = self._motion.channel()
+        shared: Course | None = None
+        for k in cases:
+            if int(k) in failures:
+                continue
+            if shared is not None:
+                found[int(k)] = shared
+                continue
+            try:
+                found[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+            except MechanismError as error:
+                failures[int(k)] = str(error)
+                continue
+            if not self._motion.course_varies:
+                shared = found[int(k)]
+        return found, failures
+
+    def parcel(self, course: Course) -> Parcel:
+        """What is compiled for a course and others of its pattern."""
+        if course.pattern not in self._parcels:
+            setup, motion = self.setup, self._motion
+            n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size
+            x0, p = ca.MX.sym("x0", n_x), ca.MX.sym("p", n_p)
+            levels, cuts = ca.MX.sym("levels", setup.signals.levels.numel()), course.symbols
+            channel = motion.channel()
+            states, _ = motion.motion(course)(x0, p, levels, channel, *cuts)
+            values = self._outputs(states, p, levels, channel)
+            run = ca.Function("run", [x0, p, levels, *cuts], [values, states[-1, -1]])
+            self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
+        return self._parcels[course.pattern]
+
+    def batches(self, courses: dict[int, Course], size: int | None) -> Iterator[tuple[Any, ...]]:
+        """Batches of cases with the same pattern: indices, and arguments of :func:`run_batch`."""
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for k, course in courses.items():
+            groups.setdefault(course.pattern, []).append(k)
+        length = _batch_size(size, len(courses))
+        for members in groups.values():
+            for first in range(0, len(members), length):
+                yield self.batch(np.array(members[first : first + length]), courses)
+
+    def batch(self, cases: np.ndarray, courses: dict[int, Course], starts: np.ndarray | None = None) -> tuple[Any, ...]:
+        """One batch."""
+        plan, own = self._plan, [courses[int(k)] for k in cases]
+        arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
+        return cases, self.parcel(own[0]), plan.p[cases], plan.levels[cases], arguments, starts
+
+    def assembled(self, cases: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Starts of cases to which no way leads from the first: which have one, these, and messages of others."""
+        starts, messages = [], []
+        for k in cases:
+            try:
+                starts.append(assembled_start(self.setup, self._plan.p[k], int(k)))
+                messages.append("")
+            except MechanismError as error:
+                messages.append(str(error))
+        good = np.array([not message for message in messages], bool)
+        return good, np.array(starts), messages
 
 
-def _parcel(setup: MotionSetup, named: list[tuple[Any, ca.SX]]) -> Parcel:
-    motion = setup.motion()
-    size = setup.differentiable_start.function.size1_out(0)
-    x0, p = ca.MX.sym("x0", size), ca.MX.sym("p", setup.numeric.p.size)
-    levels, channel = ca.MX.sym("levels", setup.signals.levels.numel()), motion.channel()
-    states = motion.motion()(x0, p, levels, channel)
-    values = motion.outputs([e for _, e in named])(states, p, levels, channel)
-    return Parcel(ca.Function("run", [x0, p, levels], [values, states[-1, -1]]), float(setup.grid[-1] - setup.grid[0]))
+def _blocks(
+    executor: Executor | None, plan: _Plan, named: list[tuple[Any, ca.SX]], cases: np.ndarray, size: int | None
+) -> Iterator[Block]:
+    """Finished cases, as they come."""
+    if not cases.size:
+        return
+    jobs = _Jobs(plan, named)
+    courses, failures = jobs.courses(cases)
+    if failures:
+        yield _failed(failures, jobs)
+    runner = _Here() if executor is None else _Elsewhere(executor)
+    try:
+        for batch in jobs.batches(courses, size):
+            runner.submit(batch)
+        for done, outcome in runner.results():
+            ran = outcome.reached
+            if np.any(ran):
+                messages = [m for m, good in zip(outcome.messages, ran, strict=True) if good]
+                yield done[ran], outcome.values[ran], messages
+            left = done[~ran]
+            if left.size:
+                good, starts, messages = jobs.assembled(left)
+                if np.any(good):
+                    runner.submit(jobs.batch(left[good], courses, starts))
+                if not np.all(good):
+                    yield _failed({int(k): m for k, m in zip(left, messages, strict=True) if m}, jobs)
+    finally:
+        runner.cancel()
 
 
-def _fingerprint(setup: MotionSetup, named: list[tuple[Any, ca.SX]], *numbers: np.ndarray) -> str:
-    """Of the equations, the outputs, the inputs, the settings and all numbers."""
-    eom, signals = setup.eom, setup.signals
-    expressions = [eom.mass_diagonal, eom.Q, eom.Phi, eom.Phi_q, eom.z_rate, signals.parametrised]
-    expressions += [ca.vec(e) for _, e in named]
-    # a serialised function holds every constant to the last digit; printed expressions do not
-    known = [*eom.symbols, signals.levels, signals.channel]
-    content = ca.Function("sweep", known, [ca.densify(e) for e in expressions]).serialize()
-    samples = [np.asarray(v) for v in signals.samples.values()]
-    names = [name for name, _ in named if isinstance(name, str)]
-    return fingerprint(content, *names, repr(setup.integrator), setup.grid, *samples, *numbers)
+def _failed(failures: dict[int, str], jobs: _Jobs) -> Block:
+    """A block of cases that failed."""
+    return np.array(list(failures), int), np.full((len(failures), jobs.width), np.nan), list(failures.values())
+
+
+class _Here:
+    """Batches that run one after the other in this process."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[Any, ...]] = deque()
+
+    def submit(self, batch: tuple[Any, ...]) -> None:
+        """Add a batch: its cases, and arguments of :func:`run_batch`."""
+        self._waiting.append(batch)
+
+    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+        """Cases and outcomes, until no batch is left; more may be added on the way."""
+        while self._waiting:
+            cases, *arguments = self._waiting.popleft()
+            yield cases, run_batch(*arguments)
+
+    def cancel(self) -> None:
+        """Forget what did not run."""
+        self._waiting.clear()
+
+
+class _Elsewhere:
+    """Batches that run in an executor."""
+
+    def __init__(self, executor: Executor):
+        self._executor = executor
+        self._futures: dict[Future, np.ndarray] = {}
+
+    def submit(self, batch: tuple[Any, ...]) -> None:
+        """Add a batch: its cases, and arguments of :func:`run_batch`."""
+        cases, *arguments = batch
+        self._futures[self._executor.submit(run_batch, *arguments)] = cases
+
+    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+        """Cases and outcomes as they come, until no batch is left; more may be added on the way."""
+        while self._futures:
+            for future in wait(self._futures, return_when=FIRST_COMPLETED).done:
+                yield self._futures.pop(future), future.result()
+
+    def cancel(self) -> None:
+        """Cancel what did not run."""
+        for future in self._futures:
+            future.cancel()
 
 
 def _batch_size(given: int | None, count: int) -> int:
     if given is None:
         return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
-    if not isinstance(given, int) or given < 1:
+    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
         raise ModelError(f"sweep: batch must be an integer of at least 1, got {given!r}")
     return given
-
-
-def _run(
-    executor: Executor | None,
-    parcel: Parcel,
-    batches: list[np.ndarray],
-    starts: np.ndarray,
-    p: np.ndarray,
-    levels: np.ndarray,
-) -> Iterator[Batch]:
-    """Finished batches, as they come."""
-    if executor is None:
-        for indices in batches:
-            yield (indices, *run_batch(parcel, starts[indices], p[indices], levels[indices]))
-        return
-    futures: dict[Future, np.ndarray] = {
-        executor.submit(run_batch, parcel, starts[indices], p[indices], levels[indices]): indices for indices in batches
-    }
-    try:
-        for future in as_completed(futures):
-            yield (futures[future], *future.result())
-    finally:
-        for future in futures:
-            future.cancel()
-
-
-def _enter(result: Sweep, store: SweepFile | None, block: Batch) -> None:
-    if len(block[0]):
-        result.take(*block)
-        if store is not None:
-            store.append(*block)
 
 
 def _bar(total: int, done: int, show: bool) -> Any:

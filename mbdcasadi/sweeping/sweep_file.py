@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.writing import appended_file, whole_file, writable
 
-_FORMAT = "mbdcasadi sweep 1"
+_FORMAT = "mbdcasadi sweep 2"
 
 
 class SweepFile:
@@ -25,20 +26,16 @@ class SweepFile:
     Raises
     ------
     FileError
-        For a file that is none, or of another sweep.
+        For a file that is not a sweep file, belongs to another sweep, or cannot be written.
     """
 
     def __init__(self, path: str | Path, fingerprint: str):
         self.path = Path(path)
         self._fingerprint = fingerprint
-        try:
-            if not self.path.exists():
-                with open(self.path, "wb") as file:
-                    np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
-            with open(self.path, "r+b"):
-                pass
-        except OSError as error:
-            raise FileError(f"sweep: the file {self.path} cannot be written: {error.strerror}") from None
+        writable(self.path)
+        if not self.path.exists():
+            with whole_file(self.path) as part, open(part, "wb") as file:
+                np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""
@@ -49,7 +46,7 @@ class SweepFile:
             except (ValueError, EOFError, OSError):
                 header = np.zeros(0)
             if header.shape != (2,) or str(header[0]) != _FORMAT:
-                raise FileError(f"{self.path}: the file is no sweep; name another one, or remove it")
+                raise FileError(f"{self.path}: the file is not a sweep file; name another one, or remove it")
             if str(header[1]) != self._fingerprint:
                 raise FileError(
                     f"{self.path}: the file belongs to another sweep: the model, the cases, times, outputs, inputs or "
@@ -68,7 +65,7 @@ class SweepFile:
 
     def append(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
         """Add finished cases."""
-        with open(self.path, "ab") as file:
+        with appended_file(self.path) as file:
             for array in (indices, values, np.array(messages, dtype=str)):
                 np.save(file, array, allow_pickle=False)
 

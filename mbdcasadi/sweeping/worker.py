@@ -2,65 +2,82 @@
 
 from __future__ import annotations
 
-import threading
-from uuid import uuid4
+from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..integrators.compiled import last_line
 from ..numerics.console import call
-
-_compiled: dict[tuple[str, int], ca.Function] = {}
+from .packed import Packed
+from .starts import StartPath
 
 
 class Parcel:
-    """A compiled run ``(x0, p, levels) -> (outputs, clock)`` that unpacks once in each process and thread.
+    """A compiled run ``(x0, p, levels, cuts, sides, borders) -> (outputs, clock)``, and the way to its starts.
 
     Parameters
     ----------
     function : casadi.Function
         The run.
+    path : StartPath
+        Way from the start of one case to those of others.
     span : float
-        What the clock shows at its end, s.
+        What the clock shows at the end, s.
     """
 
-    def __init__(self, function: ca.Function, span: float):
-        self.key = uuid4().hex
-        self.text = function.serialize()
-        self.span = span
+    def __init__(self, function: ca.Function, path: StartPath, span: float):
+        self.run, self.path, self.span = Packed(function), path, span
 
-    def unpacked(self) -> ca.Function:
-        """The function, of this thread alone: an integrator keeps a memory of its own."""
-        key = self.key, threading.get_ident()
-        if key not in _compiled:
-            _compiled[key] = ca.Function.deserialize(self.text)
-        return _compiled[key]
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of some cases.
+
+    Attributes
+    ----------
+    values : numpy.ndarray
+        Outputs (k, n); NaN for a case without.
+    messages : list of str
+        Why a case failed; empty for others.
+    reached : numpy.ndarray of bool
+        Whether its start was found (k,).
+    """
+
+    values: np.ndarray
+    messages: list[str]
+    reached: np.ndarray
 
 
 def run_batch(
-    parcel: Parcel, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray
-) -> tuple[np.ndarray, list[str]]:
+    parcel: Parcel,
+    parameters: np.ndarray,
+    levels: np.ndarray,
+    course: tuple[np.ndarray, ...],
+    starts: np.ndarray | None = None,
+) -> Outcome:
     """Run some cases one after the other.
 
     Parameters
     ----------
     parcel : Parcel
         The run.
-    starts, parameters, levels : numpy.ndarray
+    parameters, levels : numpy.ndarray
         By case (k, …).
-
-    Returns
-    -------
-    values : numpy.ndarray
-        Outputs (k, n); NaN for a case that failed.
-    messages : list of str
-        Why it failed; empty where it did not.
+    course : tuple of numpy.ndarray
+        Times of the cuts, sides and borders, by case (k, …).
+    starts : numpy.ndarray, optional
+        By case (k, n_x); found here if left out.
     """
-    function = parcel.unpacked()
-    values = np.full((len(starts), function.numel_out(0)), np.nan)
-    messages = []
-    for k, case in enumerate(zip(starts, parameters, levels, strict=True)):
+    function = parcel.run.unpacked()
+    if starts is None:
+        starts, reached = parcel.path.starts(parameters)
+    else:
+        reached = np.ones(len(parameters), bool)
+    values, messages = np.full((len(parameters), function.numel_out(0)), np.nan), [""] * len(parameters)
+    for k in np.flatnonzero(reached):
+        case = starts[k], parameters[k], levels[k], *(argument[k] for argument in course)
         try:
             row, clock = call(_evaluated, function, case)
             arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))
@@ -68,16 +85,13 @@ def run_batch(
         except RuntimeError as error:
             message = last_line(error)
         if message:
-            messages.append(
-                f"the integrator stopped: {message}; simulate with the values of this case says where and why"
-            )
+            messages[k] = f"the integrator stopped: {message}; simulate with the values of this case says where and why"
         else:
             values[k] = row
-            messages.append("")
-    return values, messages
+    return Outcome(values, messages, reached)
 
 
-def _evaluated(function: ca.Function, case: tuple[np.ndarray, ...]) -> tuple[np.ndarray, float]:
+def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:
     """Outputs of a case by time, and its clock, as numbers."""
     found, clock = function(*case)
     return found.full().ravel(order="F"), float(clock)

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import MechanismError
 from ..model.quantities import yes_or_no
-from ..results.writing import whole_file
+from ..numerics.writing import whole_file, writable
 from .drawing.draw import trace_options
 from .film import Film, film
 from .page.page import page
@@ -44,14 +44,14 @@ class Animation:
         Raises
         ------
         MechanismError
-            For another ending, and for ``.mp4`` where there is no ffmpeg.
+            For another ending, and for ``.mp4`` without ffmpeg.
         """
         writer = writer_for(path)
         with whole_file(path) as temporary:
             writer(self, temporary)
 
     def _repr_html_(self) -> str:
-        """The page within a frame of its own, for notebooks."""
+        """The page within a frame, for notebooks."""
         text = self.html.replace("&", "&amp;").replace('"', "&quot;")
         height = 520 + 150 * len(self.film.curves)
         return (
@@ -89,13 +89,13 @@ def animate(
         points at, and keys; ``.gif`` and ``.mp4`` are films. Without a path the
         page shows itself in a notebook.
     trace : sequence of Marker, Body or expression (2,), optional
-        Points whose way is drawn.
+        Points whose path is drawn.
     plots : dict of str to expression, optional
         Plots that move along, by their labels, as in :func:`plot`.
     fps : float, default 30
-        Frames to a second; a GIF shows 50 at most. The page fills in between frames.
+        Frames to a second; a GIF shows 50 at most. The page shows the motion at any time.
     speed : float, optional
-        Seconds of the motion to one on the screen. Where none is given 1, and less or
+        Seconds of the motion to one on the screen; by default 1, and less or
         more for motions that are very short or long.
     forces : bool, default False
         Whether reactions (green), applied forces (red) and weights (grey) are drawn
@@ -103,7 +103,7 @@ def animate(
     names, centroids : bool, default False
         Whether bodies and joints are named, and centres of mass drawn.
     title : str, optional
-        The name of the mechanism where none is given.
+        By default the name of the mechanism.
 
     Returns
     -------
@@ -120,10 +120,12 @@ def animate(
     >>> animate(motion, "motion.html", trace=[tip], plots={"angle, rad": arm.phi})  # doctest: +SKIP
     """
     if path is not None:
-        writer_for(path)  # a wrong ending is told before the work
+        # a path that cannot be written is reported before the work
+        writer_for(path)
+        writable(path)
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
-    options = trace_options(trace, forces=True, readings=True, **flags)
+    options = trace_options(trace, forces=True, tooltips=True, **flags)
     taken = film(motion, options, plots, fps, speed, title)
     if shown:
         taken.sample.need_reactions("animate")
@@ -155,7 +157,7 @@ _WRITERS: dict[str, Callable[[Animation, Path], None]] = {
 
 
 def writer_for(path: str | Path) -> Callable[[Animation, Path], None]:
-    """What writes a path, by its ending."""
+    """Return the function that writes a path, by its ending."""
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
         raise MechanismError(f"animate: '{path}' must end in .html, .gif or .mp4")

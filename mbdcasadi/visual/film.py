@@ -1,9 +1,10 @@
-"""The frames of an animation: times, poses, traces and curves over them."""
+"""The frames of an animation: times, poses over them, and the course of traces and plots."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,18 +14,23 @@ from ..errors import MechanismError
 from ..model.symbols import number
 from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
+from .course import Course
 from .drawing.compose import Options, compose
 from .drawing.draw import room, subject
-from .drawing.labels import settled
+from .drawing.labels import with_placed_names
 from .drawing.sample import Sample
 from .drawing.scene import Scene
 
-#: Seconds that a motion takes on the screen where no speed is given: it is slowed or quickened into these bounds.
+#: Seconds that a motion takes on the screen if no speed is given: it is slowed or quickened into these bounds.
 SHORTEST, LONGEST = 3.0, 20.0
 #: Usual width of a film, points: names find their places on it.
 PAPER = 400.0
 #: Frames of one animation, at most.
 MOST_FRAMES = 20_000
+
+
+#: Tolerance of traces and curves as they are drawn, relative to what they span.
+DRAWN = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,20 +39,26 @@ class Film:
 
     Attributes
     ----------
+    motion : Trajectory
+        What is shown.
     sample : Sample
         Its values at the times of the frames.
     scene : Scene
-        What is shown.
+        Frames and marks.
     poses : numpy.ndarray
         (n, frames, 4) of the scene.
     scale : dict of str to float
         Of arrows, see :func:`compose.compose`.
-    ways : numpy.ndarray
-        Traced points (n, k, 2), m.
     box : numpy.ndarray
         Corners ``[[x, y], [x, y]]`` of all that is shown, m.
-    curves : dict of str to dict of str to numpy.ndarray
-        By label: lines (n,) by name.
+    trace : casadi.SX
+        Positions of traced points (2k,), m.
+    plots : dict of str to (names, expressions)
+        By label: names of lines, and their column.
+    fine : numpy.ndarray
+        Times (m,) of traces and plots, at which their lines are smooth and show every peak, s.
+    lines : list of numpy.ndarray
+        At these times: traces (m, 2k), and each plot (m, number of lines).
     speed : float
         Seconds of the motion to one on the screen.
     fps : float
@@ -54,13 +66,16 @@ class Film:
     title : str
     """
 
+    motion: Trajectory
     sample: Sample
     scene: Scene
     poses: np.ndarray
     scale: dict[str, float]
-    ways: np.ndarray
     box: np.ndarray
-    curves: dict[str, dict[str, np.ndarray]]
+    trace: ca.SX
+    plots: dict[str, tuple[list[str], ca.SX]]
+    fine: np.ndarray
+    lines: list[np.ndarray]
     speed: float
     fps: float
     title: str
@@ -74,6 +89,19 @@ class Film:
     def digits(self) -> int:
         """Decimals with which a time is written."""
         return int(max(2, np.ceil(2 - np.log10(self.t[-1] - self.t[0]))))
+
+    @cached_property
+    def curves(self) -> dict[str, dict[str, np.ndarray]]:
+        """By label: lines by name, over the times of :attr:`fine`."""
+        return {
+            label: dict(zip(names, values.T, strict=True))
+            for (label, (names, _)), values in zip(self.plots.items(), self.lines[1:], strict=True)
+        }
+
+    @cached_property
+    def paths(self) -> np.ndarray:
+        """Traced points (n, k, 2) over the times of :attr:`fine`, m."""
+        return self.lines[0].reshape(self.fine.size, -1, 2)
 
 
 def film(
@@ -94,23 +122,28 @@ def film(
         )
     sample = Sample(motion, np.linspace(motion.t[0], motion.t[-1], count))
     scene, scale = compose(sample, options)
-    ways = sample[ca.vertcat(ca.SX(0, 1), *options.trace)].reshape(count, -1, 2)
     name = motion.mechanism.name if title is None else str(title)
     poses = scene.poses(sample)
-    box = room(scene, poses, ways.reshape(-1, 2))
-    scene = settled(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
-    return Film(sample, scene, poses, scale, ways, box, _curves(sample, plots), speed, fps, name)
+    quantities = read_lines(plots or {})
+    course = Course(motion, [options.paths, *[column for _, column in quantities.values()]])
+    for label, values in zip(quantities, course.values[1:], strict=True):
+        if not np.isfinite(values).all():
+            raise MechanismError(f"animate: '{label}' is not finite over the whole motion")
+    fine, lines = course.lines([np.maximum(DRAWN * np.ptp(values, axis=0), 1e-12) for values in course.values])
+    box = room(scene, poses, lines[0].reshape(-1, 2))
+    scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
+    return Film(motion, sample, scene, poses, scale, box, options.paths, quantities, fine, lines, speed, fps, name)
 
 
 def _positive(value: Any, name: str) -> float:
-    found = number(value, "animate", name)
-    if found <= 0:
-        raise MechanismError(f"animate: {name} must be positive, got {found:g}")
-    return found
+    positive = number(value, "animate", name)
+    if positive <= 0:
+        raise MechanismError(f"animate: {name} must be positive, got {positive:g}")
+    return positive
 
 
 def usual_speed(duration: float) -> float:
-    """Speed at which a motion can be watched: 1, or a round number where it is very short or long."""
+    """Speed at which a motion can be watched: 1, or a round number if it is very short or long."""
     if SHORTEST <= duration <= LONGEST:
         return 1.0
     wanted = duration / (SHORTEST if duration < SHORTEST else LONGEST)
@@ -118,10 +151,3 @@ def usual_speed(duration: float) -> float:
         return 1.0
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(power * min((1, 2, 5, 10), key=lambda f: abs(np.log(f * power / wanted))))
-
-
-def _curves(sample: Sample, plots: Mapping[str, Any] | None) -> dict[str, dict[str, np.ndarray]]:
-    found: dict[str, dict[str, np.ndarray]] = {}
-    for label, (names, column) in read_lines(plots or {}).items():
-        found[label] = dict(zip(names, sample[column].T, strict=True))
-    return found

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import FileError, MechanismError
+from ..errors import MechanismError
+from .axes import dress, legend, readable
 from .drawing.canvas import LOWEST, STEP, Canvas
 from .drawing.draw import FLAT, TALL, draw_scale, frame_axes, room
 from .drawing.scene import TRACE
-from .drawing.style import LIGHT
+from .drawing.style import LIGHT, SERIES_LIGHT
 from .film import Film
-from .plots.plot import COLOURS, dress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,12 +23,10 @@ if TYPE_CHECKING:
 
 #: Width of a film, inches, and its dots per inch.
 WIDTH, DPI = 6.0, 100
-#: Points of a trace to a frame: a fast motion has corners otherwise.
-FINER = 5
 #: Shortest time that viewers of GIFs keep to, s.
 SHORTEST_FRAME = 0.02
-#: Colours of a GIF; one more stands for what did not change.
-COLOURS_OF_GIF = 63
+#: Colours of a GIF.
+COLOURS_OF_GIF = 64
 
 
 class Stage:
@@ -49,10 +46,10 @@ class Stage:
 
         self.film = film
         scene = film.scene if forces else film.scene.without("loads")
-        box = film.box if forces else room(scene, film.poses, film.ways.reshape(-1, 2))
+        box = film.box if forces else room(scene, film.poses, film.paths.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
-        # even numbers of pixels: films want them
+        # films have even numbers of pixels
         size = WIDTH, round((WIDTH * ratio + 0.9 + 1.25 * curves) * DPI / 2) * 2 / DPI
         self.figure: Figure = Figure(figsize=size, dpi=DPI, layout="constrained", facecolor=LIGHT["paper"])
         self.canvas: Any = FigureCanvasAgg(self.figure)
@@ -64,13 +61,13 @@ class Stage:
         frame_axes(scene_axes, box, fresh=False)
         self._traces = [
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]
-            for _ in range(film.ways.shape[1])
+            for _ in scene.traces
         ]
-        self._ways = [finer(film.ways[:, k]) for k in range(film.ways.shape[1])]
+        self._heads = film.sample[film.trace].reshape(len(film.t), -1, 2)
         self._clock = scene_axes.text(0.01, 1.0, "", transform=scene_axes.transAxes, fontsize="small",
                                       color=LIGHT["muted"], va="bottom")  # fmt: skip
         if film.title:
-            scene_axes.set_title(film.title, fontsize="medium")
+            readable(scene_axes.set_title(film.title, fontsize="medium"), name=True)
         self._cursors = [self._plot(a, *curve) for a, curve in zip(others, film.curves.items(), strict=True)]
         if others:
             others[-1].set_xlabel("t, s")
@@ -84,9 +81,12 @@ class Stage:
         self._behind = self.canvas.copy_from_bbox(self.figure.bbox)
 
     def _plot(self, axes: Axes, label: str, lines: dict[str, np.ndarray]) -> Any:
+        drawn = {}
         for k, (name, values) in enumerate(lines.items()):
-            axes.plot(self.film.t, values, color=COLOURS[k % len(COLOURS)], linewidth=1.4, label=name)
-        dress(axes, label, len(lines) > 1)
+            colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+            (drawn[name],) = axes.plot(self.film.fine, values, color=colour, linewidth=1.4)
+        dress(axes, label)
+        legend(axes, drawn)
         axes.set_xlim(self.film.t[0], self.film.t[-1])
         return axes.axvline(self.film.t[0], color=LIGHT["motion"], linewidth=1.2)
 
@@ -100,8 +100,9 @@ class Stage:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
         self._picture.show(film.poses[k])
-        for line, way in zip(self._traces, self._ways, strict=True):
-            line.set_data(*way[: FINER * k + 1].T)
+        passed = np.searchsorted(film.fine, film.t[k])
+        for number, line in enumerate(self._traces):
+            line.set_data(*np.vstack([film.paths[:passed, number], self._heads[k, number]]).T)
         self._clock.set_text(f"t = {film.t[k]:.{film.digits}f} s")
         for cursor in self._cursors:
             cursor.set_xdata([film.t[k], film.t[k]])
@@ -111,86 +112,66 @@ class Stage:
         return np.array(self.canvas.buffer_rgba())[:, :, :3]
 
 
-def finer(way: np.ndarray) -> np.ndarray:
-    """A way (n, 2) with points between the frames, on cubics through four of them: (FINER (n - 1) + 1, 2)."""
-    if len(way) < 3:
-        return way[0] + np.linspace(0, 1, FINER + 1)[:, None] * (way[1] - way[0])
-    before, after = 3 * way[0] - 3 * way[1] + way[2], 3 * way[-1] - 3 * way[-2] + way[-3]
-    a, b, c, d = (np.vstack([before, way, after])[k : len(way) - 1 + k, None] for k in range(4))
-    s = (np.arange(FINER) / FINER)[:, None]
-    between = b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
-    return np.vstack([between.reshape(-1, way.shape[1]), way[-1:]])
-
-
 def write_gif(film: Film, forces: bool, path: Path) -> None:
     """Write a GIF that repeats; frames that would pass faster than viewers can show them are left out."""
     from PIL import Image
 
     step = max(1, int(np.ceil(SHORTEST_FRAME * film.fps - 1e-9)))
-    shown = range(0, len(film.t), step)
     stage = Stage(film, forces)
-    palette = _palette([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)])
-    pictures, before = [], np.zeros(0)
-    for k in shown:
-        colours = _packed(stage.image(k))
-        changed = colours != before if before.size else np.ones(colours.shape, bool)
-        before = colours
-        # what is as it was is transparent: it takes no room
-        indices = np.full(colours.shape, COLOURS_OF_GIF, np.uint8)
-        indices[changed] = _nearest(colours[changed], palette)
-        picture = Image.fromarray(indices.reshape(stage.shape))
-        picture.putpalette(palette.ravel().tolist())
-        pictures.append(picture)
+    # one palette for all frames, so that Pillow writes of each only what has changed
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(_common_colours(np.vstack([stage.image(k) for k in (0, len(film.t) // 2, len(film.t) - 1)])))
+    images = (Image.fromarray(stage.image(k)) for k in range(0, len(film.t), step))
+    first, *others = (image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images)
     # the format counts in hundredths of a second
     duration = 10 * max(2, round(100 * step / film.fps))
-    pictures[0].save(path, format="GIF", save_all=True, append_images=pictures[1:], duration=duration, loop=0,
-                     transparency=COLOURS_OF_GIF, disposal=1, optimize=False)  # fmt: skip
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=duration, loop=0, optimize=True)
 
 
-def _packed(image: np.ndarray) -> np.ndarray:
-    """Colours of an image as single numbers."""
-    return image.reshape(-1, 3) @ np.array([65536, 256, 1])
+def _common_colours(image: np.ndarray) -> list[int]:
+    """Return the most common colours of an image, so that areas stay exactly what they are.
 
-
-def _palette(images: list[np.ndarray]) -> np.ndarray:
-    """The colours that occur most (k, 3): those of areas stay exactly what they are."""
-    values, counts = np.unique(np.concatenate([_packed(image) for image in images]), return_counts=True)
-    most = values[np.argsort(-counts, kind="stable")][:COLOURS_OF_GIF]
-    return np.column_stack([most >> 16, most >> 8 & 255, most & 255])
-
-
-def _nearest(packed: np.ndarray, palette: np.ndarray) -> np.ndarray:
-    """Index of the nearest colour of a palette for each packed colour."""
-    values, inverse = np.unique(packed, return_inverse=True)
-    colours = np.column_stack([values >> 16, values >> 8 & 255, values & 255])
-    return np.argmin(np.sum((colours[:, None] - palette) ** 2, axis=2), axis=1)[inverse]
+    They are eight apart, since Pillow looks for the nearest colour on a lattice of four.
+    """
+    values, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
+    apart: dict[tuple[int, ...], list[int]] = {}
+    for colour in values[np.argsort(-counts, kind="stable")].tolist():
+        apart.setdefault(tuple(part // 8 for part in colour), colour)
+    return [part for colour in list(apart.values())[:COLOURS_OF_GIF] for part in colour]
 
 
 def need_ffmpeg(path: Any) -> str:
-    """Path of ffmpeg, or an error that says what to do."""
-    found = shutil.which("ffmpeg")
-    if found is None:
+    """Return the path of ffmpeg, or raise an error that says what to do."""
+    program = shutil.which("ffmpeg")
+    if program is None:
         raise MechanismError(
             f"animate: '{path}' needs the program ffmpeg, which is not on the path; install it, or write .gif or .html"
         )
-    return found
+    return program
 
 
 def write_mp4(film: Film, forces: bool, path: Path) -> None:
-    """Write a film in H.264, by ffmpeg."""
+    """Write a film in H.264, by ffmpeg.
+
+    Images go to its standard input as they are: Matplotlib's ``FFMpegWriter``
+    saves the whole figure for each of them, which takes seven times as long.
+    """
     stage = Stage(film, forces)
     height, width = stage.shape
     command = [
         need_ffmpeg(path), "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
         "-r", f"{film.fps:g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", str(path),
     ]  # fmt: skip
-    images: Iterator[np.ndarray] = (stage.image(k) for k in range(len(film.t)))
-    done = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    try:
-        for image in images:
-            done.stdin.write(image.tobytes())  # type: ignore[union-attr]
-    except BrokenPipeError:
-        pass  # what went wrong is on its standard error
-    _, told = done.communicate()
-    if done.returncode:
-        raise FileError(f"animate: ffmpeg could not write the film: {told.decode(errors='replace').strip()}")
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as ffmpeg:
+        try:
+            for k in range(len(film.t)):
+                ffmpeg.stdin.write(stage.image(k).tobytes())  # type: ignore[union-attr]
+        except BrokenPipeError:
+            pass  # the reason is on its standard error
+        except BaseException:
+            ffmpeg.kill()
+            raise
+        _, message = ffmpeg.communicate()
+    if ffmpeg.returncode:
+        reason = " ".join(message.decode(errors="replace").split()) or f"status {ffmpeg.returncode}"
+        raise OSError(f"ffmpeg: {reason}")

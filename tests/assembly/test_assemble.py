@@ -779,3 +779,60 @@ def test_a_dead_point_has_a_pose_and_a_velocity():
 def residuals_of_position(state) -> float:
     """Largest ``Phi``."""
     return float(np.max(np.abs(state[state.equations.Phi])))
+
+
+# --- whatever the size -------------------------------------------------------------------------
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+def test_four_bars_of_any_size_close_from_estimates_that_are_off(size):
+    """By the triangle of coupler and rocker; conditions and limits are met to the size of the linkage."""
+    lengths = np.array([0.2, 0.5, 0.4, 0.55])
+    for seed in range(4):
+        generator = np.random.default_rng(seed)
+        angle = generator.uniform(0.3, 2.8)
+        off = generator.uniform(-0.1, 0.1, (3, 3)) * [size, size, 1]
+        crank_end = lengths[0] * np.array([np.cos(angle), np.sin(angle)])
+        ground = np.array([lengths[3], 0.0])
+        across = ground - crank_end
+        span = np.hypot(*across)
+        cosine = (lengths[1] ** 2 + span**2 - lengths[2] ** 2) / (2 * lengths[1] * span)
+        lean = np.arctan2(across[1], across[0]) + np.arccos(cosine)
+        joint = crank_end + lengths[1] * np.array([np.cos(lean), np.sin(lean)])
+        back = np.arctan2(*(joint - ground)[::-1])
+        poses = np.array(
+            [[*(crank_end / 2), angle], [*((crank_end + joint) / 2), lean], [*((joint + ground) / 2), back]]
+        )
+        poses[:, :2] *= size
+        bodies = [
+            mbd.Body(name, mass=1, inertia=0.01 * size**2, pose=pose)
+            for name, pose in zip(("crank", "coupler", "rocker"), poses + off, strict=True)
+        ]
+        half = lengths / 2 * size
+        crank, coupler, rocker = bodies
+        joints = [
+            mbd.Revolute("A", mbd.ground.at(0, 0), crank.at(-half[0], 0)),
+            mbd.Revolute("B", crank.at(half[0], 0), coupler.at(-half[1], 0)),
+            mbd.Revolute("C", coupler.at(half[1], 0), rocker.at(half[2], 0)),
+            mbd.Revolute("D", mbd.ground.at(2 * half[3], 0), rocker.at(-half[2], 0)),
+        ]
+        model = mbd.Mechanism(bodies=bodies, joints=joints)
+        state = mbd.assemble(model, [crank.phi == angle, crank.omega == 2])
+        np.testing.assert_allclose(state[rocker.at(half[2], 0).position], joint * size, atol=1e-12 * size)
+        # the same by a limit in metres that holds
+        level = float(crank_end[1] / 2 * size)
+        lifted = crank.y >= level if angle < np.pi / 2 else crank.x <= float(crank_end[0] / 2 * size)
+        held = mbd.assemble(model, [lifted])
+        assert held[crank.y] >= level - 1e-9 * size or angle >= np.pi / 2
+        mbd.simulate(model, [0, 1e-3], initial=state)
+
+
+def test_a_state_that_breaks_the_constraints_is_refused_at_any_size():
+    for size in (1e-6, 1.0, 1e6):
+        arm = mbd.Body("arm", mass=1, inertia=size**2, pose=(size, 0, 0))
+        hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-size, 0))
+        model = mbd.Mechanism(bodies=[arm], joints=[hinge])
+        state = mbd.assemble(model)
+        mbd.simulate(model, [0, 0.1], initial=state)
+        loose = mbd.Mechanism(bodies=[arm])
+        apart = mbd.assemble(loose, [arm.x == 1.02 * size])
+        with pytest.raises(mbd.SimulationError, match=r"breaks the constraint hinge\.x at position level"):
+            mbd.simulate(model, [0, 0.1], initial=apart)

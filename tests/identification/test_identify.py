@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import threading
+
 import numpy as np
 import pytest
 from linkages import G, pendulum
@@ -9,6 +13,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import mbdcasadi as mbd
+from mbdcasadi.identification.loss import Loss
+from mbdcasadi.identification.shooting import Shooting
 
 
 def lever(k=6.0, c=0.15, first=0.4):
@@ -147,7 +153,7 @@ def test_led_segments_settle_at_once_where_a_single_shot_wanders():
     assert led.iterations < 10 < single.iterations
 
 
-def test_what_cannot_be_told_apart_is_said_in_words():
+def test_what_cannot_be_distinguished_is_reported():
     """Of a compound pendulum the motion shows m h / J only, never mass and inertia apart."""
     mass, inertia = mbd.Parameter("mass", 1.0, lower=0.01), mbd.Parameter("inertia", 0.4, lower=0.001)
     spare = mbd.Parameter("spare", 3.0)
@@ -158,7 +164,7 @@ def test_what_cannot_be_told_apart_is_said_in_words():
     true = {mass: 1.5, inertia: 0.2}
     record = mbd.simulate(swing, times, parameters=true)[rod.phi]
     with pytest.warns(
-        mbd.MechanismWarning, match="'mass' and 'inertia' cannot be told apart|'inertia' and 'mass' cannot"
+        mbd.MechanismWarning, match="'mass' and 'inertia' cannot be distinguished|'inertia' and 'mass' cannot"
     ):
         fit = mbd.identify(swing, times, {rod.phi: record}, [mass, inertia])
     assert fit[mass] / fit[inertia] == pytest.approx(1.5 / 0.2, rel=1e-4)
@@ -234,3 +240,147 @@ def test_a_quantity_without_any_sample():
     fit = mbd.identify(model, times, {p.rod.phi: record, p.rod.x: np.full(11, np.nan)}, [g])
     assert fit[g] == pytest.approx(G, rel=1e-5) and np.isnan(fit.noise[0]["rod.x"])
     mbd.plot_residuals(fit)
+
+
+# --- jumps ----------------------------------------------------------------------------------------
+def switched_sled():
+    """A sled under a force that is given up at a time, and braked beyond a place."""
+    end, place, size = mbd.Parameter("end", 0.5), mbd.Parameter("place", 1.2), mbd.Parameter("size", 2.0)
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    push = mbd.Force("push", sled.at(0, 0), (mbd.if_else(mbd.t < end, size, -0.3), 0))
+    brake = mbd.Force("brake", sled.at(0, 0), (mbd.if_else(sled.x > place, -2, 0), 0))
+    model = mbd.Mechanism(bodies=[sled], joints=[rail], forces=[push, brake], parameters=[end, place, size])
+    return sled, model, (end, place, size)
+
+
+def switched_by_hand(times, end, place, size):
+    """Place of the sled from rest, in three pieces of constant force; past the end of the push it is braked."""
+    speed, x = size * end, size * end**2 / 2
+    s = np.maximum(times - end, 0)
+    braked = (speed - np.sqrt(speed**2 - 2 * 0.3 * (place - x))) / 0.3
+    late = np.maximum(s - braked, 0)
+    free = np.minimum(s, braked)
+    v = speed - 0.3 * braked
+    first = size * np.minimum(times, end) ** 2 / 2
+    return first + speed * free - 0.15 * free**2 + v * late - 2.3 * late**2 / 2
+
+
+@pytest.mark.parametrize("segments", [None, 1])
+def test_a_switching_time_and_a_switching_place(segments):
+    """Against a fit of the closed form by SciPy, with the same noise: values and standard errors."""
+    sled, model, unknowns = switched_sled()
+    times, true = np.linspace(0, 2, 81), [0.63, 1.5, 2.5]
+    record = switched_by_hand(times, *true) + 1e-3 * np.random.default_rng(0).standard_normal(81)
+    fit = mbd.identify(model, times, {sled.x: record}, unknowns, [sled.x == 0, sled.vx == 0], segments=segments)
+    best = least_squares(lambda x: switched_by_hand(times, *x) - record, true, xtol=1e-14, ftol=1e-14)
+    errors = np.sqrt(np.diag(np.linalg.inv(best.jac.T @ best.jac)) * 2 * best.cost / (81 - 3))
+    assert fit.values == pytest.approx(best.x, rel=1e-5) and not fit.identifiability
+    assert [fit.standard_error[u] for u in unknowns] == pytest.approx(errors, rel=1e-3)
+
+
+# --- outliers ---------------------------------------------------------------------------------------
+@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+def test_a_robust_loss_against_scipy(loss):
+    """Gravity from a fall with outliers: SciPy's fit of the closed form at the same noise and the same scale."""
+    g = mbd.Parameter("g", 5.0)
+    stone = mbd.Body("stone", mass=1, inertia=1)
+    fall = mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    times, generator = np.linspace(0, 2, 61), np.random.default_rng(3)
+    record = -9.81 * times**2 / 2 + 0.01 * generator.standard_normal(61)
+    record[[5, 20, 41, 58]] += [0.5, -0.8, 0.6, 1.0]
+    fit = mbd.identify(fall, times, {stone.y: record}, [g], loss=loss, f_scale=1.5)
+    noise = fit.noise[0]["stone.y"]
+    assert noise == pytest.approx(0.01, rel=0.25)
+    best = least_squares(lambda x: -x[0] * times**2 / 2 - record, [9.0], loss=loss, f_scale=1.5 * noise, xtol=1e-14)
+    # the scale is that of the last round but one, within one per cent of the noise
+    assert fit[g] == pytest.approx(best.x[0], abs=0.02 * fit.standard_error[g])
+    squares = mbd.identify(fall, times, {stone.y: record}, [g])
+    assert abs(squares[g] - 9.81) > 5 * abs(fit[g] - 9.81)
+    assert squares.standard_error[g] > 5 * fit.standard_error[g] and fit.loss == loss
+
+
+def test_standard_errors_of_a_robust_fit_are_those_of_its_scatter():
+    """Two hundred falls with one outlier in ten: deviations in standard errors have a variance of one."""
+    g, speed = mbd.Parameter("g", 9.0), mbd.Parameter("speed", 3.0)
+    times = np.linspace(0, 2, 60)
+    design = np.column_stack([-(times**2) / 2, times])
+    scores = []
+    for seed in range(200):
+        generator = np.random.default_rng(seed)
+        noise = 0.01 * generator.standard_normal(60)
+        noise[generator.choice(60, 6, replace=False)] += 0.2 * generator.choice([-1, 1], 6)
+        best = least_squares(lambda x, e=noise: design @ x - e, [0.0, 0.0], loss="huber", f_scale=0.01345, xtol=1e-12)
+        residual = (design @ best.x - noise) / 0.01
+        variance = Loss("huber", 1.345).variance(residual, 2)
+        errors = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design))) * 0.01
+        scores.append(best.x / errors)
+    assert np.mean(np.array(scores) ** 2, axis=0) == pytest.approx(1.0, abs=0.25)
+    # and of one fit of the package
+    stone = mbd.Body("stone", mass=1, inertia=1)
+    thrown = mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity((0, -g))], parameters=[g, speed])
+    record = design @ [9.81, 4.0] + noise
+    fit = mbd.identify(thrown, times, {stone.y: record}, [g, speed], [stone.vy == speed], loss="huber")
+    assert [fit.standard_error[u] for u in (g, speed)] == pytest.approx(errors, rel=0.3)
+    assert fit.values == pytest.approx([9.81, 4.0], abs=4 * errors.max())
+
+
+def test_weights_and_a_robust_loss_need_no_common_factor():
+    g = mbd.Parameter("g", 5.0)
+    stone = mbd.Body("stone", mass=1, inertia=1)
+    fall = mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    times, generator = np.linspace(0, 2, 61), np.random.default_rng(3)
+    record = -9.81 * times**2 / 2 + 0.01 * generator.standard_normal(61)
+    record[[5, 41]] += [0.5, 0.6]
+    fits = [mbd.identify(fall, times, {stone.y: record}, [g], weights={stone.y: w}, loss="huber") for w in (1.0, 1e4)]
+    assert fits[0][g] == pytest.approx(fits[1][g], rel=1e-9)
+    assert fits[0].standard_error[g] == pytest.approx(fits[1].standard_error[g], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"loss": "cauchy"}, "loss must be one of linear, huber, soft_l1"),
+        ({"loss": "huber", "f_scale": 0}, "f_scale must be positive"),
+        ({"loss": "huber", "f_scale": "a"}, "f_scale must be a number"),
+    ],
+)
+def test_losses_that_are_refused(given, text):
+    p, g = pendulum(), mbd.Parameter("g", G)
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    with pytest.raises(mbd.ModelError, match=text):
+        mbd.identify(model, [0, 0.1, 0.2], {p.rod.phi: [0, -0.07, -0.3]}, [g], **given)
+
+
+# --- Ctrl-C ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("delay", [0.05, 0.6, 1.2])
+def test_ctrl_c_keeps_the_best_fit_so_far(delay):
+    rod, _, model, (k, c, first) = lever()
+    times = np.linspace(0, 2, 401)
+    record = lever_by_hand(times, 7.0, 0.2, 0.4)[0]
+    timer = threading.Timer(delay, os.kill, (os.getpid(), signal.SIGINT))
+    with pytest.raises(mbd.Interrupted) as caught:
+        timer.start()
+        for _ in range(50):  # until it comes, wherever that is
+            mbd.identify(model, times, {rod.phi: record}, [k, c], [rod.phi == first], reltol=1e-12, abstol=1e-12)
+    partial = caught.value.partial
+    assert partial is None or np.all(np.isfinite(partial.values))
+
+
+def test_ctrl_c_after_the_first_steps_has_a_fit(monkeypatch):
+    rod, _, model, (k, c, first) = lever()
+    times = np.linspace(0, 1, 41)
+    record = lever_by_hand(times, 7.0, 0.2, 0.4)[0]
+    real, calls = Shooting.linearise, []
+
+    def counted(self, theta):
+        calls.append(theta)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return real(self, theta)
+
+    monkeypatch.setattr(Shooting, "linearise", counted)
+    with pytest.raises(mbd.Interrupted, match="after 2 steps") as caught:
+        mbd.identify(model, times, {rod.phi: record}, [k, c], [rod.phi == first])
+    assert caught.value.partial.values == pytest.approx(calls[2])
+    assert caught.value.partial.standard_error[k] > 0

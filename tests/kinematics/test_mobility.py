@@ -196,3 +196,20 @@ def test_reactions_near_a_dead_centre_come_with_a_warning_and_are_right():
         # virtual work: torque by the rate of the slider, dx/dangle = -r sin (1 + r cos / l ...)
         lever = 0.1 * np.sin(angle) * (1 + 0.1 * np.cos(angle) / np.sqrt(0.09 - 0.01 * np.sin(angle) ** 2))
         assert abs(state[hold.effort]) == pytest.approx(0.01 / lever, rel=1e-5)
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("cranks", [2, 3])
+def test_driven_parallelograms_of_any_size(size, cranks):
+    """With the masses of rods at their middles: efforts by virtual work, redundant rows or not."""
+    model = parallelogram(0.7, cranks, size)
+    first = model.bodies[0]
+    drive = mbd.Driver("drive", first.phi, 0.7 + 2 * mbd.t)
+    model = model.replace(drivers=[drive], forces=[mbd.Gravity()])
+    times = np.linspace(0, 1.2, 13)
+    motion = mbd.inverse_dynamics(model, times)
+    for crank in model.bodies[:-1]:
+        np.testing.assert_allclose(motion[crank.phi], 0.7 + 2 * times, atol=1e-12)
+        np.testing.assert_allclose(motion[crank.omega], 2.0, atol=1e-9)
+    weights = (cranks / 2 + 1) * 9.81 * 0.5 * size
+    np.testing.assert_allclose(motion[drive.effort], weights * np.cos(motion[first.phi]), atol=1e-4 * weights)

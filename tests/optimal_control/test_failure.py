@@ -36,7 +36,7 @@ def test_too_weak_a_motor():
     for violation in found:
         assert 0 <= violation.time <= 0.2 and violation.violation > 0
         assert violation.interval is None or 0 <= violation.interval < 10
-        assert 0 <= violation.share <= 1
+        assert 0 <= violation.tau <= 1
         assert "bob" in violation.label or "pin" in violation.label
         assert str(violation).startswith(violation.label)
     worst = found[0]
@@ -152,9 +152,9 @@ def interrupt_when(ready):
 @pytest.mark.parametrize("settings", [dict(), dict(tolerance=1e-9), dict(starts=3)])
 def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     """Sent in the middle of a solve: Interrupted, a KeyboardInterrupt, with the iterate in .partial."""
-    from mbdcasadi.optimal_control.nlp.solver_callback import Monitor
+    from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
 
-    ready, seen, original = threading.Event(), [], Monitor.eval
+    ready, seen, original = threading.Event(), [], SolverCallback.eval
 
     def counting(self, arg):
         seen.append(1)
@@ -163,7 +163,7 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
             time.sleep(0.1)  # the signal arrives while the solver is at work
         return original(self, arg)
 
-    monkeypatch.setattr(Monitor, "eval", counting)
+    monkeypatch.setattr(SolverCallback, "eval", counting)
     thread = interrupt_when(ready)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(mbd.Interrupted) as caught:
@@ -180,10 +180,10 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
 
 def test_a_solve_after_ctrl_c_runs(monkeypatch):
     """Nothing of the interruption is left in what was compiled."""
-    from mbdcasadi.optimal_control.nlp.solver_callback import Monitor
+    from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
 
     problem, *_ = rest_to_rest(3.0, 2.0)
-    ready, original = threading.Event(), Monitor.eval
+    ready, original = threading.Event(), SolverCallback.eval
 
     def waiting(self, arg):
         ready.set()
@@ -191,7 +191,7 @@ def test_a_solve_after_ctrl_c_runs(monkeypatch):
         return original(self, arg)
 
     with monkeypatch.context() as patched:
-        patched.setattr(Monitor, "eval", waiting)
+        patched.setattr(SolverCallback, "eval", waiting)
         thread = interrupt_when(ready)
         with pytest.raises(mbd.Interrupted):
             mbd.optimize(problem, intervals=6)

@@ -119,14 +119,14 @@ def test_limits_of_a_parameter_hold():
     assert solution.cost == pytest.approx(12 * 1.5**2, rel=1e-6)
 
 
-def test_a_parameter_cannot_be_given_and_sought():
+def test_a_parameter_cannot_be_both_given_and_free():
     """Said with its name."""
     u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
     block, mechanism = guided_block(1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("s", [(b.x, -k)])])
     problem = mbd.OptimalControlProblem(
         mechanism, duration=1.0, initial=[block.x == 0], running_cost=u**2, free_parameters=[k]
     )
-    with pytest.raises(mbd.ModelError, match="'k' is given and sought"):
+    with pytest.raises(mbd.ModelError, match="'k' is both given and free"):
         mbd.optimize(problem, parameters={k: 2.0})
 
 

@@ -127,7 +127,7 @@ def test_continuation_refuses():
     """What is no parameter, is given twice, does not go together, or is empty."""
     problem, weight = swing(limit=9.0)
     for continuation, more, said in (
-        ({mbd.Parameter("other", 1.0): [1, 2]}, {}, "no parameter of the mechanism"),
+        ({mbd.Parameter("other", 1.0): [1, 2]}, {}, "not a parameter of the mechanism"),
         ({weight: [1, np.nan]}, {}, "finite"),
         ({weight: []}, {}, "finite"),
         ({weight: "soft"}, {}, "one after another"),

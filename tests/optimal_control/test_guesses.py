@@ -129,8 +129,8 @@ def test_the_kinematic_guess_closes_the_loops(solved):
     problem, f, _ = solved
     first = stop_at_once(problem, None)
     n = problem.equations.q.numel()
-    for row in first.nodes:
-        assert np.max(np.abs(first.numeric.position(0.0, row[:n])[0])) < 1e-8
+    for row in first.phases[0].mesh_states:
+        assert np.max(np.abs(first.phases[0].numeric.position(0.0, row[:n])[0])) < 1e-8
     assert first.trajectory.final[f.o2.angle] == pytest.approx(0.5 + np.pi, abs=1e-6)
     angles = first.trajectory[f.o2.angle][:: first.points_per_interval]
     assert np.all(np.diff(angles) > 0)

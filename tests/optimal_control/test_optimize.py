@@ -129,7 +129,7 @@ def test_mesh_refinement_reaches_the_tolerance():
     """Every interval of the refined mesh is as accurate as asked."""
     problem, *_ = four_bar()
     solution = mbd.optimize(problem, intervals=8, tolerance=1e-7)
-    assert solution.mesh_error <= 1e-7 and solution.shares.count > 8
+    assert solution.mesh_error <= 1e-7 and solution.mesh.size > 9
 
 
 def test_another_start_uses_what_was_compiled():
@@ -144,10 +144,10 @@ def test_another_start_uses_what_was_compiled():
         running_cost=u**2,
     )
     mbd.optimize(problem, intervals=10)
-    built = dict(problem.cache)
+    built = dict(problem.compiled.programs)
     second = mbd.optimize(problem, intervals=10, initial=[block.x == 1, block.vx == 0])
     assert second.cost == pytest.approx(12 * 4 / 8, rel=1e-8)
-    assert problem.cache == built
+    assert problem.compiled.programs == built
 
 
 def test_an_infeasible_problem_says_which_demand():

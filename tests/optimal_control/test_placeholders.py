@@ -134,3 +134,47 @@ def test_a_placeholder_names_what_it_stands_for():
         for wrong in (None, "x", [1, 2], mbd.vertcat(block.x, block.y), float("nan")):
             with pytest.raises(mbd.MechanismError, match=name):
                 make(wrong)
+
+
+def test_other_analyses_refuse_placeholders():
+    """They have a value in optimal control alone, and are never evaluated as the expression inside."""
+    problem, u, block = rest_to_rest()
+    solution = mbd.optimize(problem, intervals=4)
+    state = mbd.assemble(problem.mechanism)
+    for placeholder in (at_end(block.x), 2 * at_start(block.x) + 1, integral(u**2)):
+        for result in (solution.trajectory, state):
+            with pytest.raises(mbd.ExpressionError, match="placeholder"):
+                result[placeholder]
+
+
+def test_placeholders_do_not_nest():
+    problem, _u, block = rest_to_rest()
+    with pytest.raises(mbd.ExpressionError, match=r"contains at_start\(block.x\), which belongs in"):
+        problem.replace(terminal_cost=at_end(at_start(block.x) + block.x))
+
+
+def test_labels_of_boundary_conditions():
+    """As the user wrote them, two-sided ones too."""
+    problem, _u, block = rest_to_rest()
+    rows = problem.replace(boundary=[mbd.bounded(-1, at_end(block.x) - at_start(block.x), 3)]).boundary
+    assert [row.label for row in rows] == [
+        "-1 <= at_end(block.x) - at_start(block.x)",
+        "at_end(block.x) - at_start(block.x) <= 3",
+    ]
+    assert rows[1].opposite is rows[0]
+
+
+def test_compiled_functions_of_placeholders():
+    """Of several operands and outputs, which CasADi does not expand; inside the brackets and around them."""
+    import casadi as ca
+
+    problem, u, block = rest_to_rest(3.0, 2.0)
+    x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
+    function = ca.Function("f", [x, y], [x[0] ** 2 - y, ca.vertcat(3 * x[1], x[0] * y)], {"never_inline": True})
+    ends = mbd.vertcat(at_end(block.x), integral(u**2))
+    first, others = function(ends, at_start(block.x) + 1)
+    around = problem.replace(terminal_cost=first + others[0] + others[1])
+    # 9 - 1, 3 times 13.5, 3
+    assert mbd.optimize(around, intervals=6).cost == pytest.approx(13.5 + 8 + 40.5 + 3, rel=1e-8)
+    inside = problem.replace(terminal_cost=at_end(function(mbd.vertcat(block.x, 0), 1)[0]))
+    assert mbd.optimize(inside, intervals=6).cost == pytest.approx(13.5 + 8, rel=1e-8)

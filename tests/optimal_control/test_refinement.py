@@ -44,7 +44,7 @@ def test_the_table_of_passes(sharp):
     solution = mbd.optimize(sharp, intervals=8, tolerance=1e-6)
     passes = solution.statistics.passes
     assert len(passes) >= 2 and passes[0].intervals == 8
-    assert passes[-1].intervals == solution.shares.count == solution.mesh.size - 1
+    assert passes[-1].intervals == solution.meshes[0].count == solution.mesh.size - 1
     assert passes[-1].error == solution.mesh_error <= 1e-6 < passes[0].error
     assert passes[-1].cost == solution.cost
     assert all(p.iterations > 0 and p.seconds > 0 for p in passes)
@@ -72,13 +72,13 @@ def test_waypoints_stay_mesh_points(sharp):
 
 
 def test_splitting_and_merging():
-    """An interval above the tolerance is split by the order; neighbours far below it are merged, within a phase."""
+    """An interval above the tolerance is split by the order; neighbours far below it are merged, within a segment."""
     mesh = Mesh((np.linspace(0, 1, 5), np.linspace(0, 1, 3)))
     # 2^7 times the tolerance wants (2 * 128)^(1/7) = 2.2, so 3 pieces at order 6
     errors = np.array([128e-6, 1e-12, 1e-12, 0.9e-6, 1e-12, 1e-12])
     found = adapted(mesh, errors, 1e-6, 6)
-    assert np.allclose(found.phases[0], [0, 1 / 12, 2 / 12, 1 / 4, 3 / 4, 1])
-    assert np.allclose(found.phases[1], [0, 1])
+    assert np.allclose(found.segments[0], [0, 1 / 12, 2 / 12, 1 / 4, 3 / 4, 1])
+    assert np.allclose(found.segments[1], [0, 1])
     over = adapted(mesh, np.array([1e-12, 1e-12, 1e-12, 1e-12, 1e-12, 5e-5]), 1e-6, 6)
     assert over.counts[0] == 2 and over.counts[1] >= 2, "nothing is merged across a waypoint"
     same = adapted(mesh, np.full(6, 0.9e-6), 1e-6, 6)
@@ -225,7 +225,7 @@ def test_a_coarse_mesh_of_linear_forces_is_told():
         mechanism, 1.0, [one.phi == 0, two.phi == 0, *rest], [one.phi == 3, two.phi == 3, *rest], running_cost=torque**2
     )
     with pytest.warns(mbd.MechanismWarning, match="mesh of 5 intervals is too coarse"):
-        assert np.max(mbd.optimize(problem, intervals=5).end_errors) > 0.1
+        assert np.max(mbd.optimize(problem, intervals=5).phases[0].end_errors) > 0.1
 
 
 def test_a_coarse_mesh_of_a_fast_state_is_told():
@@ -289,7 +289,7 @@ def test_a_mesh_is_refined_for_a_state():
     for terminal in (False, True):  # the second cost is the meter itself, linear in the voltage
         meter, problem = metered_motor(terminal)
         solution = mbd.optimize(problem, intervals=10, tolerance=1e-5)
-        assert solution.shares.count < 400
+        assert solution.mesh.size < 401
         energy = solution.verify().trajectory.final[meter.energy]
         assert energy == pytest.approx(solution.trajectory.final[meter.energy], rel=1e-3)
 
@@ -300,7 +300,7 @@ def test_a_tolerance_that_is_not_reached(monkeypatch):
     _, problem = metered_motor(terminal=False)
     with pytest.raises(mbd.OptimizationError, match=r"above the tolerance 1e-09: 1 passes are made") as error:
         mbd.optimize(problem, intervals=10, tolerance=1e-9)
-    assert error.value.partial.cost > 0 and error.value.partial.shares.count > 10
+    assert error.value.partial.cost > 0 and error.value.partial.mesh.size > 11
 
 
 def test_a_length_that_the_first_state_does_not_suit_is_named():

@@ -43,13 +43,13 @@ def test_other_starts_and_parameters_reuse_what_was_compiled(sprung, transcripti
     rel = 1e-7 if transcription == "gauss-legendre" else 1e-4
     first = mbd.optimize(problem, **settings)
     assert first.cost == pytest.approx(least_effort(3.0, 0.0, 1.0, 2.0), rel=rel)
-    built = dict(problem.cache)
+    built = dict(problem.compiled.programs)
     for stiffness, start, speed in ((3.0, 0.5, 0.0), (8.0, 0.0, 0.0), (0.5, -1.0, 2.0), (3.0, 0.0, 0.0)):
         again = mbd.optimize(
             problem, initial=[block.x == start, block.vx == speed], parameters={k: stiffness}, **settings
         )
         assert again.cost == pytest.approx(least_effort(stiffness, start, 1.0, 2.0, speed), rel=rel)
-        assert problem.cache == built
+        assert problem.compiled.programs == built
         assert again.program is first.program
         assert again.trajectory.initial[block.x] == pytest.approx(start, abs=1e-12)
         assert again.verify().final_error < 1e-3
@@ -59,14 +59,14 @@ def test_a_state_as_the_start(sprung):
     """As a simulation hands it over in model-predictive control."""
     problem, _u, _k, block = sprung
     first = mbd.optimize(problem, intervals=16)
-    built = dict(problem.cache)
+    built = dict(problem.compiled.programs)
     state = first.simulate().state(4)
     again = mbd.optimize(problem, intervals=16, initial=state, guess=first)
     exact = least_effort(3.0, state[block.x], 1.0, 2.0, state[block.vx])
     assert again.cost == pytest.approx(exact, rel=1e-6)
     third = mbd.optimize(problem, intervals=16, initial=first.simulate().state(6), guess=again)
     assert third.program is again.program is first.program
-    assert all(problem.cache[key] is value for key, value in built.items())
+    assert problem.compiled.programs == built
 
 
 def test_closing_the_loop_on_a_linkage():
@@ -78,7 +78,7 @@ def test_closing_the_loop_on_a_linkage():
     sizes = []
     for state in states:
         solution = mbd.optimize(problem, intervals=20, initial=state, guess=solution)
-        sizes.append(len(problem.cache))
+        sizes.append(len(problem.compiled.programs))
         assert solution.trajectory.initial[f.crank.phi] == pytest.approx(state[f.crank.phi], abs=1e-10)
     assert len(set(sizes)) == 1
 

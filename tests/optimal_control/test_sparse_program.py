@@ -37,7 +37,7 @@ def test_derivatives_equal_those_of_the_whole():
     x, p = rng.uniform(-1, 1, program.size), np.r_[2.0, rng.uniform(0.5, 2, copies)]
     lam = rng.standard_normal(program.row_count)
     symbol = ca.MX.sym("x", program.size)
-    cost, rows = program.evaluate()(symbol, p)
+    cost, rows = program.evaluate(symbol, p)
     whole = ca.Function(
         "whole",
         [symbol],
@@ -47,11 +47,7 @@ def test_derivatives_equal_those_of_the_whole():
             ca.triu(ca.hessian(1.7 * cost + ca.dot(lam, rows), symbol)[0]),
         ],
     )(x)
-    sigma, multipliers = ca.MX.sym("s"), ca.MX.sym("l", program.row_count)
-    gathered = ca.Function(
-        "gathered",
-        [program._x, program._p, sigma, multipliers],
-        [program._gradient(), program._jacobian(), program._hessian(sigma, multipliers)],
-    )(x, p, 1.7, lam)
+    given = program.derivatives
+    gathered = [given["grad_f"](x, p)[1], given["jac_g"](x, p)[1], given["hess_lag"](x, p, 1.7, lam)]
     for mine, theirs in zip(gathered, whole, strict=True):
         assert np.allclose(mine.full(), theirs.full(), atol=1e-13)

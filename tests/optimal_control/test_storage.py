@@ -106,12 +106,21 @@ def test_a_wrong_file_is_refused(stored, tmp_path):
 def test_a_file_with_a_part_missing(stored, tmp_path):
     """Named as what it is."""
     _, path, problem = stored
-    for part in ("x", "settings", "lam_g", "marks"):
+    for part in ("x", "settings", "lam_g", "segment times", "mesh 0"):
         content = dict(np.load(path))
         del content[part]
         np.savez(tmp_path / "part.npz", **content)
         with pytest.raises(mbd.FileError, match="part.npz"):
             mbd.read_solution(tmp_path / "part.npz", problem)
+
+
+def test_a_file_with_unknown_settings(stored, tmp_path):
+    """A scheme that this version does not have, or a number that is none."""
+    _, path, problem = stored
+    for settings in ('{"transcription": "radau", "degree": 3, "control": "polynomial"}', '{"degree": 99}', "[]", "3"):
+        np.savez(tmp_path / "odd.npz", **(dict(np.load(path)) | {"settings": settings}))
+        with pytest.raises(mbd.FileError, match="odd.npz"):
+            mbd.read_solution(tmp_path / "odd.npz", problem)
 
 
 def test_a_solution_of_another_problem_is_refused(stored):

@@ -135,5 +135,5 @@ def test_loops_are_closed_at_the_mesh_points(fine, degree):
     solution = mbd.optimize(problem, intervals=12, degree=degree, guess=exact)
     n = problem.equations.q.numel()
     for k in range(13):
-        q = solution.nodes[k, :n]
-        assert np.max(np.abs(solution.numeric.position(0.0, q)[0])) <= 1e-11
+        q = solution.phases[0].mesh_states[k, :n]
+        assert np.max(np.abs(solution.phases[0].numeric.position(0.0, q)[0])) <= 1e-11

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.numerics.writing import whole_file
 from mbdcasadi.results.columns import columns
 from mbdcasadi.results.trajectory import EventOccurrence, Trajectory
-from mbdcasadi.results.writing import whole_file
 
 TIMES = np.linspace(0, 1, 11)
 LENGTH, MASS, G = 1.0, 2.0, 9.81
@@ -248,14 +248,14 @@ def test_files_that_are_none(pendulum, tmp_path, content):
     with pytest.raises(mbd.FileError, match="cannot be read"):
         mbd.read_trajectory(path, pendulum)
     path.write_bytes(content)
-    with pytest.raises(mbd.FileError, match=r"run\.npz: the file is no trajectory"):
+    with pytest.raises(mbd.FileError, match=r"run\.npz: the file is not a trajectory file"):
         mbd.read_trajectory(path, pendulum)
     np.savez(path, t=np.zeros(3))
-    with pytest.raises(mbd.FileError, match="no trajectory of this version"):
+    with pytest.raises(mbd.FileError, match="not a trajectory file of this version"):
         mbd.read_trajectory(path, pendulum)
     with open(path, "wb") as file:
         np.savez(file, t=np.array([{}], dtype=object))
-    with pytest.raises(mbd.FileError, match="no trajectory"):
+    with pytest.raises(mbd.FileError, match="not a trajectory"):
         mbd.read_trajectory(path, pendulum)
 
 

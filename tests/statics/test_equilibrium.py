@@ -139,8 +139,14 @@ def test_feedback_through_a_state_enters_the_stiffness():
     forces = [mbd.Gravity(), mbd.Torque("valve", rod, level)]
     held = mbd.Mechanism(bodies=[rod], joints=[pin], forces=forces, states={level: -30 * (rod.phi - np.pi / 2) - level})
     rest = mbd.equilibrium(held)
-    assert rest.stable
+    assert rest.stiffness.holds
     assert rest.stiffness.least == pytest.approx((30 - 0.5 * G) / (2 * 0.5**2), rel=1e-12)
+    # but the state lags behind, and without a damper the motion grows: (s²/3 - G/2)(s + 1) + 30 = 0
+    wanted = np.roots(np.polyadd(np.polymul([1 / 3, 0, -0.5 * G], [1, 1]), [30]))
+    assert rest.small_motions.growth == pytest.approx(np.max(wanted.real), rel=1e-9)
+    assert not rest.stable
+    damper = mbd.Torque("damper", rod, -15 * rod.omega)
+    assert mbd.equilibrium(held.replace(forces=[*forces, damper])).stable
 
 
 def test_what_falls_has_no_equilibrium():
@@ -340,3 +346,95 @@ def test_a_motor_without_voltage_rests_where_it_is():
     )
     rest = mbd.equilibrium(model)
     assert rest[current] == pytest.approx(0, abs=1e-12) and not rest.stable
+
+
+# --- damping ------------------------------------------------------------------------------------
+def ziegler(load, damping, stiffness=20.0, length=1.0, mass=1.0, inputs=()):
+    """Ziegler's column: masses 2 m and m at the ends of two rods, springs and dampers in both joints."""
+    lower = mbd.Body("lower", mass=2 * mass, inertia=0.0, pose=(0, length, np.pi / 2))
+    upper = mbd.Body("upper", mass=mass, inertia=0.0, pose=(0, 2 * length, np.pi / 2))
+    base = mbd.ground.at(0, 0), lower.at(-length, 0)
+    elbow = lower.at(0, 0), upper.at(-length, 0)
+    forces = [
+        mbd.RSDA("base spring", *base, stiffness=stiffness, damping=damping, free_angle=np.pi / 2),
+        mbd.RSDA("elbow spring", *elbow, stiffness=stiffness, damping=damping),
+        mbd.Force("follower", upper.at(0, 0), (-load, 0), frame="body"),
+    ]
+    joints = [mbd.Revolute("base", *base), mbd.Revolute("elbow", *elbow)]
+    return lower, upper, mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=forces, parameters=inputs)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.001, 0.2, 2.0])
+def test_damping_lowers_the_flutter_load(damping):
+    """Ziegler 1952: P = 41/28 k/l + c²/(2 m l³) with however little damping, and (7/2 - √2) k/l without any."""
+    load = mbd.Parameter("load", 0.0)
+    _, _, column = ziegler(load, damping, inputs=[load])
+    path = mbd.equilibrium_path(column, load, 0, 50, steps=25)
+    flutter = [c for c in path.critical if c.kind == "flutter"]
+    wanted = 20 * 41 / 28 + damping**2 / 2 if damping else 20 * (3.5 - np.sqrt(2))
+    assert flutter[0].value == pytest.approx(wanted, rel=1e-6)
+    assert np.array_equal(path.stable, path.values < wanted)
+
+
+@pytest.mark.parametrize(("load", "grows"), [(28.0, False), (34.0, True)])
+def test_equilibrium_says_what_linearize_and_the_motion_say(load, grows):
+    lower, upper, column = ziegler(load, 0.2)
+    rest = mbd.equilibrium(column, prefer="nearest")
+    assert rest.stable is not grows
+    assert ("small motions grow" in repr(rest)) is grows
+    wanted = np.sort_complex(mbd.linearize(column, rest).eigenvalues)
+    np.testing.assert_allclose(np.sort_complex(rest.small_motions.eigenvalues), wanted, rtol=1e-9)
+    begin = [lower.phi == np.pi / 2 + 1e-3, upper.phi == np.pi / 2, lower.omega == 0, upper.omega == 0]
+    motion = mbd.simulate(column, np.linspace(0, 60, 601), initial=begin)
+    away = np.abs(motion[lower.phi] - np.pi / 2)
+    assert bool(away[400:].max() > away[200:400].max()) is grows
+
+
+def test_negative_damping_is_not_stable():
+    """A block on a belt with falling friction: the spring holds it, and yet it starts to swing."""
+    for damping in (0.1, -0.1):
+        block = mbd.Body("block", mass=1, inertia=1)
+        rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+        spring = mbd.TSDA("spring", mbd.ground.at(-1, 0), block.at(0, 0), stiffness=4.0, free_length=1.0)
+        belt = mbd.Force("belt", block.at(0, 0), (-damping * block.vx, 0))
+        rest = mbd.equilibrium(mbd.Mechanism(bodies=[block], joints=[rail], forces=[spring, belt]))
+        assert rest.stable is (damping > 0)
+        assert rest.small_motions.flutter is (damping < 0)
+        np.testing.assert_allclose(np.abs(rest.small_motions.eigenvalues), 2.0, rtol=1e-12)
+
+
+def test_small_motions_of_random_systems_are_those_of_the_linear_model():
+    """Springs, dampers, feedback through a lagging state, loads that follow: four rods in a chain."""
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        rods = [
+            mbd.Body(f"rod {k}", mass=m, inertia=m / 12, pose=(k + 0.5, 0, 0))
+            for k, m in enumerate(generator.uniform(0.5, 2, 4))
+        ]
+        ends = [mbd.ground.at(0, 0), *[rod.at(0.5, 0) for rod in rods[:-1]]]
+        joints = [mbd.Revolute(f"pin {k}", a, b.at(-0.5, 0)) for k, (a, b) in enumerate(zip(ends, rods, strict=True))]
+        springs = [
+            mbd.RSDA(f"spring {k}", j.a, j.b, stiffness=generator.uniform(20, 60), damping=generator.uniform(0, 2))
+            for k, j in enumerate(joints)
+        ]
+        lag = mbd.StateVariable("lag")
+        forces = [
+            *springs,
+            mbd.Gravity((0, -0.5)),
+            mbd.Force("follower", rods[-1].at(0.5, 0), (-generator.uniform(0, 5), 0), frame="body"),
+            mbd.Torque("valve", rods[0], lag),
+        ]
+        states = {lag: -generator.uniform(1, 5) * lag - 3 * rods[0].phi + 0.4 * rods[1].omega}
+        model = mbd.Mechanism(bodies=rods, joints=joints, forces=forces, states=states)
+        rest = mbd.equilibrium(model, prefer="nearest")
+        wanted = np.sort_complex(mbd.linearize(model, rest).eigenvalues)
+        np.testing.assert_allclose(np.sort_complex(rest.small_motions.eigenvalues), wanted, rtol=1e-7)
+
+
+def test_a_model_without_any_mass_is_judged_by_its_springs():
+    for stiffness in (3.0, -3.0):
+        rod = mbd.Body("rod", mass=0.0, inertia=0.0, pose=(0.5, 0, 0))
+        hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+        spring = mbd.Torque("spring", rod, -stiffness * rod.phi)
+        rest = mbd.equilibrium(mbd.Mechanism(bodies=[rod], joints=[hinge], forces=[spring]), prefer="nearest")
+        assert rest.stable is (stiffness > 0)

@@ -205,7 +205,7 @@ def test_a_file_of_another_sweep_is_refused(tmp_path):
         with pytest.raises(mbd.FileError, match="belongs to another sweep"):
             mbd.sweep(model, file=path, **arguments)
     path.write_text("no sweep")
-    with pytest.raises(mbd.FileError, match="is no sweep"):
+    with pytest.raises(mbd.FileError, match="is not a sweep file"):
         mbd.sweep(model, TIMES, {g: [1.0, 2.0]}, [p.rod.phi], file=path)
 
 
@@ -343,3 +343,174 @@ def test_a_sweep_is_pickled_by_names():
 def test_helpers_refuse_what_is_no_list_of_cases(make, text):
     with pytest.raises(mbd.ModelError, match=text):
         make(mbd.Parameter("g", G))
+
+
+# --- times that depend on the case --------------------------------------------------------------
+def pushed(force, *parameters):
+    """A sled of 1 kg on a level rail under a force along it."""
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    push = mbd.Force("push", sled.at(0, 0), (force, 0))
+    return sled, mbd.Mechanism(bodies=[sled], joints=[rail], forces=[push], parameters=parameters)
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("shape", ["jump", "ramps"])
+def test_a_hundred_cases_of_the_time_of_a_pulse(method, shape):
+    """A pulse of 0.1 s between outputs one second apart: each case is stopped at its own times."""
+    begin, width = mbd.Parameter("begin", 5.0), 0.1
+    if shape == "jump":
+        force, impulse = mbd.if_else(mbd.t < begin, 0, mbd.if_else(mbd.t < begin + width, 10, 0)), 1.0
+    else:
+        rise = mbd.step(mbd.t, begin, 0, begin + width / 4, 10)
+        force, impulse = rise - mbd.step(mbd.t, begin + 3 * width / 4, 0, begin + width, 10), 0.75
+    sled, model = pushed(force, begin)
+    times, cases = np.linspace(0, 10, 11), {begin: np.linspace(0.45, 9.35, 100)}
+    swept = mbd.sweep(model, times, cases, {"v": sled.vx}, method=method)
+    assert not swept.failures
+    over = times > cases[begin][:, None] + width
+    before = times < cases[begin][:, None]
+    assert swept["v"][over] == pytest.approx(impulse, abs=1e-6) and np.all(np.abs(swept["v"][before]) < 1e-12)
+
+
+def test_jumps_of_cases_in_threads_and_in_one_go():
+    begin, size = mbd.Parameter("begin", 0.5), mbd.Parameter("size", 1.0)
+    sled, model = pushed(mbd.if_else(mbd.t < begin, 1.0, -size), begin, size)
+    cases = mbd.full_factorial({begin: [0.1, 0.25, 0.5, 0.77], size: [0.0, 2.0]})
+    alone = mbd.sweep(model, TIMES, cases, {"x": sled.x}, method="erk")
+    with ThreadPoolExecutor(2) as executor:
+        together = mbd.sweep(model, TIMES, cases, {"x": sled.x}, method="erk", executor=executor)
+    assert np.array_equal(alone["x"], together["x"])
+    for k in range(8):
+        late = np.maximum(TIMES - cases[begin][k], 0)
+        assert alone["x"][k] == pytest.approx(TIMES**2 / 2 - (1 + cases[size][k]) * late**2 / 2, abs=1e-9)
+
+
+def test_a_driver_that_jumps_fails_its_case_alone():
+    """A prescribed position jumps by the parameter: without a jump the case runs."""
+    jump = mbd.Parameter("jump", 0.0)
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    drive = mbd.Driver("hoist", sled.x, mbd.t + mbd.if_else(mbd.t > 0.5, jump, 0))
+    model = mbd.Mechanism(bodies=[sled], joints=[rail], drivers=[drive], parameters=[jump])
+    swept = mbd.sweep(model, TIMES, {jump: [0.0, 0.3]}, {"x": sled.x})
+    assert list(swept.failures) == [1] and "hoist" in swept.failures[1] and "0.5" in swept.failures[1]
+    assert swept["x"][0] == pytest.approx(TIMES, abs=1e-9)
+
+
+# --- starts that fail ------------------------------------------------------------------------------
+def couplers(lengths):
+    """A four-bar whose coupler has a variable length, cases of it, and which of these cannot close."""
+    length = mbd.Parameter("length", 0.5)
+    a = mbd.Body("a", mass=1, inertia=0.02, pose=(0.1, 0, 0))
+    b = mbd.Body("b", mass=1, inertia=0.02, pose=(0.3, 0.2, 0.7))
+    c = mbd.Body("c", mass=1, inertia=0.02, pose=(0.5, 0.2, 1.6))
+    joints = [
+        mbd.Revolute("A", mbd.ground.at(0, 0), a.at(-0.1, 0)),
+        mbd.Revolute("B", a.at(0.1, 0), b.at(-length / 2, 0)),
+        mbd.Revolute("C", b.at(length / 2, 0), c.at(0.2, 0)),
+        mbd.Revolute("D", mbd.ground.at(0.5, 0), c.at(-0.2, 0)),
+    ]
+    model = mbd.Mechanism(bodies=[a, b, c], joints=joints, forces=[mbd.Gravity()], parameters=[length])
+    reach = np.hypot(0.2 * np.cos(0.3) - 0.5, 0.2 * np.sin(0.3))
+    lengths = np.asarray(lengths)
+    apart = np.flatnonzero((np.abs(lengths - 0.4) >= reach) | (reach >= lengths + 0.4))
+    return model, {length: lengths}, {"phi": c.phi}, [a.phi == 0.3, a.omega == 2], apart.tolist()
+
+
+LENGTHS = [0.5, 1.1, 0.3, 0.9, 0.6, 0.05, 0.45]
+
+
+@pytest.mark.parametrize("pool", [None, ThreadPoolExecutor, ProcessPoolExecutor])
+def test_linkages_that_do_not_close_spoil_no_other_case(pool):
+    model, cases, outputs, start, apart = couplers(LENGTHS)
+    assert apart == [1, 3, 5]
+    executor = pool and pool(2)
+    swept = mbd.sweep(model, [0, 0.02], cases, outputs, start, executor=executor, batch=4)
+    assert sorted(swept.failures) == apart and all("cannot assemble" in text for text in swept.failures.values())
+    tip = np.c_[0.5 + 0.4 * np.cos(swept["phi"][:, 0]), 0.4 * np.sin(swept["phi"][:, 0])]
+    span = np.hypot(*(tip - [0.2 * np.cos(0.3), 0.2 * np.sin(0.3)]).T)
+    good = [0, 2, 4, 6]
+    assert span[good] == pytest.approx(np.array(LENGTHS)[good], abs=1e-8)
+    if executor:
+        executor.shutdown()
+
+
+def test_a_complete_file_assembles_nothing(tmp_path, monkeypatch):
+    model, cases, outputs, start, _ = couplers(LENGTHS)
+    given = (model, [0, 0.02], cases, outputs, start)
+    first = mbd.sweep(*given, file=tmp_path / "sweep.bin")
+    monkeypatch.setattr(module, "MotionSetup", None)
+    monkeypatch.setattr(module, "assembled_start", None)
+    again = mbd.sweep(*given, file=tmp_path / "sweep.bin")
+    assert np.array_equal(again["phi"], first["phi"], equal_nan=True) and again.failures == first.failures
+
+
+def test_ctrl_c_while_starts_are_assembled_keeps_what_was_run(monkeypatch):
+    model, cases, outputs, start, _ = couplers(LENGTHS)
+    real, calls = module.assembled_start, []
+
+    def stopped(*arguments):
+        calls.append(0)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return real(*arguments)
+
+    monkeypatch.setattr(module, "assembled_start", stopped)
+    with pytest.raises(mbd.Interrupted, match="of 7 cases") as caught:
+        mbd.sweep(model, [0, 0.02], cases, outputs, start, batch=1)
+    assert np.sum(caught.value.partial.done) == 3 and list(caught.value.partial.failures) == [1]
+
+
+def test_a_start_on_another_branch_is_reported_with_its_case():
+    """The angle of the rocker asks for the other side of the linkage, past a pose where it is stretched."""
+    f = four_bar(0.8)
+    angle = mbd.Parameter("angle", 0.0)
+    linkage = f.mechanism.replace(parameters=[angle])
+    there = mbd.assemble(linkage)
+    # the same crank with the coupler's joint mirrored on the line from B to D
+    b, d = there[f.crank.at(0.1, 0).position], np.array([0.55, 0])
+    c = there[f.rocker.at(0.2, 0).position]
+    across = (d - b) / np.linalg.norm(d - b)
+    mirrored = b + 2 * across * (across @ (c - b)) - (c - b)
+    tilt = np.arctan2(*(mirrored - b)[::-1])
+    cases = {angle: [there[f.coupler.phi], tilt]}
+    with pytest.warns(mbd.MechanismWarning) as caught:
+        swept = mbd.sweep(linkage, [0, 0.01], cases, {"x": f.crank.phi}, [f.coupler.phi == angle])
+    texts = [str(w.message) for w in caught if issubclass(w.category, mbd.MechanismWarning)]
+    assert not swept.failures and any("case 1" in text and "another branch" in text for text in texts), texts
+
+
+# --- a disk that is full ------------------------------------------------------------------------------
+def test_a_full_disk_keeps_what_was_run(tmp_path):
+    resource = pytest.importorskip("resource")
+    g = mbd.Parameter("g", G)
+    p = pendulum()
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    given = (model, TIMES, {g: np.linspace(1, 9, 40)}, [p.rod.phi])
+    path, old = tmp_path / "sweep.bin", resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, old[1]))
+    try:
+        with pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
+            mbd.sweep(*given, file=path, batch=5)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        signal.signal(signal.SIGXFSZ, handler)
+    partial = caught.value.partial
+    assert 5 <= np.sum(partial.done) < 40
+    swept = mbd.sweep(*given, file=path, batch=5)  # there is room again: what was written is whole
+    done = partial.done
+    assert np.all(swept.done) and np.array_equal(swept[p.rod.phi][done], partial[p.rod.phi][done])
+
+
+def test_limits_of_parameters_are_reported_once_for_all_cases():
+    length = mbd.Parameter("length", 1.0, lower=0.5, upper=2.0)
+    rod = mbd.Body("rod", mass=1.0, inertia=1 / 12, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-length / 2, 0))
+    model = mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity()], parameters=[length])
+    with pytest.warns(
+        mbd.MechanismWarning, match=r"'length' is beyond its limits 0\.5 … 2 in 2 of 3 cases \(0, 2\)"
+    ) as w:
+        mbd.sweep(model, [0, 0.1], {length: [0.4, 1.0, 2.5]}, [rod.phi])
+    assert len([x for x in w if "limits" in str(x.message)]) == 1

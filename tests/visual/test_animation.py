@@ -9,11 +9,11 @@ import zlib
 
 import numpy as np
 import pytest
+from test_every_element import MACHINES
 
 import mbdcasadi as mbd
 from mbdcasadi.visual.film import usual_speed
-from mbdcasadi.visual.page.page import Columns
-from mbdcasadi.visual.video import finer
+from mbdcasadi.visual.page.packing import Packer
 
 
 @pytest.fixture(scope="module")
@@ -25,38 +25,86 @@ def crank():
 
 def data_of(text):
     """The data in a page."""
-    return json.loads(re.search(r"const DATA = (.*);\n", text).group(1).replace("<\\/", "</"))
+    return json.loads(re.search(r"const DATA = (.*);\n", text).group(1))
 
 
-def values_of(data, index):
-    """A column of a page over its frames, decoded here."""
-    low, high = np.frombuffer(zlib.decompress(base64.b64decode(data["words"])), np.uint8).reshape(2, -1).astype(int)
-    steps = (low + 256 * high).reshape(-1, data["count"])
-    words = (np.cumsum(steps, axis=1) % 65536).ravel().astype(float)
-    column = data["columns"][index]
-    if "c" in column:
-        return np.full(data["count"], column["c"])
-    taken = words[column["at"] : column["at"] + data["count"]]
-    if "low" in column:
-        taken = 65536 * taken + words[column["low"] : column["low"] + data["count"]]
-    return column["o"] + column["s"] * taken
+def inflated(text):
+    """Bytes of a text of the page."""
+    return np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+
+
+def weights_at(time, knots):
+    """Lagrange weights of knots at a time."""
+    apart = knots[:, None] - knots[None, :] + np.eye(len(knots))
+    factors = np.where(np.eye(len(knots), dtype=bool), 1.0, (time - knots[None, :]) / apart)
+    return np.prod(factors, axis=1)
+
+
+def knots_of(data, index):
+    """Times of the knots of a column that moves, and its values there, decoded here."""
+    group, place = (
+        data["columns"][index]["g"],
+        [c.get("g") for c in data["columns"][:index]].count(data["columns"][index]["g"]),
+    )
+    clock = inflated(data["clock"]).view("<f8")
+    masks = np.unpackbits(inflated(data["masks"]).reshape(len(data["groups"]), -1), axis=1, bitorder="little")
+    t = clock[masks[group, : clock.size].astype(bool)]
+    words = inflated(data["words"]).reshape(4, -1).T.copy().view("<u4").ravel().astype(float)
+    start = sum(g["n"] * g["k"] for g in data["groups"][:group]) + place * t.size
+    steps = words[start : start + t.size]
+    steps = np.where(steps % 2, -(steps + 1) / 2, steps / 2)
+    whole, first = np.zeros(t.size), 0
+    for k in range(t.size):
+        if k and t[k] - t[k - 1] <= data["resolution"]:
+            first = k
+        guess = whole[k - 1] if k else 0.0
+        for points in range(min(k - first, 6), 1, -1):
+            weights = weights_at(t[k], t[k - points : k])
+            if np.sum(np.abs(weights)) <= 64:
+                guess = np.floor(weights @ whole[k - points : k] + 0.5)
+                break
+        whole[k] = guess + steps[k]
+    return t, data["columns"][index]["q"] * whole
+
+
+def values_of(data, index, times):
+    """A column of a page at times, on the polynomial through six knots about each."""
+    if "c" in data["columns"][index]:
+        return np.full(len(times), data["columns"][index]["c"])
+    t, values = knots_of(data, index)
+    found = []
+    for time in times:
+        left = min(np.searchsorted(t, time, side="right") - 1, t.size - 2)
+        jumps = np.flatnonzero(np.diff(t) <= data["resolution"])
+        low, high = max([0, *(jumps[jumps < left] + 1)]), min([t.size - 1, *jumps[jumps >= left]])
+        start = max(low, min(left - 2, high - 5))
+        some = slice(start, min(start + 6, high + 1))
+        found.append(weights_at(time, t[some]) @ values[some])
+    return np.array(found)
 
 
 def test_the_page_holds_the_motion(crank):
-    """Readings, plots and traces against the trajectory, to what 16 bits can hold."""
+    """Readings, plots and traces against the trajectory between its outputs, to the digits that are shown."""
     model, motion = crank
     page = mbd.animate(motion, trace=[model.pin.a], plots={"v, m/s": model.slider.velocity})
     data = data_of(page.html)
-    times = np.linspace(data["t0"], data["t1"], data["count"])
+    times = np.sort(np.random.default_rng(1).uniform(data["t0"], data["t1"], 50))
     fine = motion.at(times)
-    assert data["count"] == 91 and data["speed"] == 1.0
+    assert data["count"] == 91 and data["speed"] == 1.0 and data["precision"] == 5
     item = next(item for item in data["items"] if item["name"] == "rod")
     for reading, expression in zip(item["readings"][:3], (model.rod.x, model.rod.y, model.rod.phi), strict=True):
         exact = fine[expression]
-        np.testing.assert_allclose(values_of(data, reading["column"]), exact, atol=np.ptp(exact) / 65535)
-    trace = np.column_stack([values_of(data, c) for c in data["traces"][0]])
-    np.testing.assert_allclose(trace, fine[model.pin.a.position], atol=2e-6)
+        np.testing.assert_allclose(values_of(data, reading["column"], times), exact, atol=0.1 * 10.0 ** -reading["d"])
+        assert np.ptp(exact) / 65535 > 0.1 * 10.0 ** -reading["d"]
+    (traced,) = data["traces"]
+    base, *place = data["frames"][traced]["a"]  # a point of the crank
+    x, y, phi = (values_of(data, c, times) for c in data["frames"][base]["c"][:3])
+    c, s = np.cos(phi), np.sin(phi)
+    trace = np.column_stack([x + c * place[0] - s * place[1], y + s * place[0] + c * place[1]])
+    np.testing.assert_allclose(trace, fine[model.pin.a.position], atol=1e-5)
     (plot,) = data["plots"]
+    for line, exact in zip(plot["lines"], fine[model.slider.velocity].T, strict=True):
+        np.testing.assert_allclose(values_of(data, line["column"], times), exact, atol=0.1 * 10.0 ** -line["d"])
     assert [line["name"] for line in plot["lines"]] == ["x", "y"] and plot["label"] == "v, m/s"
 
 
@@ -68,6 +116,39 @@ def test_a_page_needs_nothing_from_outside_and_is_small(crank, tmp_path):
     text = (tmp_path / "motion.html").read_text(encoding="utf-8")
     assert text == page.html and "<html" in text and "http" not in text and "src=" not in text
     assert len(text) < 120_000
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_tooltips_of_every_element_follow_the_motion(name):
+    """Between the outputs of a simulation, decoded from the page."""
+    motion = mbd.simulate(MACHINES[name]().mechanism, np.linspace(0, 0.3, 16))
+    animation = mbd.animate(motion)
+    data, times = data_of(animation.html), np.random.default_rng(2).uniform(0, 0.3, 11)
+    exact = motion.at(times)
+    for item, shown in zip(animation.film.scene.items, data["items"], strict=True):
+        assert [reading["label"] for reading in shown["readings"]] == list(item.tooltip)
+        for reading, expression in zip(shown["readings"], item.tooltip.values(), strict=True):
+            follows = values_of(data, reading["column"], times)
+            np.testing.assert_allclose(follows, exact[expression], atol=0.2 * 10.0 ** -reading["d"], err_msg=item.name)
+
+
+def test_what_a_motion_does_not_know_is_left_out():
+    """Kinematics knows neither currents nor the couples that follow from them."""
+    wheel = mbd.Body("wheel", 1, 0.1)
+    bearing = mbd.Revolute("bearing", mbd.ground.at(0, 0), wheel.at(0, 0))
+    motor = mbd.DCMotor("motor", wheel, 6.0, 0.4, 1.5, inductance=0.01)
+    turn = mbd.Driver("turn", bearing.angle, mbd.t)
+    driven = mbd.Mechanism([wheel], [bearing], [turn], forces=[motor])
+    data = data_of(mbd.animate(mbd.kinematics(driven, np.linspace(0, 1, 11))).html)
+    labels = {item["kind"]: [reading["label"] for reading in item["readings"]] for item in data["items"]}
+    assert labels["DCMotor"] == [] and "phi, rad" in labels["body"]
+
+
+def test_what_changes_without_end_is_reported(crank):
+    """A plot of ten thousand periods: the page says that it is rough between the outputs."""
+    with pytest.warns(mbd.MechanismWarning, match="the motion changes so often that the page cannot hold it"):
+        page = mbd.animate(crank[1], plots={"x": mbd.sin(2e4 * mbd.t)}).html
+    assert len(page) < 2_000_000
 
 
 def test_a_long_chain_is_small_too():
@@ -83,29 +164,52 @@ def test_angles_of_many_turns_keep_their_places():
     bearing = mbd.Revolute("bearing", mbd.ground.at(0, 0), rotor.at(0, 0))
     drive = mbd.Driver("drive", bearing.angle, 1000 * mbd.t)
     motion = mbd.kinematics(mbd.Mechanism([rotor], [bearing], [drive]), np.linspace(0, 10, 301))
-    data = data_of(mbd.animate(motion).html)
-    angle = next(values_of(data, f[2]) for f in data["frames"] if np.ptp(values_of(data, f[2])) > 1)
-    np.testing.assert_allclose(angle, 1000 * np.linspace(0, 10, data["count"]), atol=1e-4)
+    data, times = data_of(mbd.animate(motion).html), np.linspace(0, 10, 777)
+    angles = [values_of(data, f["c"][2], times) for f in data["frames"] if "a" not in f and "v" not in f]
+    (angle,) = (x for x in angles if np.ptp(x) > 1)
+    np.testing.assert_allclose(angle, 1000 * times, atol=1e-4)
 
 
-def test_columns_are_kept_once():
+def test_columns_are_kept_once(crank):
     """Equal columns share their place, constants take none, and what is not finite is refused."""
-    store, t = Columns(), np.linspace(0, 1, 50)
-    assert store.add(t, "t") == store.add(t.copy(), "again") and store.add(0 * t + 3, "three") == 1
-    assert store.columns[1] == {"c": 3.0}
-    assert len(zlib.decompress(base64.b64decode(store.words))) == 100
-    with pytest.raises(mbd.MechanismError, match="load is not finite"):
-        store.add(np.full(50, np.inf), "load")
+    model, motion = crank
+    data = data_of(mbd.animate(motion).html)
+    crank_ = next(item for item in data["items"] if item["name"] == "crank")
+    x, y = (next(r["column"] for r in crank_["readings"] if r["label"] == label) for label in ("x, m", "y, m"))
+    assert x != y and any(frame["c"][:2] == [x, y] for frame in data["frames"])
+    constants = [column["c"] for column in data["columns"] if "c" in column]
+    assert len(constants) == len(set(constants)) and 0.0 in constants
+    whole = Packer(np.linspace(0, 1, 50), 1e-9)
+    assert whole.constant(3.0) == whole.constant(3.0) == 0 and whole.columns == [{"c": 3.0}]
+    with pytest.raises(mbd.MechanismError, match="'load' is not finite|not finite at t"):
+        mbd.animate(motion, plots={"load": 1 / (model.crank.phi - motion[model.crank.phi][0])}).html  # noqa: B018
 
 
 def test_traces_are_smooth_between_frames():
     """A circle in steps of half a radian, to 0.3 % of its radius; chords miss it by 3 %."""
-    turn = np.arange(0, 8, 0.5)
-    way = finer(np.column_stack([np.cos(turn), np.sin(turn)]))
-    assert len(way) == 5 * 15 + 1
-    np.testing.assert_allclose(np.hypot(*way.T), 1, atol=3e-3)
-    np.testing.assert_allclose(way[::5], np.column_stack([np.cos(turn), np.sin(turn)]), atol=1e-15)
-    np.testing.assert_allclose(finer(np.array([[0.0, 0.0], [1.0, 2.0]]))[1], [0.2, 0.4])
+    rotor = mbd.Body("rotor", 1, 1)
+    bearing = mbd.Revolute("bearing", mbd.ground.at(0, 0), rotor.at(0, 0))
+    drive = mbd.Driver("drive", bearing.angle, 15 * mbd.t)
+    motion = mbd.kinematics(mbd.Mechanism([rotor], [bearing], [drive]), np.linspace(0, 3, 91))
+    film = mbd.animate(motion, trace=[rotor.at(1, 0)], fps=30).film
+    corners = film.paths[:, 0]
+    np.testing.assert_allclose(np.hypot(*corners.T), 1, atol=4e-4)
+    middles = (corners[1:] + corners[:-1]) / 2
+    np.testing.assert_allclose(np.hypot(*middles.T), 1, atol=3e-3)
+
+
+def test_films_show_every_peak_and_what_is_true_at_their_frames():
+    """A ball that hits the floor between two frames: the curve in the film rises to the largest output."""
+    ball = mbd.Body("ball", 1, 1e-3, pose=(0, 0.5, 0))
+    floor = mbd.Contact(
+        "floor", mbd.Circle(ball.at(0, 0), 0.05), mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.HuntCrossley(1e5, damping=0.2)
+    )
+    motion = mbd.simulate(mbd.Mechanism([ball], forces=[mbd.Gravity(), floor]), np.linspace(0, 3, 601))
+    film = mbd.animate(motion, plots={"force, N": floor.normal_force}, fps=10).film
+    (curve,) = film.curves["force, N"].values()
+    assert curve.max() >= motion[floor.normal_force].max() > 300
+    (frame,) = (k for k, f in enumerate(film.scene.frames) if f.vector is None and k)
+    np.testing.assert_allclose(film.poses[:, frame, 1], motion.at(film.t)[ball.y], atol=1e-12)
 
 
 def test_gif(crank, tmp_path):

@@ -224,3 +224,117 @@ def test_a_notebook_shows_it(browser, crank, tmp_path):
     opened.wait_for_timeout(300)
     assert inner.locator("#clock").text_content() != "t = 0.00 s"
     opened.close()
+
+
+# --- the page shows what is true ------------------------------------------------------------------
+def bouncing():
+    """A ball on a stiff floor: a contact that lasts for some outputs; 601 outputs as a user would ask for."""
+    ball = mbd.Body("ball", 1, 1e-3, pose=(0, 0.5, 0))
+    law = mbd.HuntCrossley(1e5, damping=0.2)
+    floor = mbd.Contact("floor", mbd.Circle(ball.at(0, 0), 0.05), mbd.HalfPlane(mbd.ground.at(0, 0)), law)
+    motion = mbd.simulate(mbd.Mechanism([ball], forces=[mbd.Gravity(), floor]), np.linspace(0, 3, 601))
+    return motion, {"force, N": floor.normal_force, "height, m": ball.y}
+
+
+def falling_four_bar():
+    """Reactions of a linkage that swings."""
+    model = mbd.library.four_bar()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 2, 201))
+    pin = model.mechanism.joint("A").reaction_on(model.crank).force
+    return motion, {"pin, N": mbd.norm(pin), "coupler, m": model.coupler.position}
+
+
+def rebounding():
+    """Velocities that jump, between forty outputs."""
+    ball = mbd.Body("ball", 1, 1, pose=(0, 1, 0))
+    rebound = mbd.Event("floor", ball.y, direction=-1, reset={ball.vy: -0.8 * ball.vy})
+    motion = mbd.simulate(mbd.Mechanism([ball], forces=[mbd.Gravity()]), np.linspace(0, 1.5, 40), events=[rebound])
+    assert len(motion.events) == 2
+    return motion, {"speed, m/s": ball.vy, "height, m": ball.y}
+
+
+def kicked():
+    """A force that jumps at a time that nobody told."""
+    model = mbd.library.pendulum_chain(2).mechanism
+    (arm, _), push = model.bodies, mbd.if_else(mbd.t > 1 / 3, 5.0, 0.0)
+    kick = mbd.Force("kick", arm.at(0, 0), (push, 0))
+    motion = mbd.simulate(model.replace(forces=[*model.forces, kick]), np.linspace(0, 1, 51))
+    return motion, {"ax, m/s^2": arm.ax, "kick, N": push}
+
+
+def whirling():
+    """A slider-crank with outputs so far apart that the motion between them bends a lot."""
+    model = mbd.library.slider_crank()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 4, 101), initial=[model.crank.omega == 20])
+    return motion, {"slider, m/s": model.slider.vx}
+
+
+@pytest.mark.parametrize("example", [bouncing, falling_four_bar, rebounding, kicked, whirling])
+def test_every_number_is_that_of_the_motion(browser, tmp_path, example):
+    """At fifty random times: tooltips to the digits that are shown, plots, the drawing; and no peak is missing."""
+    motion, plots = example()
+    animation = mbd.animate(motion, tmp_path / "page.html", plots=plots)
+    opened = browser.new_page(viewport=DESKTOP)
+    opened.goto((tmp_path / "page.html").as_uri())
+    opened.wait_for_function("window.mechanism")
+    times = np.random.default_rng(3).uniform(motion.t[0], motion.t[-1], 50)
+    items = [item for item in animation.film.scene.items if item.tooltip]
+    read = opened.evaluate(
+        """([times, items, plots]) => times.map(time => {
+            mechanism.seek(time);
+            return [items.map(name => mechanism.shown(name)), plots.map(label => mechanism.plot(label))];
+        })""",
+        [times.tolist(), [item.name for item in items], list(plots)],
+    )
+    exact = motion.at(times)
+    off, compared = 0, 0
+    for k, (shown, plotted) in enumerate(read):
+        state = exact.state(k)
+        for item, texts in zip(items, shown, strict=True):
+            for label, expression in item.tooltip.items():
+                mantissa, _, power = texts[label].replace("\u2212", "-").partition("e")
+                last_digit = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+                error = abs(float(texts[label].replace("\u2212", "-")) - state[expression])
+                # a number may lie between two that can be shown, and the page be off by a tenth of a digit
+                assert error <= 0.62 * last_digit or error < 1e-9, (item.name, label, texts[label], state[expression])
+                off, compared = off + (error > 0.5 * last_digit * (1 + 1e-9)), compared + 1
+        for lines, expression in zip(plotted, plots.values(), strict=True):
+            values = [line["value"] for line in lines.values()]
+            np.testing.assert_allclose(values, np.atleast_1d(state[expression]), atol=2e-5 * scale(motion, expression))
+    assert compared > 250 and off < 0.05 * compared
+    for label, expression in plots.items():
+        lines = opened.evaluate("label => mechanism.plot(label)", label).values()
+        for j, (line, values) in enumerate(zip(lines, motion[expression].reshape(len(motion), -1).T, strict=True)):
+            points = np.array(line["points"])
+            tolerance = 2e-5 * scale(motion, expression)
+            assert points[:, 1].max() >= values.max() - tolerance and points[:, 1].min() <= values.min() + tolerance
+            # what is drawn between the outputs is the motion, too
+            drawn = points[np.linspace(0, len(points) - 1, 200).astype(int)]
+            follows = motion.at(drawn[:, 0])[expression].reshape(len(drawn), -1)[:, j]
+            np.testing.assert_allclose(drawn[:, 1], follows, atol=tolerance)
+    opened.close()
+
+
+def scale(motion, expression):
+    """Largest size of an expression, between the outputs too."""
+    return float(np.max(np.abs(motion.at(np.linspace(motion.t[0], motion.t[-1], 2000))[expression])))
+
+
+def test_the_ball_is_drawn_where_it_is(browser, tmp_path):
+    """To a tenth of a millimetre, in the moments of its impacts too; the disc is part of the contact."""
+    motion, _ = bouncing()
+    (ball,) = motion.mechanism.bodies
+    mbd.animate(motion, tmp_path / "page.html")
+    opened = browser.new_page(viewport=DESKTOP)
+    opened.goto((tmp_path / "page.html").as_uri())
+    opened.wait_for_function("window.mechanism")
+    low = motion.t[np.argsort(motion[ball.y])[:20]]
+    times = np.concatenate([low, np.random.default_rng(5).uniform(0, 3, 30)])
+    places = np.array(opened.evaluate(
+        "times => times.map(time => { mechanism.seek(time); return mechanism.place('floor'); })", times.tolist()
+    ))  # fmt: skip
+    heights = motion.at(times)[ball.y]
+    slope, base = np.polyfit(places[:, 1], heights, 1)
+    np.testing.assert_allclose(base + slope * places[:, 1], heights, atol=1e-4)
+    assert np.ptp(heights) > 0.4
+    opened.close()

@@ -1,8 +1,10 @@
 """Drawings: symbols sit where the state says, every element has one, and bad input is named."""
 
+import itertools
 import subprocess
 import sys
 
+import casadi as ca
 import matplotlib
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import mbdcasadi as mbd
 from mbdcasadi.visual.drawing import lines
 from mbdcasadi.visual.drawing.compose import Options, compose
 from mbdcasadi.visual.drawing.draw import nice, subject
+from mbdcasadi.visual.drawing.loads import Load
 from mbdcasadi.visual.drawing.sample import Sample
 from mbdcasadi.visual.drawing.scene import BODY, PIN, placed
 
@@ -127,6 +130,25 @@ def test_teeth_mesh():
             assert np.all(inside) if name == "internal Gear" else not np.any(inside), (name, k)
 
 
+@pytest.mark.parametrize("radii", [(0.04, 0.02), (0.03, 0.03), (0.05, 0.015)])
+def test_planets_mesh_with_sun_and_ring(radii):
+    """All three, over a turn of the arm, with the ring at rest and with the sun at rest."""
+    from matplotlib.path import Path
+
+    model = mbd.library.planetary_gear(*radii, planets=3)
+    for hold in ("ring", "sun"):
+        motion = mbd.kinematics(model.driven(arm=2 * np.pi * mbd.t, **{hold: 0}), np.linspace(0, 1, 9))
+        scene, poses, _ = scene_of(motion)
+        gears = {m.body: m for m in scene.marks if m.style == "body" and m.closed and len(m.loops[0]) >= 40}
+        bodies = [body.name for body in model.mechanism.bodies]
+        sun, ring = gears[bodies.index("sun")], gears[bodies.index("ring")]
+        for k, number in itertools.product(range(9), (1, 2, 3)):
+            planet = gears[bodies.index(f"planet {number}")]
+            teeth = where(planet, poses, k)
+            assert not Path(where(sun, poses, k)).contains_points(teeth).any()
+            assert Path(placed(ring.loops[1], poses[k, ring.frame])).contains_points(teeth).all()
+
+
 def test_rack_meshes_with_its_pinion():
     """No tooth in another while the rack moves."""
     from matplotlib.path import Path
@@ -221,16 +243,15 @@ def test_the_library_is_drawn_whole(name):
 def test_every_class_of_element_has_a_symbol_of_its_own():
     """Or is known to have no place: a new class is not forgotten."""
     from mbdcasadi.model.element import ConstraintElement, Element
-    from mbdcasadi.visual.symbols import symbol
 
     # given by expressions alone, or between markers that a dashed line ties together
     tied = {"Constraint", "NonholonomicConstraint", "RelativeX", "RelativeY", "RelativeAngle",
             "PIController", "FirstOrderLag", "EnergyMeter"}  # fmt: skip
-    default = symbol.dispatch(object)
+    default = mbd.glyph.dispatch(object)
     bases = (mbd.Element, mbd.ConstraintElement, mbd.Joint)
     public = [c for c in vars(mbd).values() if isinstance(c, type) and issubclass(c, Element) and c not in bases]
     assert len(public) > 40 and any(issubclass(c, ConstraintElement) for c in public)
-    assert {c.__name__ for c in public if symbol.dispatch(c) is default} == tied
+    assert {c.__name__ for c in public if mbd.glyph.dispatch(c) is default} == tied
 
 
 def test_elements_of_ones_own():
@@ -260,6 +281,40 @@ def test_elements_of_ones_own():
         assert [m.style for m in of_item(scene, "x")] == ([style] if style else [])
 
 
+def test_a_glyph_of_ones_own_brings_loads_and_a_tooltip():
+    """All three are registered in one class; a function for the symbol alone keeps the others of the base class."""
+
+    class Magnet(mbd.TSDA):
+        pass
+
+    class Coil(Magnet):
+        pass
+
+    class MagnetGlyph(mbd.Glyph, of=Magnet):
+        def draw(self):
+            self.pen.pin(self.pen.on(self.element.b))
+
+        def loads(self):
+            return [Load(self.element.b, ca.SX([3, 4]), "force")]
+
+        def tooltip(self):
+            return {"gap, m": self.element.length}
+
+    @mbd.glyph.register
+    def _(element: Coil, pen):
+        pen.dot(pen.on(element.b))
+
+    block = mbd.Body("block", 1, 1, pose=(1, 0, 0))
+    for kind, style in ((Magnet, "pin"), (Coil, "dot")):
+        pull = kind("x", mbd.ground.at(0, 0), block.at(0, 0), stiffness=1.0)
+        scene, poses, scale = scene_of(mbd.Mechanism([block], forces=[pull]), forces=True, tooltips=True)
+        symbol, *arrow = of_item(scene, "x")
+        assert symbol.style == style and [m.style for m in arrow] == ["force", "force head"]
+        np.testing.assert_allclose(scale["N"] * (where(arrow[1], poses)[0] - [1, 0]), [3, 4], rtol=1e-9)
+        (item,) = (i for i in scene.items if i.name == "x")
+        assert item.kind == kind.__name__ and set(item.tooltip) == {"gap, m"}
+
+
 # --- what is drawn, and what is not ------------------------------------------------------------
 def test_sources():
     """States, motions, solutions' motions, mechanisms and library models; axes of one's own."""
@@ -285,7 +340,7 @@ def test_wrong_input_is_named():
         ("whole number", motion, {"poses": 0}),
         ("whole number", motion, {"poses": 2.5}),
         ("True or False", motion, {"forces": 1}),
-        ("way of a point", model, {"trace": [model.pin.a]}),
+        ("path of a point", model, {"trace": [model.pin.a]}),
         ("two components", motion, {"trace": [model.crank.phi]}),
         ("two components", motion, {"trace": ["pin"]}),
         ("list of markers", motion, {"trace": 3}),

@@ -116,6 +116,4 @@ class Code:
     def _key(self, using: build.Compiler) -> str:
         if not hasattr(self, "_serialised"):
             self._serialised = [f.serialize() for f in self.functions]
-        return build.key_of(
-            FORMAT, package_version(), using.identity, OPTIMISATION, *build.FLAGS, *self._serialised
-        )
+        return build.key_of(FORMAT, package_version(), using.identity, OPTIMISATION, *build.FLAGS, *self._serialised)

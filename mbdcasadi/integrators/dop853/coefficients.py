@@ -48,7 +48,4 @@ def _combination(name: str, row: np.ndarray, formula: str, more: str, stride: st
     terms = [f"{float(a)!r} * k[{j} * {stride} + i]" for j, a in enumerate(row) if a]
     body = formula.format(" + ".join(terms))
     given = f"integer n, {'integer n_y, ' if stride != 'n' else ''}{more}const double* k, double* restrict out"
-    return (
-        f"CLONES static void combine_{name}({given}) {{\n"
-        f"  for (integer i = 0; i < n; ++i) out[i] = {body};\n}}\n"
-    )
+    return f"CLONES static void combine_{name}({given}) {{\n  for (integer i = 0; i < n; ++i) out[i] = {body};\n}}\n"

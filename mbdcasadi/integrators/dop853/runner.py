@@ -49,9 +49,7 @@ class Runner:
         What runs, and why.
     """
 
-    def __init__(
-        self, system: ExplicitSystem, watched: Watched | None, cache: Cache, compiles: bool | None = None
-    ):
+    def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, compiles: bool | None = None):
         self.system, self.watched = system, watched
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()

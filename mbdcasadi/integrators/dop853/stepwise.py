@@ -1,2 +1,3 @@
 class StepwiseRun:
-    def __init__(self, system, watched): raise NotImplementedError
+    def __init__(self, system, watched):
+        raise NotImplementedError

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ExpressionError, ModelError
-from ..immutable import Immutable
+from ..immutable import HoldsSymbols, Immutable
 from ..quantities import column, function_of, yes_or_no
 from ..symbols import describe, number, symbols_of, values_of, varying_in
 from .splines import closed_spline, spline
@@ -18,7 +18,7 @@ from .splines import closed_spline, spline
 SAMPLES = 1440
 
 
-class Curve(Immutable):
+class Curve(Immutable, HoldsSymbols):
     """A plane curve ``s'(alpha)``, for a slot, a rail or the outline of a cam.
 
     Parameters
@@ -47,7 +47,6 @@ class Curve(Immutable):
     """
 
     _called = "Curve"
-    _symbolic = True
 
     def __init__(self, point: Callable[[ca.SX], Any], lower: float, upper: float, closed: bool = False):
         what = self._called

@@ -1,14 +1,14 @@
 """Ranks of conditions beside the constraints.
 
 They are taken at consistent states scattered about the estimate: a condition
-whose gradient vanishes at one singular pose alone (a dead centre) is none that
-the constraints fix.
+whose gradient vanishes at one singular pose alone (a dead centre) is not one
+that the constraints fix.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -22,6 +22,7 @@ from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows
 
 if TYPE_CHECKING:
+    from ..phase import Phase
     from ..problem import OptimalControlProblem
 
 #: A consistent state: time, coordinates, velocities, first-order states.
@@ -30,22 +31,22 @@ Place = tuple[float, np.ndarray, np.ndarray, np.ndarray]
 #: Consistent states at which ranks are taken, and attempts to find them.
 STATES, ATTEMPTS = 3, 12
 #: Rest of a unit row outside the span of others below which it counts as dependent.
-DEPENDENT = 1e-7
+DEPENDENCE_TOLERANCE = 1e-7
 #: Rest of a unit row at one state below which a condition counts as met at a singular pose.
-SINGULAR = 1e-4
-#: By how much the value of an expression may differ from state to state, relative, and count as constant.
-LINEAR = 1e-9
-#: Results that are kept.
-KEPT = 300
+SINGULARITY_TOLERANCE = 1e-4
+#: Relative variation of an expression from state to state up to which it counts as constant.
+CONSTANCY_TOLERANCE = 1e-9
+#: Results that are kept: conditions at the start may change from solve to solve.
+RECENT = 300
 
 
-def ranks_of(problem: OptimalControlProblem, numeric: NumericEquations, *, timed: bool) -> ConditionRank:
-    """Ranks for the conditions of a problem, kept for the last parameters; `timed` where a time may be free."""
-    free = [*problem.free_parameters, *([numeric.eom.t] if timed and problem.has_free_times else [])]
-    known = problem.ranks.get(len(free))
-    if known is None or known.is_full or not np.array_equal(known.numeric.p, numeric.p):
-        known = problem.ranks[len(free)] = ConditionRank(numeric, ca.vertcat(ca.SX(0, 1), *free))
-    return known
+def ranks_of(problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, *, timed: bool) -> ConditionRank:
+    """Return the ranks for the conditions of a phase; `timed` if a time of the problem may be among the unknowns."""
+    timed = timed and problem.has_free_times
+    free = [*problem.free_parameters, *([numeric.eom.t] if timed else [])]
+    key = phase, timed, numeric.p.tobytes()
+    make = partial(ConditionRank, numeric, ca.vertcat(ca.SX(0, 1), *free))
+    return problem.compiled.ranks.get_or_create(key, make, bounded=True)
 
 
 class ConditionRank:
@@ -56,7 +57,7 @@ class ConditionRank:
     numeric : NumericEquations
         Equations at given parameters.
     free : casadi.SX
-        What else the conditions may be met by: free parameters, a free time.
+        Further unknowns by which conditions may be met: free parameters, a free time.
     """
 
     def __init__(self, numeric: NumericEquations, free: ca.SX):
@@ -64,104 +65,83 @@ class ConditionRank:
         eom = numeric.eom
         self._x = ca.vertcat(eom.q, eom.v, eom.z, free)
         self._unknowns = 2 * eom.q.numel() + eom.z.numel()
-        own = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
-        self._own = ca.vertcat(ca.SX(0, 1), *own)
+        extra = [s for s in ca.vertsplit(free) if s.numel() and s.element_hash() not in eom._known]
+        self._extra = ca.vertcat(ca.SX(0, 1), *extra)
         scale = numeric.column_scale
         self._columns = np.concatenate([scale, scale, np.ones(eom.z.numel() + free.numel())])
-        #: by conditions, which are kept beside so that their identities stay theirs
-        self._functions: dict[tuple[int, ...], tuple[Evaluator, Sequence[Condition]]] = {}
-        self._found = Cache()
-        key = ("scattered states", numeric.p.tobytes())
-        self.states: list[Place] = eom.mechanism.cache.get_or_create(key, self._scattered)
+        self._functions, self._results = Cache(RECENT), Cache(RECENT)
 
-    def _scattered(self) -> list[Place]:
+    @cached_property
+    def states(self) -> list[Place]:
         """Consistent states about the estimate."""
-        numeric, random = self.numeric, np.random.default_rng(1)
-        q0, v0, z0 = numeric.eom.estimate
-        found: list[Place] = []
-        for _ in range(ATTEMPTS):
-            moved = q0 + 0.4 * random.uniform(-1, 1, q0.size) * numeric.typical_step
-            t = float(random.uniform(0, 1))
-            outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=numeric.typical_step)
-            if outcome.converged:
-                jacobian, nu = numeric.velocity(t, outcome.x)
-                v = v0 + random.uniform(-1, 1, v0.size) * numeric.typical_step
-                scaled = jacobian * numeric.column_scale
-                v -= numeric.column_scale * np.linalg.lstsq(scaled, jacobian @ v - nu, rcond=None)[0]
-                found.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
-            if len(found) == STATES:
-                break
-        return found
-
-    @property
-    def is_full(self) -> bool:
-        """Whether so much is kept that one had better begin anew: conditions change from plan to plan."""
-        return len(self._found) > KEPT
+        numeric = self.numeric
+        key = ("scattered states", numeric.p.tobytes())
+        return numeric.eom.mechanism.cache.get_or_create(key, lambda: _scattered_states(numeric), bounded=True)
 
     def _evaluated(self, conditions: Sequence[Condition], state: Place) -> tuple[np.ndarray, np.ndarray]:
-        """Values (k,) and gradients (k, n) of conditions at a state; of the constraints where there are none."""
-        key = _names(conditions)
-        if key not in self._functions:
+        """Values (k,) and gradients (k, n) of conditions at a state; of the constraints if there are none."""
+        key = tuple(conditions)
+
+        def compiled() -> Evaluator:
             eom = self.numeric.eom
-            arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._own]
+            arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self._extra]
             rows = stacked(conditions) if conditions else ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
-            results = [rows, ca.jacobian(rows, self._x)]
-            self._functions[key] = Evaluator(ca.Function("conditions", arguments, results)), tuple(conditions)
-        function = self._functions[key][0]
+            return Evaluator(ca.Function("conditions", arguments, [rows, ca.jacobian(rows, self._x)]))
 
         def evaluate() -> tuple[np.ndarray, np.ndarray]:
-            values, slopes = function(*state, self.numeric.p, np.ones(self._own.numel()))
+            function = self._functions.get_or_create(key, compiled, bounded=True)
+            values, slopes = function(*state, self.numeric.p, np.ones(self._extra.numel()))
             return values.ravel(), slopes * self._columns
 
-        return self._found.get_or_create(("values", key, _key(state)), evaluate)
+        return self._results.get_or_create(("values", key, _key(state)), evaluate, bounded=True)
 
-    def span(self, state: Place, given: Sequence[Condition] = ()) -> np.ndarray:
-        """Orthonormal basis of the gradients of the constraints and of conditions at a state, by row."""
+    def span(self, state: Place, others: Sequence[Condition] = ()) -> np.ndarray:
+        """Orthonormal basis of the gradients of the constraints and of other conditions at a state, by row."""
 
-        def found() -> np.ndarray:
-            if not given:
+        def basis() -> np.ndarray:
+            if not others:
                 return _span(unit_rows(self._evaluated((), state)[1]))
             constraints = self.span(state)
-            return np.vstack([constraints, _span(self._rest(given, state, constraints), DEPENDENT)])
+            return np.vstack([constraints, _span(self._rest(others, state, constraints), DEPENDENCE_TOLERANCE)])
 
-        return self._found.get_or_create(("span", _names(given), _key(state)), found)
+        return self._results.get_or_create(("span", tuple(others), _key(state)), basis, bounded=True)
 
     def _rest(self, conditions: Sequence[Condition], state: Place, span: np.ndarray) -> np.ndarray:
         """Unit gradients of conditions less what lies in a span."""
         rows = unit_rows(self._evaluated(conditions, state)[1])
         return rows - rows @ span.T @ span
 
-    def fixed(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> list[bool]:
-        """Which conditions depend on the constraints, and on other conditions given, at every state."""
+    def fixed(self, conditions: Sequence[Condition], others: Sequence[Condition] = ()) -> list[bool]:
+        """Return for each condition whether it depends on the constraints, and on other conditions, at every state."""
         if not conditions or not self.states:
             return [False] * len(conditions)
         result = np.ones(len(conditions), bool)
         for state in self.states:
-            rest = self._rest(conditions, state, self.span(state, given))
-            result &= np.linalg.norm(rest, axis=1) <= DEPENDENT
+            rest = self._rest(conditions, state, self.span(state, others))
+            result &= np.linalg.norm(rest, axis=1) <= DEPENDENCE_TOLERANCE
         return result.tolist()
 
-    def count(self, conditions: Sequence[Condition], given: Sequence[Condition] = ()) -> int:
-        """How many of the conditions are independent of each other, of the constraints, and of others given."""
+    def count(self, conditions: Sequence[Condition], others: Sequence[Condition] = ()) -> int:
+        """Number of conditions that are independent of each other, of the constraints, and of other conditions."""
         if not self.states or not conditions:
             return len(conditions)
 
         def counted() -> int:
-            rests = (self._rest(conditions, state, self.span(state, given)) for state in self.states)
-            return max(analyse_rank(rest, DEPENDENT).rank for rest in rests)
+            rests = (self._rest(conditions, state, self.span(state, others)) for state in self.states)
+            return max(analyse_rank(rest, DEPENDENCE_TOLERANCE).rank for rest in rests)
 
-        return self._found.get_or_create(("count", _names(conditions), _names(given)), counted)
+        return self._results.get_or_create(("count", tuple(conditions), tuple(others)), counted, bounded=True)
 
     def independent(
-        self, conditions: Sequence[Condition], state: Place, given: Sequence[Condition] = ()
+        self, conditions: Sequence[Condition], state: Place, others: Sequence[Condition] = ()
     ) -> list[Condition]:
-        """Conditions independent of others given: those on positions first, of these the steepest at a state."""
-        if self.count(conditions, given) == len(conditions):
+        """Conditions that are independent of others: those on positions first, of these the steepest at a state."""
+        if self.count(conditions, others) == len(conditions):
             return list(conditions)
         kept: list[Condition] = []
         for level in (False, True):
             group = [c for c in conditions if c.depends_on("velocity") is level]
-            count, before = self.count(group, [*given, *kept]), [*given, *kept]
+            count, before = self.count(group, [*others, *kept]), [*others, *kept]
             if count < len(group):
                 rest = self._rest(group, state, self.span(state, before))
                 order = np.argsort(-np.linalg.norm(rest, axis=1), kind="stable")
@@ -174,35 +154,51 @@ class ConditionRank:
         return [c for c in conditions if c in kept]
 
     def meets_singular(self, conditions: Sequence[Condition], state: Place) -> bool:
-        """Whether conditions that are independent elsewhere depend on the constraints at a state: atop a circle."""
+        """Return True if conditions depend on the constraints at this state, though not elsewhere: atop a circle."""
         left = np.linalg.svd(self._rest(conditions, state, self.span(state)), compute_uv=False)
-        return len(left) < len(conditions) or bool(np.min(left, initial=1.0) < SINGULAR)
+        return len(left) < len(conditions) or bool(np.min(left, initial=1.0) < SINGULARITY_TOLERANCE)
 
     def complete(self, conditions: Sequence[Condition]) -> bool:
-        """Whether conditions and constraints together decide the whole state, but for the branch."""
+        """Return True if conditions and constraints together decide the whole state, but for the branch."""
         return any(len(self.span(state, conditions)) >= self._unknowns for state in self.states)
 
     def value_under(self, limit: Condition, rows: Sequence[Condition]) -> float | None:
-        """Value of an expression where a row is met that differs from it by a factor and a constant; None without."""
-        found, factors = [], []
+        """Value of an expression if a row is met that differs from it by a factor and a constant; else None."""
+        values, factors = [], []
         for state in self.states:
             (value,), (slope,) = self._evaluated([limit], state)
-            values, slopes = self._evaluated(rows, state)
+            row_values, slopes = self._evaluated(rows, state)
             k = int(np.argmax(np.abs(unit_rows(slopes) @ slope)))
             factors.append(float(slopes[k] @ slope / max(slopes[k] @ slopes[k], np.finfo(float).tiny)))
-            if np.max(np.abs(slope - factors[-1] * slopes[k])) > LINEAR * np.max(np.abs(slope)):
+            if np.max(np.abs(slope - factors[-1] * slopes[k])) > CONSTANCY_TOLERANCE * np.max(np.abs(slope)):
                 return None
-            found.append(value - factors[-1] * values[k])
-        near = found and all(np.ptp(x) <= LINEAR * (1 + np.max(np.abs(x))) for x in (found, factors))
-        return float(found[0]) if near else None
+            values.append(value - factors[-1] * row_values[k])
+        constant = all(np.ptp(x) <= CONSTANCY_TOLERANCE * (1 + np.max(np.abs(x))) for x in (values, factors) if x)
+        return float(values[0]) if values and constant else None
+
+
+def _scattered_states(numeric: NumericEquations) -> list[Place]:
+    """Consistent states about the estimate."""
+    random = np.random.default_rng(1)
+    q0, v0, z0 = numeric.eom.estimate
+    states: list[Place] = []
+    for _ in range(ATTEMPTS):
+        moved = q0 + 0.4 * random.uniform(-1, 1, q0.size) * numeric.typical_step
+        t = float(random.uniform(0, 1))
+        outcome = solve(partial(numeric.position, t), moved, numeric.weights, step_limit=numeric.typical_step)
+        if outcome.converged:
+            jacobian, nu = numeric.velocity(t, outcome.x)
+            v = v0 + random.uniform(-1, 1, v0.size) * numeric.typical_step
+            scaled = jacobian * numeric.column_scale
+            v -= numeric.column_scale * np.linalg.lstsq(scaled, jacobian @ v - nu, rcond=None)[0]
+            states.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
+        if len(states) == STATES:
+            break
+    return states
 
 
 def _key(state: Place) -> tuple:
     return state[0], state[1].tobytes(), state[2].tobytes(), state[3].tobytes()
-
-
-def _names(conditions: Sequence[Condition]) -> tuple[int, ...]:
-    return tuple(map(id, conditions))
 
 
 def _span(rows: np.ndarray, least: float = 0.0) -> np.ndarray:

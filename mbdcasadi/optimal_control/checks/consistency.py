@@ -1,9 +1,8 @@
-"""Whether the conditions of a problem can hold together, told before anything is solved."""
+"""Consistency of the conditions of a problem, checked before anything is solved."""
 
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -12,40 +11,37 @@ import casadi as ca
 import numpy as np
 
 from ...arguments.inputs import read_signals
-from ...assembly.state import assemble_at
+from ...assembly.consistent_start import consistent_start
 from ...equations.numeric import LARGE, NumericEquations
-from ...errors import AssemblyError, ConditionError, MechanismWarning
+from ...errors import AssemblyError, ConditionError
 from ...model.conditions import Condition
 from ...model.mechanism import Mechanism
 from ...model.symbols import Symbol, symbols_of
+from ...numerics.console import without_warnings
 from ...results.state import State
+from ..phase import Phase, on_states
 from ..placeholders import placeholders_in, with_values
 from .condition_rank import ranks_of
 
 if TYPE_CHECKING:
     from ..problem import OptimalControlProblem
 
-#: Violation of a limit that counts, relative to its values.
-COUNTS = 1e-6
-
-
-def on_states(conditions: Sequence[Condition]) -> list[Condition]:
-    """Conditions that positions, velocities and first-order states decide."""
-    return [c for c in conditions if not c.depends_on("acceleration", "multiplier", "input", "input rate")]
+#: Violation of a limit from which conditions contradict it, relative to its values.
+CONTRADICTION_TOLERANCE = 1e-6
 
 
 def own_limits(mechanism: Mechanism) -> dict[Condition, tuple[Symbol, int]]:
     """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
-    found = {}
+    limits = {}
     for symbol in (*mechanism.inputs, *mechanism.states):
         low = Condition(symbol.lower - symbol, False, f"{symbol.label} >= {symbol.lower:g}")
         high = Condition(symbol - symbol.upper, False, f"{symbol.label} <= {symbol.upper:g}")
         if np.isfinite(symbol.lower):
-            found[low] = symbol, -1
+            limits[low] = symbol, -1
             high = replace(high, opposite=low, span=symbol.upper - symbol.lower)
         if np.isfinite(symbol.upper):
-            found[high] = symbol, 1
-    return found
+            limits[high] = symbol, 1
+    return limits
 
 
 def check_conditions(problem: OptimalControlProblem) -> None:
@@ -58,51 +54,59 @@ def check_conditions(problem: OptimalControlProblem) -> None:
     ConditionError
         Naming the conditions.
     """
-    _refuse_empty_limits(problem)
-    _refuse_fixed_path(problem)
-    if not isinstance(problem.initial, State):
-        check_end(problem, "initial", problem.initial)
-    if not isinstance(problem.final, State):
-        check_end(problem, "final", [*problem.final, *at_end_alone(problem)])
-    for k, waypoint in enumerate(problem.waypoints, start=1):
-        check_end(problem, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
+    for phase in problem.phases:
+        _refuse_empty_limits(phase)
+        _refuse_fixed_path(problem, phase)
+        if not isinstance(phase.initial, State):
+            check_end(problem, phase, "initial", phase.initial)
+        if not isinstance(phase.final, State):
+            boundary = at_end_alone(problem) if phase is problem.phases[-1] else []
+            check_end(problem, phase, "final", [*phase.final, *boundary])
+        for k, waypoint in enumerate(phase.waypoints, start=1):
+            check_end(problem, phase, f"waypoint {k}", waypoint.conditions, waypoint.time[1])
 
 
 def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
-    """Boundary conditions that speak of the end alone, as conditions there."""
-    found = []
+    """Boundary conditions that contain values at the end alone, as conditions there."""
+    rows = []
     for condition in problem.boundary:
         if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
             expression = with_values(condition.expression, lambda p: p.expression)
-            found.append(Condition(expression, condition.equality, condition.label))
-    return found
+            rows.append(Condition(expression, condition.equality, condition.label))
+    return rows
 
 
-def _refuse_fixed_path(problem: OptimalControlProblem) -> None:
+def _refuse_fixed_path(problem: OptimalControlProblem, phase: Phase) -> None:
     """Refuse path equalities that the constraints decide."""
-    eom = problem.equations
-    rows = on_states([c for c in problem.path if c.equality])
+    eom = phase.equations
+    rows = on_states([c for c in phase.path if c.equality])
     if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
         return
-    fixed = ranks_of(problem, NumericEquations(eom, eom.parameter_values), timed=False).fixed(rows)
+    fixed = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=False).fixed(rows)
     if any(fixed):
         label = rows[fixed.index(True)].label
         raise ConditionError(f"path: {label} is already decided by the constraints alone; leave it out")
 
 
 def check_end(
-    problem: OptimalControlProblem, name: str, conditions: Sequence[Condition], time: float | None = None
+    problem: OptimalControlProblem, phase: Phase, name: str, conditions: Sequence[Condition], time: float | None = None
 ) -> None:
-    """Check the conditions at the start, at the end, or at another time of a motion."""
-    eom = problem.equations
+    """Check the conditions at the start, at the end, or at another time of a phase.
+
+    Raises
+    ------
+    ConditionError
+        Naming a condition that the constraints decide, or conditions that contradict each other or a path limit.
+    """
+    eom = phase.equations
     rows = on_states([c for c in conditions if c.equality])
     if not rows or eom.q.numel() * eom.lam.numel() > LARGE:
         return
-    ranks = ranks_of(problem, NumericEquations(eom, eom.parameter_values), timed=name != "initial")
+    ranks = ranks_of(problem, phase, NumericEquations(eom, eom.parameter_values), timed=name != "initial")
     for condition, fixed in zip(rows, ranks.fixed(rows), strict=True):
         if fixed:
             raise ConditionError(f"{name}: {condition.label} is already decided by the constraints alone; leave it out")
-    limits = on_states([c for c in problem.path if not c.equality])
+    limits = on_states([c for c in phase.path if not c.equality])
     limits = [c for c, fixed in zip(limits, ranks.fixed(limits, rows), strict=True) if fixed]
     contradiction = ranks.count(rows) < len(rows)
     if not contradiction:
@@ -112,10 +116,9 @@ def check_end(
         if not limits:
             return
     try:
-        when = 0.0 if name == "initial" else problem.duration[1] if time is None else time
-        with warnings.catch_warnings():  # what is found is not used as a pose: the branch does not matter
-            warnings.simplefilter("ignore", MechanismWarning)
-            state = assemble_at(ranks.numeric, rows, when, read_signals(eom, None))
+        when = 0.0 if name == "initial" else phase.duration[1] if time is None else time
+        with without_warnings():  # the state is not used as a pose: its branch does not matter
+            state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
         if contradiction:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
@@ -129,18 +132,18 @@ def check_end(
 def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> None:
     """Refuse limits that values at a place, each with its size, do not meet."""
     for limit, (amount, size) in values.items():
-        if amount > COUNTS * size:
+        if amount > CONTRADICTION_TOLERANCE * size:
             raise ConditionError(f"{name}: the conditions contradict the path condition {limit.label} by {amount:.3g}")
 
 
-def _refuse_empty_limits(problem: OptimalControlProblem) -> None:
+def _refuse_empty_limits(phase: Phase) -> None:
     """Refuse limits of one quantity that leave nothing between them."""
     sides: list[tuple[ca.SX, str]] = []
-    for condition in problem.path:
+    for condition in phase.path:
         sides.append((condition.expression, condition.label))
         if condition.equality:
             sides.append((-condition.expression, condition.label))
-    sides += [(limit.expression, limit.label) for limit in own_limits(problem.mechanism)]
+    sides += [(limit.expression, limit.label) for limit in own_limits(phase.mechanism)]
     sums = _constant_sums([expression for expression, _ in sides])
     for (k, (_, first)), (j, (_, second)) in itertools.combinations(enumerate(sides), 2):
         gap = sums[k, j]

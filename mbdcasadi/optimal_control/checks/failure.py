@@ -1,4 +1,4 @@
-"""What is said where an optimum was not found: which demand is not met, where, at what time."""
+"""Errors for an optimum that was not found: which demand is not met, where, at what time."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import MechanismError
+from ..nlp.limits import time_of
 from ..nlp.rows import violations
 
 if TYPE_CHECKING:
     from ..solution import Solution
 
-#: Violations in scaled rows that count.
-COUNTS = 1e-7
+#: Violation of a scaled row from which it is reported.
+VIOLATION_TOLERANCE = 1e-7
 
-_WORDS = {
+_MESSAGES = {
     "Infeasible_Problem_Detected": "the problem is infeasible: no motion near the guess meets all demands "
     "(starts= tries others)",
     "Restoration_Failed": "the problem seems infeasible: the solver could not reduce the violation of the demands",
@@ -41,19 +42,19 @@ class Violation:
     Attributes
     ----------
     label : str
-        Which equation of which element.
+        Equation and element.
     violation : float
-        By how much, in the unit.
+        Amount, in the unit.
     unit : str
-        Of the row.
+        Unit of the row.
     time : float
-        When, s.
+        Time, s.
     interval : int or None
-        In which interval of the mesh; None for conditions at one place.
-    share : float
-        Where in that interval, 0 to 1.
+        Interval of the mesh; None for conditions at one place.
+    tau : float
+        Point of that interval, 0 to 1.
     scaled : float
-        By how much, relative to the typical size.
+        Amount relative to the typical size.
     """
 
     label: str
@@ -61,8 +62,13 @@ class Violation:
     unit: str
     time: float
     interval: int | None
-    share: float
+    tau: float
     scaled: float
+
+    @property
+    def share(self) -> float:
+        """Former name of :attr:`tau`."""
+        return self.tau
 
     def __str__(self) -> str:
         return f"{self.label} by {self.violation:.3g} {self.unit} at t = {self.time:.6g} s"
@@ -74,11 +80,11 @@ class OptimizationError(MechanismError):
     Attributes
     ----------
     largest_violations : list of Violation
-        Sorted, the largest first.
+        The largest first.
     partial : Solution
-        The last iterate; it is no solution.
+        The last iterate; it is not a solution.
     reached : Solution or None
-        The last solution of a continuation, or of a refinement of the mesh, that could not be finished.
+        The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
     """
 
     reached: Any = None
@@ -89,17 +95,17 @@ class OptimizationError(MechanismError):
 
 
 def explain_failure(solution: Solution, status: str) -> OptimizationError:
-    """The error for a solve that did not succeed.
+    """Return the error for a solve that did not succeed.
 
     Parameters
     ----------
     solution : Solution
         The last iterate.
     status : str
-        The solver's own word.
+        Message of the solver.
     """
     violations = violations_of(solution)
-    words = _WORDS.get(status, f"the solver stopped: {status}")
+    message = _MESSAGES.get(status, f"the solver stopped: {status}")
     if status == "Solved_To_Acceptable_Level" or not violations:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
@@ -109,7 +115,7 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
     if violations and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(
-        f"{words}{worst}; after {solution.statistics.iterations} iterations, the last iterate is in .partial",
+        f"{message}{worst}; after {solution.statistics.iterations} iterations, the last iterate is in .partial",
         largest_violations=violations,
         partial=solution,
         time=violations[0].time if violations else None,
@@ -117,14 +123,13 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
 
 
 def violations_of(solution: Solution) -> list[Violation]:
-    """Rows that are not met, the largest first."""
-    program, mesh, rows = solution.program, solution.mesh, solution.answer.rows
-    amount = violations(rows, program.lower)
-    found = []
-    for k in np.flatnonzero(~(amount <= COUNTS)):
-        row = program.rows[k]
-        i, share, scaled = row.interval, float(row.share), float(amount[k])
-        time = float(mesh[i] + share * (mesh[i + 1] - mesh[i]))
-        where = i if k < program.interval_rows else None
-        found.append(Violation(row.side(rows[k]), scaled * row.size, row.unit, time, where, share, scaled))
-    return sorted(found, key=lambda v: -v.scaled)
+    """Return the rows that are not met, the largest violation first."""
+    program, rows = solution.program, solution.answer.rows
+    amounts = violations(rows, program.lower)
+    result = []
+    for k in np.flatnonzero(~(amounts <= VIOLATION_TOLERANCE)):
+        row, scaled = program.rows[k], float(amounts[k])
+        interval = row.interval if row.repeated else None
+        label, time = row.side(rows[k]), time_of(row, solution)
+        result.append(Violation(label, scaled * row.size, row.unit, time, interval, row.tau, scaled))
+    return sorted(result, key=lambda v: -v.scaled)

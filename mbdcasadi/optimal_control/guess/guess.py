@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,14 +13,16 @@ from ...errors import ModelError
 from ...results.interpolation import hermite, linear
 from ...results.state import State
 from ...results.trajectory import Trajectory
-from ..problem import OptimalControlProblem
+from ..phase import Phase
 from ..refinement.mesh import Mesh
-from .least_squares_loads import Balance
+from .kinematic_guess import KinematicPath
+from .least_squares_loads import LeastSquaresLoads
 
 if TYPE_CHECKING:
     from ..nlp.motion_program import MotionProgram
+    from ..nlp.phase_program import PhaseProgram
 
-#: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at times given.
+#: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at given times.
 Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
 
 
@@ -29,14 +31,53 @@ class Iterate:
     """Variables and multipliers of a program, scaled, on one mesh."""
 
     program: MotionProgram
-    mesh: Mesh
+    meshes: Sequence[Mesh]
     x: np.ndarray
     lam_x: np.ndarray
     lam_g: np.ndarray
 
-    def belongs_to(self, program: MotionProgram, mesh: Mesh) -> bool:
-        """Whether it is an iterate of a program on a mesh."""
-        return self.program is program and self.mesh.is_same(mesh)
+    def belongs_to(self, program: MotionProgram, meshes: Sequence[Mesh]) -> bool:
+        """Return True if it is an iterate of a program on a mesh."""
+        return self.program is program and all(map(Mesh.is_same, self.meshes, meshes))
+
+
+@dataclass(frozen=True)
+class PhaseGuess:
+    """A motion to start from, of one phase.
+
+    Attributes
+    ----------
+    sample : callable
+        Times (k,) to values by name.
+    segment_times : numpy.ndarray
+        Times of start, waypoints and end, s.
+    """
+
+    sample: Sampler
+    segment_times: np.ndarray
+
+    def fill(self, x: np.ndarray, program: PhaseProgram, mesh: Mesh) -> None:
+        """Put the variables of the phase, in physical units, into those of the whole program."""
+        scheme, times = program.scheme, mesh.times(self.segment_times)
+        sampled = self.sample(times)
+        names = [name for name, size in scheme.point_variables.items() if size]
+        values = np.hstack([scheme.unknown_columns(name, sampled[name]) for name in names])
+        for k in range(times.size):
+            x[program.point_index(k)[: values.shape[1]]] = values[k]
+        lengths = np.diff(times)
+        inside: dict[bytes, dict[str, np.ndarray]] = {}
+        for name, (size, taus) in scheme.interval_variables.items():
+            if size and taus.size and np.all(np.isfinite(taus)):
+                key = taus.tobytes()
+                if key not in inside:
+                    inside[key] = self.sample((times[:-1, None] + lengths[:, None] * taus[None, :]).ravel())
+                if name not in inside[key]:  # a variable of the scheme alone begins with zero
+                    continue
+                columns = scheme.unknown_columns(name, inside[key][name]).reshape(lengths.size, -1)
+                part = scheme.interval_slice(name)
+                for i in range(lengths.size):
+                    x[program.inner_index(i)[part]] = columns[i]
+        x[program.time_index] = self.segment_times[: program.time_count]
 
 
 @dataclass(frozen=True)
@@ -45,58 +86,38 @@ class Guess:
 
     Attributes
     ----------
-    sample : callable
-        Times (k,) to values by name.
-    marks : numpy.ndarray
-        Times of start, waypoints and end, s.
+    phases : tuple of PhaseGuess
+        By phase.
     parameters : numpy.ndarray
         Values of the free parameters.
-    word : str
-        Where it comes from.
+    description : str
+        Origin, in words.
     iterate : Iterate, optional
         Variables and multipliers of a solution of the same program.
     """
 
-    sample: Sampler
-    marks: np.ndarray
+    phases: tuple[PhaseGuess, ...]
     parameters: np.ndarray
-    word: str
+    description: str
     iterate: Iterate | None = None
 
-    def variables(self, program: MotionProgram, mesh: Mesh) -> np.ndarray:
+    @property
+    def segment_times(self) -> list[np.ndarray]:
+        """Times of start, waypoints and end by phase, s."""
+        return [phase.segment_times for phase in self.phases]
+
+    def variables(self, program: MotionProgram, meshes: Sequence[Mesh]) -> np.ndarray:
         """Variables of a program, scaled."""
-        scheme, x = program.scheme, np.zeros(program.size)
-        times = mesh.times(self.marks)
-        nodes = self.sample(times)
-        columns = [scheme.own(name, nodes[name]) for name, size in scheme.node_parts.items() if size]
-        values = np.hstack(columns)
-        for k in range(times.size):
-            x[program.node_index(k)[: values.shape[1]]] = values[k]
-        lengths = np.diff(times)
-        sampled: dict[bytes, dict[str, np.ndarray]] = {}
-        for name, (size, shares) in scheme.block_parts.items():
-            if size and shares.size and np.all(np.isfinite(shares)):
-                inner = (times[:-1, None] + lengths[:, None] * shares[None, :]).ravel()
-                if shares.tobytes() not in sampled:
-                    sampled[shares.tobytes()] = self.sample(inner)
-                found = scheme.own(name, sampled[shares.tobytes()][name]).reshape(lengths.size, -1)
-                part = scheme.block_slice(name)
-                for i in range(lengths.size):
-                    x[program.block_index(i)[part]] = found[i]
-        x[program.mark_index] = self.marks[: program.mark_count]
+        x = np.zeros(program.size)
+        for guess, phase, mesh in zip(self.phases, program.phases, meshes, strict=True):
+            guess.fill(x, phase, mesh)
         x[program.parameter_index] = self.parameters
         return x / program.scale
 
 
-def kinematic_guess(
-    problem: OptimalControlProblem,
-    balance: Balance,
-    start: State,
-    marks: np.ndarray,
-    times: np.ndarray,
-    poses: np.ndarray,
-) -> Guess:
+def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
     """A motion through poses, with the velocities and accelerations, loads and inputs that belong to it."""
+    times, poses = path.times, path.poses
     velocities = np.gradient(poses, times, axis=0)
     accelerations = np.gradient(velocities, times, axis=0)
 
@@ -104,28 +125,23 @@ def kinematic_guess(
         z = np.tile(start.z, (wanted.size, 1))
         q, v = hermite(times, poses, velocities, accelerations, wanted)
         a = linear(times, accelerations, wanted)
-        q, v, a = balance.states(wanted, q, v, a, z)
-        lam, u = balance.loads(wanted, q, v, a, z)
+        q, v, a = loads.states(wanted, q, v, a, z)
+        lam, u = loads.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
-    return Guess(sample, marks, _own_values(problem), "kinematic")
+    return PhaseGuess(sample, path.segment_times)
 
 
-def _own_values(problem: OptimalControlProblem) -> np.ndarray:
-    """The free parameters' own values."""
-    return np.array([p.value for p in problem.free_parameters])
-
-
-def _stretched(motion: Trajectory, marks: np.ndarray) -> tuple[float, Callable[[np.ndarray], Trajectory]]:
-    """By how much longer a motion is to take, and the motion at times of the longer one."""
+def _stretched(motion: Trajectory, segment_times: np.ndarray) -> tuple[float, Callable[[np.ndarray], Trajectory]]:
+    """Factor by which a motion is to take longer, and the motion at times of the longer one."""
     begin, end = motion.t[0], motion.t[-1]
-    stretch = (marks[-1] - marks[0]) / (end - begin)
+    stretch = (segment_times[-1] - segment_times[0]) / (end - begin)
     return stretch, lambda wanted: motion.at(np.clip(begin + wanted / stretch, begin, end))
 
 
-def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks: np.ndarray) -> Guess:
-    """A motion stretched to the times of a problem."""
-    stretch, motion_at = _stretched(motion, marks)
+def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGuess:
+    """A motion of the same mechanism, stretched to the times of a problem."""
+    stretch, motion_at = _stretched(motion, segment_times)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion_at(wanted)
@@ -135,10 +151,12 @@ def guess_from_motion(problem: OptimalControlProblem, motion: Trajectory, marks:
             "rate": rates / stretch, "lam": np.nan_to_num(at.lam), "u": np.nan_to_num(at.inputs),
         }  # fmt: skip
 
-    return Guess(sample, marks, _own_values(problem), "trajectory")
+    return PhaseGuess(sample, segment_times)
 
 
-def guess_from_other(problem: OptimalControlProblem, balance: Balance, motion: Trajectory, marks: np.ndarray) -> Guess:
+def guess_from_other(
+    phase: Phase, loads: LeastSquaresLoads, motion: Trajectory, segment_times: np.ndarray
+) -> PhaseGuess:
     """A motion of the same bodies in another mechanism, such as one with drivers in place of inputs.
 
     Multipliers and inputs are those that come nearest to the equations of
@@ -147,21 +165,21 @@ def guess_from_other(problem: OptimalControlProblem, balance: Balance, motion: T
     Raises
     ------
     ModelError
-        Where the other mechanism lacks a coordinate.
+        If the other mechanism lacks a coordinate.
     """
-    eom, other = problem.equations, motion.equations
+    eom, other = phase.equations, motion.equations
     place = {s.element_hash(): k for k, s in enumerate(ca.vertsplit(other.q))}
     missing = [s.name() for s in ca.vertsplit(eom.q) if s.element_hash() not in place]
     if missing:
         raise ModelError(f"optimize: the trajectory given as guess has no coordinate {missing[0]}")
     columns = [place[s.element_hash()] for s in ca.vertsplit(eom.q)]
-    stretch, motion_at = _stretched(motion, marks)
+    stretch, motion_at = _stretched(motion, segment_times)
 
     def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
         at = motion_at(wanted)
         q, v, a = at.q[:, columns], at.v[:, columns] / stretch, at.a[:, columns] / stretch**2
         z = np.tile(eom.estimate[2], (wanted.size, 1))
-        lam, u = balance.loads(wanted, q, v, a, z)
+        lam, u = loads.loads(wanted, q, v, a, z)
         return {"q": q, "v": v, "a": a, "z": z, "rate": 0 * z, "lam": lam, "u": u}
 
-    return Guess(sample, marks, _own_values(problem), "inverse dynamics")
+    return PhaseGuess(sample, segment_times)

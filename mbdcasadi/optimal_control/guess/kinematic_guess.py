@@ -8,8 +8,8 @@ before. A straight line in the coordinates would tear closed loops apart.
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -17,218 +17,227 @@ import numpy as np
 
 from ...assembly.pose import LARGEST_TURN, PoseProblem
 from ...equations.numeric import LARGE, NumericEquations
-from ...errors import AssemblyError, MechanismWarning, ModelError
+from ...errors import AssemblyError
 from ...model.conditions import Condition, stacked
-from ...model.symbols import symbols_of
+from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest
 from ...numerics.newton import solve
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
-from ..constraints import held_conditions
+from ..phase import BEYOND_STATES, Phase, contains_any
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
-from .linear_conditions import straight_way
+from .linear_conditions import straight_path
 
-#: Steps from place to place, and parts of a step at great speed, at the most.
+#: Largest number of steps from place to place, and of parts of a step at high speed.
 STEPS, SUBSTEPS = 40, 20
-#: Rows of a unit gradient that are nearer to others than this are not used to steer by.
-TOO_NEAR = 1e-3
+#: Rest of a unit row outside the span of others below which it is not used for steering.
+STEERING_TOLERANCE = 1e-3
 
 
-def nominal_marks(problem: OptimalControlProblem, duration: float) -> np.ndarray:
-    """Times of start, waypoints and end to begin with: free ones in the middle of what they may be."""
-    marks = [0.0]
-    spans = [w.time for w in problem.waypoints]
-    for k, (low, high) in enumerate(spans):
-        latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
-        high, low = min(high, latest), max(low, marks[-1])
-        left = len(spans) - k + 1  # phases that are still to come
-        even = marks[-1] + (latest - marks[-1]) / left
-        marks.append(low if low == high else float(np.clip(even, low, high)))
-    marks.append(duration)
-    lengths = np.diff(marks)
-    if np.any(lengths <= 0):
-        raise ModelError(f"the times of the waypoints {marks[1:-1]} leave no motion between them")
-    return np.array(marks)
+@dataclass(frozen=True)
+class KinematicPath:
+    """Poses of a phase from its start through the waypoints to its end.
+
+    Attributes
+    ----------
+    segment_times : numpy.ndarray
+        Times of start, waypoints and end, s.
+    times : numpy.ndarray
+        Times of the poses (k,), s.
+    poses : numpy.ndarray
+        (k, n).
+    """
+
+    segment_times: np.ndarray
+    times: np.ndarray
+    poses: np.ndarray
+
+    def pose_at(self, time: float) -> np.ndarray:
+        """The pose nearest to a time."""
+        pose: np.ndarray = self.poses[int(np.argmin(np.abs(self.times - time)))]
+        return pose
 
 
-def kinematic_poses(
-    problem: OptimalControlProblem, numeric: NumericEquations, start: State, marks: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times (k,) and poses (k, n) from the start through the waypoints to the end.
+def kinematic_path(
+    problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, start: State, segment_times: np.ndarray
+) -> KinematicPath:
+    """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
     Parameters
     ----------
     problem : OptimalControlProblem
-        Whose conditions are met, as far as they are equalities in positions.
+        Problem to which the phase belongs.
+    phase : Phase
+        Phase whose conditions are met.
     numeric : NumericEquations
         Equations at given parameters.
     start : State
         First state.
-    marks : numpy.ndarray
+    segment_times : numpy.ndarray
         Times of start, waypoints and end, s.
     """
-    held = _on_positions(problem, problem.path)
-    speeds = [c for c in held_conditions(problem) if c.depends_on("velocity")]
-    places = [_on_positions(problem, w.conditions) for w in problem.waypoints]
-    last = problem.final
-    if isinstance(last, State):
-        places.append(_steering(numeric, last.t, last.q))
+    extra = problem.extra_parameters(phase)
+    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
+    path = _on_positions(phase.path, extra)
+    speeds = [c for c in prescribed if c.depends_on("velocity")]
+    places = [_on_positions(w.conditions, extra) for w in phase.waypoints]
+    final = phase.final
+    if isinstance(final, State):
+        places.append(_steering(numeric, final.t, final.q))
     else:
-        places.append(_on_positions(problem, [*last, *_periodic(problem, start)]))
+        places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
     times, poses, begin = [np.zeros(1)], [start.q], 0.0
     for k, conditions in enumerate(places):
         if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
-            span = np.linspace(begin, marks[k + 1], STEPS + 1)
+            span = np.linspace(begin, segment_times[k + 1], STEPS + 1)
             times.append(span[1:])
             if conditions or not (np.any(start.v) or speeds):
-                poses += _leg(numeric, conditions, held, poses[-1], start.z, span)
+                poses += _leg(numeric, conditions, path, poses[-1], start.z, span)
             else:
-                poses += _coasting(numeric, held, speeds, start, poses[-1], span)
-            begin = float(marks[k + 1])
-    return np.concatenate(times), np.array(poses)
+                poses += _coasting(numeric, path, speeds, start, poses[-1], span)
+            begin = float(segment_times[k + 1])
+    return KinematicPath(segment_times, np.concatenate(times), np.array(poses))
 
 
-def goes_nowhere(problem: OptimalControlProblem) -> bool:
-    """Whether no condition after the start speaks of positions: the motion may go where it likes."""
-    if isinstance(problem.final, State):
+def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
+    """Return True if no condition after the start contains positions: the motion may go anywhere."""
+    if isinstance(phase.final, State):
         return False
-    later = [*problem.final, *problem.path, *problem.boundary, *(c for w in problem.waypoints for c in w.conditions)]
+    later = [*phase.conditions, *problem.boundary]
     inner = [p.expression for c in later for p in placeholders_in(c.expression)]
-    held = held_conditions(problem)
+    prescribed = phase.differentiated_path_constraints(problem.free_parameters)
     positions = [c for c in later if c.equality and c.depends_on("position")]
-    return not positions and not held and not any(Condition(e, True, "").depends_on("position") for e in inner)
+    return not positions and not prescribed and not any(Condition(e, True, "").depends_on("position") for e in inner)
 
 
 def _leg(
     numeric: NumericEquations,
     conditions: list[Condition],
-    held: list[Condition],
+    path: list[Condition],
     q: np.ndarray,
     z: np.ndarray,
     span: np.ndarray,
 ) -> list[np.ndarray]:
-    """Poses from one place to the next; the last one stays where the linkage does not reach further."""
-    rows = [*conditions, *held]
+    """Poses from one place to the next; the last one is repeated if the linkage does not reach further."""
+    rows = [*conditions, *path]
     if not rows and not numeric.eom.nu.numel():
         return [q] * (span.size - 1)
-    straight = None if held else straight_way(numeric, conditions, q, z, span)
+    straight = None if path else straight_path(numeric, conditions, q, z, span)
     if straight is not None:
         return list(straight)
     place = PoseProblem(numeric, rows, float(span[0]), z)
-    first = place.values(conditions, q)
-    path: list[np.ndarray] = []
+    poses = _steps(numeric, place, conditions, path, q, span)
+    if len(poses) == span.size - 1:
+        return poses
+    if not poses:  # if the path ends further on: whether it continues is for the solver to find out
+        poses = _to_assembled_pose(numeric, place, q, z, span)
+    return poses + [poses[-1] if poses else q] * (span.size - 1 - len(poses))
+
+
+def _steps(
+    numeric: NumericEquations,
+    place: PoseProblem,
+    conditions: list[Condition],
+    path: list[Condition],
+    q: np.ndarray,
+    span: np.ndarray,
+) -> list[np.ndarray]:
+    """Poses at the times of a span after the first, with conditions moved evenly to zero, as far as they are found."""
+    first, poses = place.values(conditions, q), []
     for k in range(1, span.size):
         place.t = float(span[k])
-        offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(held))]
-        outcome = solve(
-            place.rows_with(rows, offset), q, numeric.weights, iterations=30, step_limit=numeric.typical_step
-        )
+        offset = np.r_[(1 - k / (span.size - 1)) * first, np.zeros(len(path))]
+        rows = place.rows_with([*conditions, *path], offset)
+        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         if not outcome.converged:
-            return _towards_found(numeric, place, q, z, span) or path + [q] * (span.size - 1 - len(path))
+            break
         q = outcome.x
-        path.append(q)
-    return path
+        poses.append(q)
+    return poses
 
 
-def _towards_found(
+def _to_assembled_pose(
     numeric: NumericEquations, place: PoseProblem, q: np.ndarray, z: np.ndarray, span: np.ndarray
 ) -> list[np.ndarray]:
-    """Poses to one that meets all conditions, steered by its coordinates; none where no such pose is found.
+    """Poses to one that meets all conditions, steered by its coordinates; none if no such pose is found.
 
-    Conditions may be met together without a way on which each moves evenly:
+    Conditions may be met together without a path on which each moves evenly:
     both coordinates of a point on a circle.
     """
-    if place.t != span[1]:  # the way broke off further on: whether it goes on is for the solver to find out
-        return []
     place.t = float(span[-1])
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", MechanismWarning)
+        with without_warnings():
             target = place.solve(q)
     except AssemblyError:
         return []
-    path: list[np.ndarray] = []
-    steering = _steering(numeric, float(span[-1]), target)
-    way = PoseProblem(numeric, steering, float(span[0]), z)
-    first = way.values(steering, q)
-    for k in range(1, span.size):
-        way.t = float(span[k])
-        rows = way.rows_with(steering, (1 - k / (span.size - 1)) * first)
-        outcome = solve(rows, q, numeric.weights, iterations=30, step_limit=numeric.typical_step)
-        if not outcome.converged:
-            return []
-        q = outcome.x
-        path.append(q)
-    return path
+    steering = _steering(numeric, place.t, target)
+    poses = _steps(numeric, PoseProblem(numeric, steering, float(span[0]), z), steering, [], q, span)
+    return poses if len(poses) == span.size - 1 else []
 
 
 def _coasting(
     numeric: NumericEquations,
-    held: list[Condition],
+    path: list[Condition],
     speeds: list[Condition],
     start: State,
     q: np.ndarray,
     span: np.ndarray,
 ) -> list[np.ndarray]:
-    """Poses passed at speeds that are held or, else, at the speed of the start, as straight as the joints let it."""
+    """Poses passed at prescribed speeds or, else, at the speed of the start, as straight as the joints let it."""
     eom = numeric.eom
-    place = PoseProblem(numeric, held, float(span[0]), start.z)
+    place = PoseProblem(numeric, path, float(span[0]), start.z)
     rows = stacked(speeds)
     slopes = ca.Function(
         "speeds", [eom.t, eom.q, eom.v, eom.p], [ca.densify(ca.jacobian(rows, eom.v)), ca.densify(rows)]
     )
-    v, path = start.v, []
+    v, poses = start.v, []
     for before, now in itertools.pairwise(span.tolist()):
         turn = largest(v[eom.angles]) * (now - before)
         count = int(np.clip(np.ceil(turn / LARGEST_TURN), 1, SUBSTEPS))
         for k in range(1, count + 1):
             place.t = before + (now - before) * k / count
             moved = q + (now - before) / count * v
-            outcome = solve(place.rows_with(held), moved, numeric.weights, iterations=30)
+            outcome = solve(place.rows_with(path), moved, numeric.weights, iterations=30)
             q = outcome.x if outcome.converged else q
             jacobian, nu = numeric.velocity(place.t, q)
             slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
             residual = np.r_[jacobian @ v - nu, missing.ravel()]
             scaled = np.vstack([jacobian, slope]) * numeric.column_scale
             v = v - numeric.column_scale * np.linalg.lstsq(scaled, residual, rcond=1e-9)[0]
-        path.append(q)
-    return path
+        poses.append(q)
+    return poses
 
 
-def _on_positions(problem: OptimalControlProblem, conditions: Sequence[Condition]) -> list[Condition]:
-    """Equalities in positions, with the values of the problem's own parameters put in."""
-    others = ("velocity", "acceleration", "multiplier", "input", "input rate")
-    found = [c for c in conditions if c.equality and c.depends_on("position") and not c.depends_on(*others)]
-    own = ca.vertcat(ca.SX(0, 1), *problem.own_parameters)
-    values = ca.DM([p.value for p in problem.own_parameters])
-    return [Condition(ca.substitute(c.expression, own, values), True, c.label) for c in found] if own.numel() else found
+def _on_positions(conditions: Sequence[Condition], extra: Sequence[Any]) -> list[Condition]:
+    """Equalities in positions, with their own values substituted for parameters that the mechanism does not have."""
+    rows = [c for c in conditions if c.equality and c.depends_on("position")]
+    rows = [c for c in rows if not c.depends_on("velocity", *BEYOND_STATES)]
+    if not extra:
+        return rows
+    symbols, values = ca.vertcat(*extra), ca.DM([p.value for p in extra])
+    return [Condition(ca.substitute(c.expression, symbols, values), True, c.label) for c in rows]
 
 
-def _periodic(problem: OptimalControlProblem, start: State) -> list[Condition]:
-    """Boundary conditions as conditions at the end, with the start's values put in."""
+def _periodic(problem: OptimalControlProblem, phase: Phase, start: State) -> list[Condition]:
+    """Boundary conditions as conditions at the end, with the values at the start substituted."""
 
     def value(placeholder: Placeholder) -> Any:
         inner = placeholder.expression
         return float(start[inner]) if placeholder.kind == "at_start" else inner
 
-    found = []
-    own = {p.element_hash() for p in problem.own_parameters}
+    eom, extra, rows = phase.equations, problem.extra_parameters(phase), []
+    unknown_at_start = ca.vertcat(eom.a, eom.lam, eom.u, phase.input_rates)
     for condition in problem.boundary:
         placeholders = placeholders_in(condition.expression)
-        inner = [s.element_hash() for p in placeholders for s in symbols_of(p.expression)]
-        kinds = {p.kind for p in placeholders}
-        if not kinds <= {"at_start", "at_end"} or own & {*inner} or not condition.equality:
+        if not {p.kind for p in placeholders} <= {"at_start", "at_end"} or not condition.equality:
             continue
-        if any(p.kind == "at_start" and _unknown_at_start(p.expression, problem) for p in placeholders):
+        if any(contains_any(p.expression, extra) for p in placeholders):
             continue
-        found.append(Condition(with_values(condition.expression, value), True, condition.label))
-    return found
-
-
-def _unknown_at_start(expression: ca.SX, problem: OptimalControlProblem) -> bool:
-    eom = problem.equations
-    return bool(ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u, problem.u_rate)))
+        if any(p.kind == "at_start" and ca.depends_on(p.expression, unknown_at_start) for p in placeholders):
+            continue
+        rows.append(Condition(with_values(condition.expression, value), True, condition.label))
+    return rows
 
 
 def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:
@@ -241,5 +250,5 @@ def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[C
         return conditions
     joints = unit_rows(numeric.velocity(t, target)[0] * numeric.column_scale)
     coordinates = np.eye(eom.q.numel())[order]
-    dependent = set(dependent_rows(np.vstack([joints, coordinates]), TOO_NEAR))
+    dependent = set(dependent_rows(np.vstack([joints, coordinates]), STEERING_TOLERANCE))
     return [c for k, c in enumerate(conditions) if k + len(joints) not in dependent]

@@ -1,4 +1,4 @@
-"""Multipliers and inputs of a motion that is given: what comes nearest to the equations of motion."""
+"""Multipliers and inputs of a given motion that come nearest to the equations of motion."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ...equations.reduced import ReducedEquations
 from ..nlp.scaling import Scales
 
 
-class Balance:
-    """Makes guesses consistent: states on the constraints, accelerations, multipliers and inputs to match.
+class LeastSquaresLoads:
+    """Completion of a guess: states on the constraints, accelerations, multipliers and inputs to match.
 
     Drivers and inputs are duals: for a motion that a driver enforced elsewhere,
     the input that works along the same displacement comes out as the driver's effort.
@@ -24,20 +24,20 @@ class Balance:
     numeric : NumericEquations
         Equations at given parameters.
     eom : ReducedEquations
-        The same in the independent coordinates; dependent ones are of no account where no rows are left.
+        The same in the independent coordinates; dependent ones are ignored if no rows are left.
     scales : Scales
         Typical sizes, by which least squares weigh.
     """
 
     def __init__(self, numeric: NumericEquations, eom: ReducedEquations, scales: Scales):
         self.numeric, self.eom, self.scales = numeric, eom, scales
-        self._own = scales.of(eom.independent, eom.rows)
+        self._reduced_scales = scales.of(eom.independent, eom.rows)
 
     @cached_property
     def _system(self) -> ca.Function:
         eom = self.eom
-        sought = ca.vertcat(eom.lam, eom.u)
-        rest = -ca.substitute(eom.motion, sought, ca.SX.zeros(sought.numel()))
+        free = ca.vertcat(eom.lam, eom.u)
+        rest = -ca.substitute(eom.motion, free, ca.SX.zeros(free.numel()))
         loads = ca.horzcat(eom.Phi_q.T, ca.jacobian(eom.motion, eom.u))
         return ca.Function("loads", [*eom.symbols], [ca.densify(loads), ca.densify(rest)])
 
@@ -52,8 +52,8 @@ class Balance:
         count, m = t.size, function.numel_in(5)
         u = np.tile(self.numeric.eom.input_values[:, None], (1, count))
         p = np.tile(self.numeric.p[:, None], (1, count))
-        found = function(t[None, :], q.T, v.T, a.T, z.T, np.zeros((m, count)), u, p)
-        return [np.moveaxis(x.full().reshape(x.size1(), count, -1), 1, 0) for x in found]
+        values = function(t[None, :], q.T, v.T, a.T, z.T, np.zeros((m, count)), u, p)
+        return [np.moveaxis(x.full().reshape(x.size1(), count, -1), 1, 0) for x in values]
 
     def states(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, z: np.ndarray):
         """Coordinates, velocities and accelerations (k, n) brought onto the constraints."""
@@ -76,7 +76,7 @@ class Balance:
 
         Multipliers of rows that are solved stay zero.
         """
-        whole, eom, sizes = self.numeric.eom, self.eom, self._own
+        whole, eom, sizes = self.numeric.eom, self.eom, self._reduced_scales
         rows, n_u = len(eom.rows), eom.u.numel()
         lam = np.zeros((t.size, whole.lam.numel()))
         if not rows + n_u or whole.q.numel() * (whole.lam.numel() + n_u) > LARGE:
@@ -85,9 +85,9 @@ class Balance:
             self._system, t, q[:, eom.independent], v[:, eom.independent], a[:, eom.independent], z
         )
         finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(load).all(axis=(1, 2))
-        found = np.zeros((t.size, rows + n_u))
+        loads = np.zeros((t.size, rows + n_u))
         columns = np.r_[sizes.lam, sizes.u]
         scaled = matrix[finite] * columns / sizes.load[:, None]
-        found[finite] = columns * (np.linalg.pinv(scaled, rcond=1e-9) @ (load[finite] / sizes.load[:, None]))[:, :, 0]
-        lam[:, eom.rows] = found[:, :rows]
-        return lam, found[:, rows:]
+        loads[finite] = columns * (np.linalg.pinv(scaled, rcond=1e-9) @ (load[finite] / sizes.load[:, None]))[:, :, 0]
+        lam[:, eom.rows] = loads[:, :rows]
+        return lam, loads[:, rows:]

@@ -1,8 +1,8 @@
-"""States and ways that need no iteration: conditions that are linear in independent coordinates.
+"""States and paths that need no iteration: conditions that are linear in independent coordinates.
 
-Where explicit constraints leave no rows, a cart with a pendulum, most
-conditions say what the independent coordinates are. Then a state is the
-solution of a linear system, and the way from one to the next a straight line.
+If explicit constraints leave no rows, as for a cart with a pendulum, most
+conditions give values of the independent coordinates. Then a state is the
+solution of a linear system, and the path from one to the next a straight line.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, reduced_equations
 from ...model.conditions import Condition, stacked
 
-#: What a linear system may leave open, relative to its sizes.
-MET = 1e-12
+#: Residual of a linear system up to which it counts as solved, relative to its terms.
+LINEAR_TOLERANCE = 1e-12
 
 
-def state_of(
+def state_by_linear_conditions(
     numeric: NumericEquations, conditions: Sequence[Condition], t: float, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Coordinates and velocities (n,) that linear conditions decide at a time; None where they do not."""
-    eom = _open(numeric)
+    """Coordinates and velocities (n,) that linear conditions decide at a time; None if they do not."""
+    eom = _without_rows(numeric)
     if eom is None or not all(c.equality for c in conditions):
         return None
     x = ca.vertcat(eom.q, eom.v)
@@ -32,22 +32,22 @@ def state_of(
     if system is None:
         return None
     matrix, right = (part.full() for part in system(t, 0, z, numeric.p))
-    found, _, rank, _ = np.linalg.lstsq(matrix, -right.ravel(), rcond=None)
-    if rank < x.numel() or not _is_met(matrix, found, right.ravel()):
+    state, _, rank, _ = np.linalg.lstsq(matrix, -right.ravel(), rcond=None)
+    if rank < x.numel() or not _is_solved(matrix, state, right.ravel()):
         return None
-    w, rate = np.split(found[None, :], 2, axis=1)
+    w, rate = np.split(state[None, :], 2, axis=1)
     q, v = eom.states(np.array([t]), w, rate, numeric.p)
     return q[0], v[0]
 
 
-def straight_way(
+def straight_path(
     numeric: NumericEquations, conditions: Sequence[Condition], q: np.ndarray, z: np.ndarray, times: np.ndarray
 ) -> np.ndarray | None:
-    """Poses (k, n) at times (k + 1,) after the first one, from a pose to where linear conditions hold.
+    """Poses (k, n) at times (k + 1,) after the first one, from a pose to one that meets linear conditions.
 
-    The shortest way in the metric of the inertias; None where conditions are not linear.
+    The shortest path in the metric of the inertias; None if conditions are not linear.
     """
-    eom = _open(numeric)
+    eom = _without_rows(numeric)
     system = None if eom is None else _linear(eom, conditions, eom.q)
     if eom is None or system is None:
         return None
@@ -55,21 +55,21 @@ def straight_way(
     matrix, missing = (part.full() for part in system(times[-1], first, z, numeric.p))
     root = np.sqrt(numeric.weights[eom.independent])
     step = -np.linalg.pinv(matrix / root, rcond=1e-9) @ missing.ravel() / root
-    if not _is_met(matrix, step, missing.ravel()):
+    if not _is_solved(matrix, step, missing.ravel()):
         return None
-    shares = (times[1:] - times[0]) / (times[-1] - times[0])
-    places = first + shares[:, None] * step
+    fractions = (times[1:] - times[0]) / (times[-1] - times[0])
+    places = first + fractions[:, None] * step
     return eom.states(times[1:], places, np.zeros(places.shape), numeric.p)[0]
 
 
-def _open(numeric: NumericEquations) -> ReducedEquations | None:
-    """The equations without rows; None where rows are left."""
+def _without_rows(numeric: NumericEquations) -> ReducedEquations | None:
+    """The reduced equations; None if rows are left."""
     eom = reduced_equations(numeric.eom)
     return None if eom.rows else eom
 
 
 def _linear(eom: ReducedEquations, conditions: Sequence[Condition], x: ca.SX) -> ca.Function | None:
-    """``(t, x, z, p) -> (J, r)`` of conditions ``r`` that are linear in x; None where they are not."""
+    """``(t, x, z, p) -> (J, r)`` of conditions ``r`` that are linear in x; None if they are not."""
     (rows,) = eom.of(stacked(conditions))
     slopes = ca.jacobian(rows, x)
     if ca.depends_on(slopes, ca.vertcat(eom.q, eom.v)):
@@ -77,6 +77,7 @@ def _linear(eom: ReducedEquations, conditions: Sequence[Condition], x: ca.SX) ->
     return ca.Function("linear", [eom.t, x, eom.z, eom.p], [ca.densify(slopes), ca.densify(rows)])
 
 
-def _is_met(matrix: np.ndarray, x: np.ndarray, right: np.ndarray) -> bool:
-    """Whether ``A x + r = 0`` up to rounding."""
-    return bool(np.all(np.abs(matrix @ x + right) <= MET * (1 + np.abs(matrix) @ np.abs(x) + np.abs(right))))
+def _is_solved(matrix: np.ndarray, x: np.ndarray, right: np.ndarray) -> bool:
+    """Return True if ``A x + r = 0`` up to rounding."""
+    terms = 1 + np.abs(matrix) @ np.abs(x) + np.abs(right)
+    return bool(np.all(np.abs(matrix @ x + right) <= LINEAR_TOLERANCE * terms))

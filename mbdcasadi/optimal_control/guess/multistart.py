@@ -1,4 +1,4 @@
-"""Several starts: other ways from the first pose to the last one."""
+"""Guesses to start from: the usual one, those of the user, and others at random; the best solution is kept."""
 
 from __future__ import annotations
 
@@ -8,87 +8,137 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ModelError
+from ...errors import MechanismError, ModelError
+from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
+from ...results.trajectory import Trajectory
+from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
 from ..nlp.solver import Solver
+from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
-from ..solution import Solution
-from ..solve_statistics import Start
-from .guess import Guess, kinematic_guess
+from ..solution import Shifted, Solution
+from .guess import Guess, PhaseGuess, guess_from_motion, guess_from_other, kinematic_guess
+from .kinematic_guess import STEPS, has_free_path
 
 
 def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
-    """Guesses to start from: the usual one and others at random, or those that are given."""
+    """Return the guesses of a search: the usual one and others at random, or those that are given."""
     if starts is None:
-        return [solver.guess(guess)]
+        return [read_guess(solver, guess)]
     if isinstance(starts, int) and not isinstance(starts, bool):
         if starts < 1:
             raise ModelError(f"optimize: starts must be at least 1, got {starts}")
         random = np.random.default_rng(0)
-        return [solver.guess(guess), *[wandering(solver, random) for _ in range(starts - 1)]]
+        return [read_guess(solver, guess), *[random_detour(solver, random) for _ in range(starts - 1)]]
     try:
-        given = list(starts)
+        several = list(starts)
     except TypeError:
         raise ModelError(f"optimize: starts= takes a number or a list of guesses, got {starts!r}") from None
-    if not given:
+    if not several:
         raise ModelError("optimize: starts= is an empty list")
-    return [solver.guess(one) for one in given]
+    return [read_guess(solver, one) for one in several]
 
 
-def wandering(solver: Solver, random: np.random.Generator) -> Guess:
+def read_guess(solver: Solver, guess: Any) -> Guess:
+    """Return the guess that a user gave: nothing, a solution, or a trajectory."""
+    if guess is None:
+        return _usual_guess(solver)
+    phase = solver.problem.phases[0]
+    if isinstance(guess, Solution) and guess.phases[0].phase.mechanism is not phase.mechanism:
+        guess = guess.trajectory
+    if isinstance(guess, Solution | Shifted):
+        return guess.as_guess(solver.problem)
+    if isinstance(guess, Trajectory):
+        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.duration))
+        times = phase.segment_times(duration)
+        if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
+            return _guess(solver, guess_from_motion(guess, times), "trajectory")
+        return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
+    raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
+
+
+def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
+    values = np.array([p.value for p in solver.problem.free_parameters])
+    return Guess((phase,), values, description)
+
+
+def _usual_guess(solver: Solver) -> Guess:
+    """The motion through the conditions, or the free motion if there are none and it begins with a speed."""
+    setup = solver.setups[0]
+    if has_free_path(solver.problem, setup.phase) and np.any(solver.start.v):
+        motion = _free_motion(solver)
+        if motion is not None:
+            return _guess(solver, guess_from_motion(motion, setup.path.segment_times), "free motion")
+    return _guess(solver, kinematic_guess(setup.loads, solver.start, solver.path), "kinematic")
+
+
+def _free_motion(solver: Solver) -> Trajectory | None:
+    """The motion from the start with the inputs' own values; None if it cannot be simulated."""
+    setup = solver.setups[0]
+    mechanism = setup.phase.mechanism
+    p = dict(zip(mechanism.parameters, setup.numeric.p, strict=True))
+    times = np.linspace(0, setup.path.segment_times[-1], STEPS + 1)
+    try:
+        with without_warnings():
+            return simulate(mechanism, times, initial=solver.start, parameters=p)
+    except MechanismError:  # a guess through poses does as well
+        return None
+
+
+def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour: a few half waves in the free directions of each pose."""
-    numeric, times, poses = solver.numeric, *solver.way
+    setup, path = solver.setups[0], solver.path
+    numeric, scales = setup.numeric, setup.scales
     waves = random.integers(1, 4)
-    direction = random.normal(size=poses.shape[1]) * np.where(
-        solver.prepared.scales.angles, 1.0, 0.5 * solver.prepared.scales.q
-    )
+    direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
-    detour = amplitude * np.sin(np.pi * waves * times / times[-1])
+    detour = amplitude * np.sin(np.pi * waves * path.times / path.times[-1])
     moved, before = [], 0.0
-    q = poses[0]
-    for k, pose in enumerate(poses):
-        free = analyse_rank(numeric.velocity(float(times[k]), q)[0]).null_columns
-        step = (pose - poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (detour[k] - before)
+    q = path.poses[0]
+    for k, (time, pose) in enumerate(zip(path.times.tolist(), path.poses, strict=True)):
+        free = analyse_rank(numeric.velocity(time, q)[0]).null_columns
+        step = (pose - path.poses[max(k - 1, 0)]) + free @ (free.T @ direction) * (detour[k] - before)
         before = detour[k]
-        rows = partial(numeric.position, float(times[k]))
+        rows = partial(numeric.position, time)
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(solver.problem, solver.balance, solver.start, solver.prepared.marks, times, np.array(moved))
-    return replace(guess, word=f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
+    guess = kinematic_guess(setup.loads, solver.start, replace(path, poses=np.array(moved)))
+    return _guess(solver, guess, f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
 
 
-def best_of(solver: Solver, mesh: Mesh, candidates: list[Guess], *, warm: bool) -> Solution:
-    """Solve from every guess and keep the best; all are reported in the statistics.
+def best_of(solver: Solver, meshes: list[Mesh], candidates: list[Guess], *, warm: bool) -> Solution:
+    """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start
-    first, and where these fail once more without them.
+    first, and if these fail once more without them.
 
     Raises
     ------
     OptimizationError
-        Where none succeeds: that of the last.
+        If none succeeds: that of the last.
     """
-    found: list[Solution] = []
+    solver.best.new_stage()
+    solutions: list[Solution] = []
     reports, errors = [], []
     attempts = [(guess, warm) for guess in candidates]
     while attempts:
         guess, is_warm = attempts.pop(0)
-        word = f"{guess.word}, warm" if is_warm else guess.word
+        description = f"{guess.description}, warm" if is_warm else guess.description
         try:
-            solution = solver.solve(mesh, guess, warm=is_warm)
-            found.append(solution)
-            reports.append(Start(word, solution.cost, solution.statistics.iterations, solution.statistics.status))
+            solution = solver.solve(meshes, guess, warm=is_warm)
+            cost, s = solution.cost, solution.statistics
+            solutions.append(solution)
         except OptimizationError as error:
             errors.append(error)
-            s = error.partial.statistics
-            reports.append(Start(word, float("nan"), s.iterations, s.status))
+            cost, s = float("nan"), error.partial.statistics
             attempts += [(guess, False)] if is_warm else []
-    if not found:
+        reports.append(Start(description, cost, s.iterations, s.status))
+    if not solutions:
         raise errors[-1]
-    best = min(found, key=lambda solution: solution.cost)
+    best = min(solutions, key=lambda solution: solution.cost)
     if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best

@@ -8,11 +8,15 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+#: Unit of a row whose expression the user wrote.
+OWN_UNIT = "in the units of the condition"
+
 
 class Row(NamedTuple):
     """One row of a program; see :class:`Rows`.
 
-    ``interval`` is -1 where it belongs to none; ``lower`` is its lower bound, scaled.
+    ``phase`` and ``interval`` say where it stands, by index (-1: nowhere); ``repeated`` is true for a row that
+    every interval has, false for one of a single place. ``lower`` is its lower bound, scaled.
     """
 
     label: str
@@ -20,8 +24,10 @@ class Row(NamedTuple):
     size: float
     equality: bool
     condition: bool
+    phase: int
     interval: int
-    share: float
+    repeated: bool
+    tau: float
     lower: float
     opposite: str
 
@@ -39,9 +45,9 @@ class Rows:
     expression : casadi.SX
         (k,); zero, or not above zero for limits.
     labels : tuple of str
-        What each row says, in words.
-    share : float
-        Where in the interval it holds, 0 to 1.
+        Description of each row, in words.
+    tau : float
+        Point of the interval at which it holds, 0 to 1.
     scale : numpy.ndarray
         Size of each row by which it is divided (k,).
     units : tuple of str
@@ -51,14 +57,14 @@ class Rows:
     condition : bool
         Whether the user stated them: their multipliers are reported.
     spans : numpy.ndarray, optional
-        How far each limit may fall below zero, in its unit (k,): two-sided limits.
+        Amount by which each limit may fall below zero, in its unit (k,): two-sided limits.
     opposites : tuple of str
-        What the lower sides say.
+        Labels of the lower sides.
     """
 
     expression: ca.SX
     labels: tuple[str, ...]
-    share: float
+    tau: float
     scale: np.ndarray
     units: tuple[str, ...]
     equality: bool = True
@@ -73,12 +79,13 @@ class Rows:
             return np.zeros(len(self.labels))
         return np.full(len(self.labels), -np.inf) if self.spans is None else -self.spans / self.scale
 
-    def on(self, interval: int) -> list[Row]:
-        """The rows one by one, on an interval."""
+    def on(self, phase: int, interval: int, *, repeated: bool) -> list[Row]:
+        """The rows one by one, on an interval of a phase."""
         opposites = self.opposites or ("",) * len(self.labels)
-        entries = zip(self.labels, self.units, self.scale, self.lower, opposites, strict=True)
+        entries = zip(self.labels, self.units, self.scale.tolist(), self.lower.tolist(), opposites, strict=True)
+        where = phase, interval, repeated, self.tau
         return [
-            Row(label, unit, float(size), self.equality, self.condition, interval, self.share, float(lower), opposite)
+            Row(label, unit, size, self.equality, self.condition, *where, lower, opposite)
             for label, unit, size, lower, opposite in entries
         ]
 
@@ -95,12 +102,8 @@ class Rows:
         return replace(self, expression=expression, labels=labels, scale=self.scale[which], units=units)
 
 
-#: Unit of a row whose expression the user wrote.
-OWN_UNIT = "in the units of the condition"
-
-
 def violations(rows: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """By how much scaled rows are above zero, or below their lower bounds, which are zero for equalities."""
+    """Amounts by which scaled rows are above zero, or below their lower bounds, which are zero for equalities."""
     return np.maximum(np.maximum(rows, lower - rows), 0.0)
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...model.bodies import ground
 
-#: Share of its changes that the size of a limited quantity is at the least.
-LEAST_SHARE = 1e-3
-#: States at which the size of an expression is found.
+#: Smallest size of a limited quantity, as a share of its changes.
+SMALLEST_SHARE = 1e-3
+#: Number of states at which the size of an expression is sampled.
 SAMPLES = 7
 
 
@@ -30,19 +30,19 @@ class Scales:
     time : float
         Duration, s.
     q, v, a : numpy.ndarray
-        Of coordinates and their rates (n,).
+        Sizes of coordinates and their rates (n,).
     load : numpy.ndarray
-        Of the equations of motion, N and N m (n,).
+        Sizes of the equations of motion, N and N m (n,).
     lam : numpy.ndarray
-        Of the multipliers (m,).
+        Sizes of the multipliers (m,).
     rows : numpy.ndarray
-        Of the constraint rows, m or rad (m,).
+        Sizes of the constraint rows, m or rad (m,).
     z, u : numpy.ndarray
-        Of first-order states and inputs.
+        Sizes of first-order states and inputs.
     angles : numpy.ndarray
-        Which coordinates are angles (n,).
+        Mask of the coordinates that are angles (n,).
     steps : int
-        Intervals of the mesh. Rows of velocities count by what they do to the
+        Number of intervals of the mesh. Rows of velocities count by their effect on the
         coordinates in one interval, those of accelerations and loads likewise.
     """
 
@@ -59,13 +59,13 @@ class Scales:
     steps: int = 1
 
     def of(self, coordinates: list[int], rows: list[int]) -> Scales:
-        """Sizes of some of the coordinates and of the constraint rows."""
+        """Return the sizes for some of the coordinates and of the constraint rows."""
         by_coordinate = {name: getattr(self, name)[coordinates] for name in ("q", "v", "a", "load", "angles")}
         return replace(self, **by_coordinate, lam=self.lam[rows], rows=self.rows[rows])
 
 
 def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> Scales:
-    """Sizes from lengths, masses and the duration.
+    """Return sizes from lengths, masses and the duration.
 
     Lengths are typical distances of joint points from centres of mass; angles
     count as one radian; rates follow with the duration, loads with the masses.
@@ -77,7 +77,7 @@ def scales_of(numeric: NumericEquations, duration: float, poses: np.ndarray) -> 
     duration : float
         Time of the motion, s.
     poses : numpy.ndarray
-        Some that the motion may pass (k, n).
+        Poses that the motion may pass (k, n).
     """
     eom = numeric.eom
     q0 = eom.estimate[0]
@@ -124,8 +124,8 @@ def _load_at_rest(numeric: NumericEquations, q0: np.ndarray, translations: np.nd
     n, m = eom.q.numel(), eom.lam.numel()
     zero = np.zeros(n)
     loads = eom.function(eom.Q)(0.0, q0, zero, zero, eom.estimate[2], np.zeros(m), eom.input_values, numeric.p).full()
-    found = np.abs(loads.ravel()[translations])
-    return float(np.max(found[np.isfinite(found)], initial=0.0))
+    forces = np.abs(loads.ravel()[translations])
+    return float(np.max(forces[np.isfinite(forces)], initial=0.0))
 
 
 def _inputs_and_states(
@@ -154,21 +154,21 @@ def _inputs_and_states(
 
 
 class Sizes:
-    """Sizes of expressions, found at states scattered over the typical ones.
+    """Sizes of expressions, sampled at states scattered over the typical ones.
 
     Parameters
     ----------
     numeric : NumericEquations
         Equations at given parameters.
     scales : Scales
-        Of the mechanism.
+        Sizes of the mechanism.
     arguments : list of casadi.SX
-        ``t, q, v, a, z, lam, u, u_rate, p, own parameters``.
-    own : numpy.ndarray
-        Values of the problem's own parameters.
+        ``t, q, v, a, z, lam, u, u_rate, p``, and the parameters that the mechanism does not have.
+    extra : numpy.ndarray
+        Values of these.
     """
 
-    def __init__(self, numeric: NumericEquations, scales: Scales, arguments: list[ca.SX], own: np.ndarray):
+    def __init__(self, numeric: NumericEquations, scales: Scales, arguments: list[ca.SX], extra: np.ndarray):
         random = np.random.default_rng(0)
         self._arguments = arguments
         q0 = numeric.eom.estimate[0]
@@ -176,22 +176,22 @@ class Sizes:
         columns = [random.uniform(0, scales.time, (1, SAMPLES))]
         columns.append(q0[:, None] + 0.5 * scales.q[:, None] * random.uniform(-1, 1, (q0.size, SAMPLES)))
         columns += [width[:, None] * random.uniform(-1, 1, (width.size, SAMPLES)) for width in widths]
-        own_size = np.where(own == 0, 1.0, np.abs(own))
+        extra_size = np.where(extra == 0, 1.0, np.abs(extra))
         p_size = np.where(numeric.p == 0, 1.0, np.abs(numeric.p))
-        self._values = [*columns, np.tile(numeric.p[:, None], (1, SAMPLES)), np.tile(own[:, None], (1, SAMPLES))]
+        self._values = [*columns, np.tile(numeric.p[:, None], (1, SAMPLES)), np.tile(extra[:, None], (1, SAMPLES))]
         time = np.array([scales.time])
-        self._steps = np.concatenate([time, scales.q, *widths, p_size, own_size])
+        self._steps = np.concatenate([time, scales.q, *widths, p_size, extra_size])
 
     def _sampled(self, expression: ca.SX) -> np.ndarray:
         function = ca.Function("size", self._arguments, [ca.densify(expression)])
-        return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, -1)
+        return function.map(SAMPLES)(*self._values).full().reshape(expression.size1(), SAMPLES, expression.size2())
 
     def of_values(self, expression: ca.SX) -> float:
-        """Typical absolute value of a scalar; 1 where it has none."""
+        """Return the typical absolute value of a scalar; 1 if it has none."""
         return _median(np.abs(self._sampled(expression).ravel()))
 
     def of_changes(self, expressions: Sequence[ca.SX]) -> np.ndarray:
-        """By how much scalars change over the typical sizes of what they depend on; 1 where they do not (k,)."""
+        """Return the changes of scalars over the typical sizes of what they depend on; 1 for those without (k,)."""
         if not expressions:
             return np.zeros(0)
         slopes = ca.jacobian(ca.vertcat(*expressions), ca.vertcat(*self._arguments))
@@ -202,10 +202,10 @@ class Sizes:
         return np.array([_median(row) for row in most])
 
     def of_limits(self, expressions: Sequence[ca.SX]) -> np.ndarray:
-        """Sizes of ``quantity - limit``: the limit, where it is a number or made of parameters; else as of changes.
+        """Return sizes of ``quantity - limit``: the limit if it is a number or made of parameters; else as of changes.
 
         Measured on bearing forces and obstacles: a third of the iterations that
-        the size of the changes takes, and far fewer where the quantity is a square.
+        the size of the changes takes, and far fewer if the quantity is a square.
         """
         changes = self.of_changes(expressions)
         return np.array([self._of_limit(e, change) for e, change in zip(expressions, changes, strict=True)])
@@ -220,17 +220,17 @@ class Sizes:
                 limit = abs(float(self._sampled(side).ravel()[0]))
             else:
                 continue
-            return max(limit, LEAST_SHARE * changes) if limit > 0 and np.isfinite(limit) else changes
+            return max(limit, SMALLEST_SHARE * changes) if limit > 0 and np.isfinite(limit) else changes
         return changes
 
 
 def _median(values: np.ndarray) -> float:
-    """Median of the finite ones that are not zero; 1 where there are none."""
-    found = np.sort(values[np.isfinite(values) & (values > 0)])
-    return float(found[(found.size - 1) // 2] + found[found.size // 2]) / 2 if found.size else 1.0
+    """Median of the finite values that are not zero; 1 if there are none."""
+    usable = np.sort(values[np.isfinite(values) & (values > 0)])
+    return float(usable[(usable.size - 1) // 2] + usable[usable.size // 2]) / 2 if usable.size else 1.0
 
 
 def parameter_size(value: float, lower: float, upper: float) -> float:
-    """Typical size of a free parameter: its value, or its limits where that is zero."""
+    """Return the typical size of a free parameter: its value, or its limits if that is zero."""
     limits = [abs(x) for x in (lower, upper) if np.isfinite(x)]
     return abs(value) or max(limits, default=0.0) or 1.0

@@ -1,11 +1,11 @@
-"""One problem, one mesh, one solve: program, guess, IPOPT, answer."""
+"""One problem, one mesh, one solve: program, guess, IPOPT, solution."""
 
 from __future__ import annotations
 
 import time as clock
-import warnings
-from dataclasses import replace
-from functools import cached_property
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -13,22 +13,24 @@ import numpy as np
 
 from ...arguments.values import pairs_of, parameter_vector
 from ...equations.numeric import NumericEquations
-from ...errors import Interrupted, MechanismError, MechanismWarning, ModelError
+from ...errors import Interrupted, ModelError
+from ...model.conditions import Condition
 from ...numerics.console import interruptible, quiet
+from ...numerics.symbolic import numeric_work
 from ...results.state import State
-from ...results.trajectory import Trajectory
-from ...simulation.simulate import simulate
+from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
-from ..guess.guess import Guess, guess_from_motion, guess_from_other, kinematic_guess
-from ..guess.kinematic_guess import STEPS, goes_nowhere, kinematic_poses, nominal_marks
-from ..guess.least_squares_loads import Balance
-from ..preparation import Preparation, Settings, first_state
+from ..guess.guess import Guess
+from ..guess.kinematic_guess import KinematicPath, kinematic_path
+from ..phase import Phase, read_state_or_conditions
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
-from ..solution import Shifted, Solution
-from ..solve_statistics import Answer, SolveStatistics
+from ..solution import Solution
 from .motion_program import MotionProgram
-from .solver_callback import Monitor
+from .setup import PhaseSetup, Settings
+from .solver_callback import SolverCallback
+from .start import check_start, first_state
+from .statistics import Answer, SolveStatistics
 
 #: Options of IPOPT that were measured best on these programs.
 DEFAULTS = {
@@ -49,8 +51,8 @@ DEFAULTS = {
     "ipopt.mu_max": 1.0,
     "ipopt.honor_original_bounds": "yes",
 }
-#: Further ones where the guess is a solution of nearly the same problem, on another mesh or on the same one.
-WARMTH: dict[str, dict[str, Any]] = {
+#: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.
+WARM_START: dict[str, dict[str, Any]] = {
     "cold": {},
     "warm": {"ipopt.mu_init": 1e-4, "ipopt.max_iter": 300},
     "hot": {
@@ -62,10 +64,43 @@ WARMTH: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
-#: Miss of an implied condition that counts, as a share of the window that is left to it.
-MISSED = 1e-3
-#: Largest scaled violation of a guess from which a solver is started as warm.
-NEAR = 1e-2
+#: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
+BRANCH_TOLERANCE = 1e-3
+#: Largest scaled violation of a guess with which a solver is started as warm.
+WARM_VIOLATION = 1e-2
+
+
+class BestSoFar:
+    """The best solution at any instant of a search, for the user who stops it.
+
+    Attributes
+    ----------
+    solution : Solution or None
+        The best one of the present stage, or of the last stage that has one.
+    iterate : Solution or None
+        The last iterate of a solve that did not end in a solution.
+    """
+
+    def __init__(self) -> None:
+        self.solution: Solution | None = None
+        self.iterate: Solution | None = None
+        self._is_old = False
+
+    def new_stage(self) -> None:
+        """From now on any solution is better than those before: on a finer mesh, at the next parameter values."""
+        self._is_old = True
+
+    def add(self, solution: Solution) -> None:
+        """Take a solution into account."""
+        if self.solution is None or self._is_old or solution.cost < self.solution.cost:
+            self.solution, self._is_old = solution, False
+
+    def interrupted(self) -> Interrupted:
+        """The exception for a search that the user stopped."""
+        which = "best solution" if self.solution is not None else "last iterate"
+        partial = self.solution if self.solution is not None else self.iterate
+        more = f"the {which} is in .partial" if partial is not None else "nothing was found yet"
+        return Interrupted(f"stopped by the user; {more}", partial=partial)
 
 
 class Solver:
@@ -74,207 +109,193 @@ class Solver:
     Parameters
     ----------
     problem : OptimalControlProblem
-        What to solve.
+        Problem to be solved.
     settings : Settings
-        How.
+        Choices of the user.
     parameters : mapping, optional
         Parameter to number.
+    initial : State or sequence of relations, optional
+        Start, in place of the problem's own.
+    best : BestSoFar, optional
+        Record of the solutions.
+
+    Attributes
+    ----------
+    initial : State or tuple of Condition
+        Conditions at the start.
+    start : State
+        First state, as far as the initial conditions decide it.
+    setups : list of PhaseSetup
+        Ends, sizes and transcription by phase; perhaps made for another start.
     """
 
-    def __init__(self, problem: OptimalControlProblem, settings: Settings, parameters: Any):
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        settings: Settings,
+        parameters: Any = None,
+        initial: Any = None,
+        best: BestSoFar | None = None,
+    ):
         self.problem, self.settings = problem, settings
-        eom = problem.equations
-        given = dict(pairs_of(parameters, "parameters="))
+        self.best = BestSoFar() if best is None else best
+        values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
-            if any(free is key for key in given):
-                raise ModelError(f"optimize: parameter '{free.label}' is given and sought")
-        self.numeric = NumericEquations(eom, parameter_vector(eom, given))
-        self.start = first_state(problem, self.numeric)
-        self.prepared = self._prepared()
-        self.prepared.check_start(self.start)
+            if any(free is key for key in values):
+                raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
+        self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
+        first, equations = problem.phases[0], [phase.equations for phase in problem.phases]
+        numerics = [NumericEquations(eom, parameter_vector(eom, values)) for eom in equations]
+        self.start = first_state(problem, first, numerics[0], self.initial)
+        if isinstance(self.initial, State):
+            check_start(problem, first, numerics[0], self.initial)
+        self.setups = list(map(self._setup, problem.phases, numerics))
 
-    def _prepared(self) -> Preparation:
-        """Preparation; starts that are given as states share one."""
-        if not isinstance(self.problem.initial, State):
-            return Preparation(self.problem, self.settings, self.numeric, self.start)
-        key = "preparation", tuple(self.settings.plain.values()), self.numeric.p.tobytes()
-        return self.problem.cache.get_or_create(
-            key, lambda: Preparation(self.problem, self.settings, self.numeric, self.start)
-        )
+    def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
+        """A start in place of the problem's own, checked as that is."""
+        phase = self.problem.phases[0]
+        conditions = read_state_or_conditions(initial, phase.mechanism)
+        if not isinstance(conditions, State):
+            self.problem.check_symbols(phase, "initial", conditions)
+            check_end(self.problem, phase, "initial", conditions)
+        return conditions
+
+    def _setup(self, phase: Phase, numeric: NumericEquations) -> PhaseSetup:
+        """Setup of a phase; starts that are given as states share one."""
+        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial)
+        if not isinstance(self.initial, State):
+            return make()
+        key = phase, self.settings.key, numeric.p.tobytes()
+        return self.problem.compiled.setups.get_or_create(key, make, bounded=True)
 
     @cached_property
-    def balance(self) -> Balance:
-        """Loads and inputs for guesses."""
-        return Balance(self.numeric, self.prepared.scheme.eom, self.prepared.scales)
+    def path(self) -> KinematicPath:
+        """Poses from this start on."""
+        setup = self.setups[0]
+        if self.start is setup.start:
+            return setup.path
+        return kinematic_path(self.problem, setup.phase, setup.numeric, self.start, setup.path.segment_times)
 
-    @cached_property
-    def way(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times and poses from this start on."""
-        if self.start is self.prepared.start:
-            return self.prepared.times, self.prepared.poses
-        return kinematic_poses(self.problem, self.numeric, self.start, self.prepared.marks)
+    # --- one mesh -------------------------------------------------------------------------
+    def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
+        """Return the program for a number of intervals, made once and kept."""
+        key = tuple(mesh.counts for mesh in meshes), self.settings.key, tuple(setup.key for setup in self.setups)
+        make = partial(MotionProgram, self.problem, self.setups, meshes)
+        return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
-    # --- one mesh ----------------------------------------------------------------------------
-    def _key(self, mesh: Mesh) -> tuple:
-        initial = None if self.prepared.initial is None else tuple(self.prepared.initial)
-        scheme = self.prepared.scheme
-        rows = tuple(scheme.eom.independent), tuple(scheme.rows)
-        return mesh.counts, tuple(self.settings.plain.values()), initial, *rows
-
-    def layout(self, mesh: Mesh) -> MotionProgram:
-        """Program for a number of intervals, made once and kept."""
-        return self.problem.cache.get_or_create(self._key(mesh), lambda: MotionProgram(self.prepared, mesh))
-
-    def compiled(self, program: MotionProgram, mesh: Mesh, warmth: str) -> tuple[ca.Function, Monitor]:
-        """Solver of a program, made once and kept."""
-        key = self._key(mesh), warmth, self.settings.option_key
-        return self.problem.cache.get_or_create(key, lambda: self._compiled(program, WARMTH[warmth]))
-
-    def _compiled(self, program: MotionProgram, more: dict[str, Any]) -> tuple[ca.Function, Monitor]:
-        monitor = Monitor(program.size, program.lower, program.cost_scale, program.program.data_size)
-        settings: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
-        settings |= DEFAULTS | more | {"iteration_callback": monitor}
-        try:
-            with quiet():
-                return program.program.solver(settings | self.settings.options), monitor
-        except RuntimeError as error:
-            raise ModelError(f"optimize: the solver refuses the options: {error}") from None
-
-    def solve(self, mesh: Mesh, guess: Guess, *, warm: bool = False) -> Solution:
-        """Solve on a mesh."""
-        began = clock.perf_counter()
-        program = self.layout(mesh)
-        known = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, mesh) else None
-        lower, upper = self.bounds(program)
-        x0 = np.clip(known.x if known else guess.variables(program, mesh), lower, upper)
-        p = program.data(self.numeric, mesh, guess.marks)
-        solver, monitor = self.compiled(program, mesh, ("hot" if known else "warm") if warm else "cold")
-        rows = solver.get_function("nlp_g")
-        if program.integrals and not known:
-            x0 = program.with_integrals(x0, rows(x0, p).full().ravel())
-        if warm and not known and program.violation(rows(x0, p).full().ravel()) > NEAR:
-            solver, monitor = self.compiled(program, mesh, "cold")
-        built = clock.perf_counter()
-        multipliers = {"lam_x0": known.lam_x, "lam_g0": known.lam_g} if known else {}
-        limits = {"lbg": program.lower, "ubg": 0.0}
-        with interruptible(raising=False) as interruption, monitor.watching(interruption, self.settings.progress):
-            with quiet():
-                found = solver(x0=x0, p=p, lbx=lower, ubx=upper, **limits, **multipliers)
-        # IPOPT relaxes bounds by the last digits; a mass must not become negative
-        found["x"] = np.clip(found["x"].full().ravel(), lower, upper)
-        stats = solver.stats()
-        statistics = SolveStatistics(
-            max(int(stats["iter_count"]), 0),  # CasADi leaves the count open where IPOPT refuses to begin
-            str(stats["return_status"]),
-            clock.perf_counter() - began,
-            built - began,
-            program.size,
-            program.lower.size,
-        )
-        solution = self._solution(program, mesh, guess.marks, found, statistics)
-        if interruption.requested:
-            raise Interrupted("stopped by the user; the last iterate is in .partial", partial=solution)
-        if not stats["success"]:
-            raise explain_failure(solution, str(stats["return_status"]))
-        self._check_implied(solution)
-        return solution
-
-    def _check_implied(self, solution: Solution) -> None:
-        """Refuse an optimum on another branch than the conditions ask for.
+    def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False) -> Solution:
+        """Solve on a mesh.
 
         Raises
         ------
         OptimizationError
-            Naming the condition that is missed.
+            If the solver does not succeed, or the solution lies on another branch of the linkage.
+        Interrupted
+            After Ctrl-C.
         """
-        for condition, window in self.prepared.implied.items():
-            ends = [solution.trajectory.initial, solution.trajectory.final]
-            place = ends[int(condition in self.problem.final) if not isinstance(self.problem.final, State) else 1]
-            amount = float(place[condition.expression])
-            if abs(amount) > MISSED * window:
-                raise OptimizationError(
-                    f"the solution misses the condition {condition.label} by {amount:.3g}: it lies on another branch "
-                    "of the linkage; another guess, or starts=, may find the right one",
-                    largest_violations=[],
-                    partial=solution,
-                    time=place.t,
+        began = clock.perf_counter()
+        program = self.transcribe(meshes)
+        iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
+        lower, upper = program.bounds(self.start)
+        x0 = np.clip(iterate.x if iterate else guess.variables(program, meshes), lower, upper)
+        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
+        if program.has_integrals and not iterate:
+            x0 = program.with_integrals(x0, _rows(program, x0, data))
+        warmth = ("hot" if iterate else "warm") if warm else "cold"
+        if warmth == "warm" and program.violation(_rows(program, x0, data)) > WARM_VIOLATION:
+            warmth = "cold"
+        with self._lent_solver(program, warmth) as (solver, callback):
+            built = clock.perf_counter()
+            arguments = dict(x0=x0, p=data, lbx=lower, ubx=upper, lbg=program.lower, ubg=0.0)
+            arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
+            with interruptible(raising=False) as interruption:
+                with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
+                    answer = solver(**arguments)
+                stats = solver.stats()
+                seconds = clock.perf_counter() - began
+                # CasADi leaves the count open if IPOPT refuses to begin
+                iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+                statistics = SolveStatistics(
+                    iterations, status, seconds, built - began, program.size, program.lower.size
                 )
+                # IPOPT relaxes bounds by the last digits; a mass must not become negative
+                answer["x"] = np.clip(answer["x"].full().ravel(), lower, upper)
+                solution = self._solution(program, meshes, guess, answer, statistics)
+                error = self._other_branch(solution) if stats["success"] else explain_failure(solution, status)
+                if error is None:
+                    self.best.add(solution)
+                else:
+                    self.best.iterate = solution
+        if interruption.requested:
+            raise self.best.interrupted()
+        if error is not None:
+            raise error
+        return solution
+
+    def _lent_solver(
+        self, program: MotionProgram, warmth: str
+    ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
+        """A compiled solver of a program, and its callback."""
+        options = self.settings.options
+        key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
+        return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
 
     def _solution(
-        self, program: MotionProgram, mesh: Mesh, marks: np.ndarray, found: dict, statistics: SolveStatistics
+        self,
+        program: MotionProgram,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        answer: dict[str, Any],
+        statistics: SolveStatistics,
     ) -> Solution:
-        x, *answer = (np.array(found[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
-        cost = float(found["f"]) * program.cost_scale
+        x, *rest = (np.array(answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
         return Solution(
             self.problem,
             program,
-            self.settings.plain,
-            self.numeric,
-            mesh,
+            self.settings,
+            self.initial,
+            [setup.numeric.p for setup in self.setups],
+            meshes,
+            guess.segment_times,
             x * program.scale,
-            marks,
-            cost,
+            float(answer["f"]) * program.cost_scale,
             statistics,
-            Answer(*answer),
+            Answer(*rest),
         )
 
-    def bounds(self, program: MotionProgram) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled."""
-        problem, scheme = self.problem, program.scheme
-        inputs, states = problem.mechanism.inputs, problem.mechanism.states
-        n = scheme.eom.q.numel()
-        bounds = []
-        for side, infinite in (("lower", -np.inf), ("upper", np.inf)):
-            u, z = ([getattr(x, side) for x in symbols] for symbols in (inputs, states))
-            node = np.r_[np.full(2 * n, infinite), z, u if scheme.inputs.joined else []]
-            node = np.r_[node, np.full(program.node_size - node.size, infinite)]
-            block = np.full(scheme.block_size, infinite)
-            block[scheme.block_slice("u")] = np.tile(u, len(scheme.inputs.inner))
-            times = [(0.0, 0.0), *[w.time for w in problem.waypoints], problem.duration][: program.mark_count]
-            free = [getattr(p, side) for p in problem.free_parameters]
-            ends = [span[0 if side == "lower" else 1] for span in times]
-            values = np.r_[np.tile(np.r_[node, block], program.count), node, ends, free]
-            bounds.append(values / program.scale)
-        first = program.node_index(0)
-        if self.prepared.initial is None:
-            start, own = self.start, scheme.eom.independent
-            state = np.r_[start.q[own], start.v[own], start.z]
-            for side in bounds:
-                side[first[: state.size]] = state / program.node_scale[: state.size]
-        for side in bounds:
-            side[first[scheme.node_size :]] = 0.0
-        return bounds[0], bounds[1]
+    def _other_branch(self, solution: Solution) -> OptimizationError | None:
+        """The error for an optimum on another branch than the conditions ask for, if it is one."""
+        for setup, part in zip(self.setups, solution.phases, strict=True):
+            for condition, window in setup.ends.implied.items():
+                # a condition at the end may come from a state, and is then none that the user stated
+                at_start = not isinstance(self.initial, State) and condition in self.initial
+                place = part.trajectory.initial if at_start else part.trajectory.final
+                amount = float(place[condition.expression])
+                if abs(amount) > BRANCH_TOLERANCE * window:
+                    return OptimizationError(
+                        f"the solution misses the condition {condition.label} by {amount:.3g}: it lies on another "
+                        "branch of the linkage; another guess, or starts=, may find the right one",
+                        largest_violations=[],
+                        partial=solution,
+                        time=place.t,
+                    )
+        return None
 
-    def _coasting(self) -> Trajectory | None:
-        """The motion from the start with the inputs' own values; None where it cannot be simulated."""
-        p = dict(zip(self.problem.mechanism.parameters, self.numeric.p, strict=True))
-        times = np.linspace(0, self.prepared.marks[-1], STEPS + 1)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", MechanismWarning)
-                return simulate(self.problem.mechanism, times, initial=self.start, parameters=p)
-        except MechanismError:  # a guess through poses does as well
-            return None
 
-    # --- guesses --------------------------------------------------------------------------------
-    def guess(self, given: Any) -> Guess:
-        """A guess from what the user gave: nothing, a solution, or a trajectory."""
-        if given is None:
-            coasting = self._coasting() if goes_nowhere(self.problem) and np.any(self.start.v) else None
-            if coasting is not None:
-                return replace(guess_from_motion(self.problem, coasting, self.prepared.marks), word="free motion")
-            return kinematic_guess(self.problem, self.balance, self.start, self.prepared.marks, *self.way)
-        if isinstance(given, Solution):
-            if given.problem.mechanism is not self.problem.mechanism:
-                return self.guess(given.trajectory)
-            return given.as_guess(self.problem)
-        if isinstance(given, Shifted):
-            return given.as_guess(self.problem)
-        if isinstance(given, Trajectory):
-            low, high = self.problem.duration
-            duration = float(np.clip(given.t[-1] - given.t[0], low, high))
-            marks = nominal_marks(self.problem, duration)
-            if given.mechanism is self.problem.mechanism and not given._missing_multipliers:
-                return guess_from_motion(self.problem, given, marks)
-            return guess_from_other(self.problem, self.balance, given, marks)
-        raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {given!r}")
+def _rows(program: MotionProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+    """Rows of a program at an iterate, scaled."""
+    rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
+    return rows
+
+
+def _make_solver(
+    program: MotionProgram, settings: dict[str, Any], options: dict[str, Any]
+) -> tuple[ca.Function, SolverCallback]:
+    """An IPOPT function and its callback; options of the user prevail."""
+    callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
+    more: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
+    try:
+        with quiet():
+            return program.nlp.solver(more | settings | {"iteration_callback": callback} | options), callback
+    except RuntimeError as error:
+        raise ModelError(f"optimize: the solver refuses the options: {error}") from None

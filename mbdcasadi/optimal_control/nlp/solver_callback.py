@@ -1,4 +1,4 @@
-"""What happens while the solver runs: progress, and Ctrl-C."""
+"""Callback of the solver: progress, and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from ...numerics.console import Interruption
 from .rows import violations
 
 
-class Monitor(ca.Callback):
-    """Called by the solver after every iteration.
+class SolverCallback(ca.Callback):
+    """Function that the solver calls after every iteration.
 
-    It shows iteration, cost and violation where that is wanted, and stops the
+    It shows iteration, cost and violation if asked to, and stops the
     solver after Ctrl-C, so that the last iterate is not lost.
 
     Parameters
     ----------
     size : int
-        Variables of the program.
+        Number of variables of the program.
     lower : numpy.ndarray
         Lower bounds of the rows.
     cost_scale : float
-        By which the cost was divided.
+        Size by which the cost was divided.
     data_size : int
-        Parameters of the program.
+        Number of parameters of the program.
     """
 
     def __init__(self, size: int, lower: np.ndarray, cost_scale: float, data_size: int):
@@ -40,12 +40,12 @@ class Monitor(ca.Callback):
         self._cost_scale = cost_scale
         self._bar: Any = None
         self.interruption: Interruption | None = None
-        self.construct("monitor", {})
+        self.construct("callback", {})
 
     # --- one solve ------------------------------------------------------------------------
     @contextmanager
     def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
-        """Watch one solve; a bar writes to what is standard error outside it."""
+        """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
         self.interruption = interruption
         if show:
             from tqdm.auto import tqdm
@@ -65,7 +65,7 @@ class Monitor(ca.Callback):
         return int(ca.nlpsol_n_out())
 
     def get_n_out(self) -> int:
-        """One: whether to stop."""
+        """One: a number that is 1 to stop."""
         return 1
 
     def get_name_in(self, i: int) -> str:

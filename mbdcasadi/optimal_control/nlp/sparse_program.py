@@ -1,4 +1,4 @@
-"""A sparse nonlinear program put together from one function mapped over the intervals and one for the ends.
+"""A sparse nonlinear program made of one function mapped over the intervals and one for the ends.
 
 Derivatives are taken of these two small functions as ``SX``; the nonzeros of
 all intervals are gathered into the whole by constant index vectors. Building
@@ -8,6 +8,7 @@ stays linear in the number of intervals, and nothing is differentiated twice.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Piece:
-    """Rows and cost of one kind, in variables gathered from the whole.
+    """Rows and cost of one kind, in variables gathered from those of the program.
 
     Attributes
     ----------
@@ -24,13 +25,13 @@ class Piece:
     data : casadi.SX
         Values that change from copy to copy.
     parameters : casadi.SX
-        Values that do not.
+        Values that do not change.
     rows : casadi.SX
         (k,).
     cost : casadi.SX
         Scalar.
     index : numpy.ndarray
-        Where each variable of each copy sits in the whole (n, copies).
+        Place of each variable of each copy in the program (n, copies).
     """
 
     variables: ca.SX
@@ -69,13 +70,14 @@ class SparseProgram:
         self.data_size = first
         self.row_count = sum(p.rows.numel() * p.index.shape[1] for p in pieces)
 
-    def solver(self, options: dict) -> ca.Function:
-        """IPOPT with all derivatives given."""
+    @cached_property
+    def derivatives(self) -> dict[str, ca.Function]:
+        """Derivatives as IPOPT takes them; all solvers of the program share them."""
         x, p = self._x, self._p
-        cost, rows = self._values()
+        cost, rows = self._values
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
         names = ["x", "p"]
-        functions = {
+        return {
             "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, self._gradient()], names, ["f", "grad_f_x"]),
             "jac_g": ca.Function("nlp_jac_g", [x, p], [rows, self._jacobian()], names, ["g", "jac_g_x"]),
             "hess_lag": ca.Function(
@@ -86,11 +88,18 @@ class SparseProgram:
                 ["triu_hess_gamma_x_x"],
             ),
         }
-        return ca.nlpsol("motion", "ipopt", {"x": x, "p": p, "f": cost, "g": rows}, functions | options)
 
+    def solver(self, options: dict) -> ca.Function:
+        """IPOPT with all derivatives given."""
+        cost, rows = self._values
+        return ca.nlpsol(
+            "motion", "ipopt", {"x": self._x, "p": self._p, "f": cost, "g": rows}, self.derivatives | options
+        )
+
+    @cached_property
     def evaluate(self) -> ca.Function:
         """``(x, p) -> (cost, rows)``."""
-        return ca.Function("program", [self._x, self._p], list(self._values()), ["x", "p"], ["f", "g"])
+        return ca.Function("program", [self._x, self._p], list(self._values), ["x", "p"], ["f", "g"])
 
     # --- values and derivatives --------------------------------------------------------------
     def _mapped(self, piece: Piece, data: ca.MX, results: list[ca.SX], extra: list[tuple[ca.SX, ca.MX]]) -> list[ca.MX]:
@@ -102,6 +111,7 @@ class SparseProgram:
         shared = ca.repmat(self._shared, 1, copies)
         return list(function.call([gathered, data, shared, *[value for _, value in extra]]))
 
+    @cached_property
     def _values(self) -> tuple[ca.MX, ca.MX]:
         costs, rows = [], []
         for piece, data in zip(self.pieces, self._data, strict=True):
@@ -118,8 +128,7 @@ class SparseProgram:
             (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(piece.cost, piece.variables))], [])
             places.append(piece.index.T.ravel())
             values.append(ca.vec(gradient))
-        where = np.concatenate(places)
-        summing = _summing(where, self.size)
+        summing = _summing(np.concatenate(places), self.size)
         return ca.densify(ca.mtimes(summing, ca.vertcat(*values)))
 
     def _jacobian(self) -> ca.MX:
@@ -153,9 +162,9 @@ class SparseProgram:
             values.append(ca.vec(nonzeros))
             first += count * copies
         row, column = np.concatenate(rows), np.concatenate(columns)
-        places, where = np.unique(column * self.size + row, return_inverse=True)
-        sparsity, _ = _pattern(self.size, self.size, places % self.size, places // self.size)
-        return ca.MX(sparsity, ca.mtimes(_summing(where, places.size), ca.vertcat(*values)))
+        entries, entry = np.unique(column * self.size + row, return_inverse=True)
+        sparsity, _ = _pattern(self.size, self.size, entries % self.size, entries // self.size)
+        return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), ca.vertcat(*values)))
 
 
 def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> tuple[ca.Sparsity, np.ndarray]:
@@ -165,7 +174,7 @@ def _pattern(rows: int, columns: int, row: np.ndarray, column: np.ndarray) -> tu
     return ca.Sparsity(rows, columns, starts.tolist(), row[order].tolist()), order
 
 
-def _summing(where: np.ndarray, size: int) -> ca.DM:
+def _summing(places: np.ndarray, size: int) -> ca.DM:
     """Constant sparse matrix that adds up values by their place."""
-    sparsity, _ = _pattern(size, where.size, where, np.arange(where.size))
-    return ca.DM(sparsity, np.ones(where.size))
+    sparsity, _ = _pattern(size, places.size, places, np.arange(places.size))
+    return ca.DM(sparsity, np.ones(places.size))

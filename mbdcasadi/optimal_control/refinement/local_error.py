@@ -14,121 +14,126 @@ from ...errors import MechanismWarning
 from ...numerics.collocation import gauss
 
 if TYPE_CHECKING:
-    from ..solution import Solution
+    from ..solution import PhaseSolution, Solution
 
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.
-COARSE = 0.01
-#: Sum of the errors of a first-order state, as a share of its range, that counts; those of a lag fade on the way.
-ADDED_UP = 0.05
+COARSE_ERROR = 0.01
+#: Sum of the errors of a first-order state, as a share of its range, from which the mesh counts as coarse; those of
+#: a lag fade on the way.
+COARSE_STATE_ERROR = 0.05
 #: Error inside the intervals below which the mesh counts as fine without an integration.
-FINE = COARSE / 3
+FINE_ERROR = COARSE_ERROR / 3
 #: Tolerance of the integration against which an interval is measured.
-TOLERANCE = 1e-11
+INTEGRATION_TOLERANCE = 1e-11
 
 
-def tell_coarse_mesh(solution: Solution) -> None:
-    """Warn where an interval, integrated again from its own mesh point, ends far from the next one."""
-    sizes = np.r_[solution.program.scales.q, solution.program.scales.q / solution.duration]
-    states = solution.problem.mechanism.states
-    if not states and np.max(inner_errors(solution) / sizes) <= FINE:  # nan is not
+def warn_of_coarse_mesh(solution: Solution) -> None:
+    """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
+    for part in solution.phases:
+        _warn_of_coarse_phase(part, solution.duration)
+
+
+def _warn_of_coarse_phase(part: PhaseSolution, duration: float) -> None:
+    sizes = np.r_[part.program.scales.q, part.program.scales.q / duration]
+    states = part.phase.mechanism.states
+    if not states and np.max(inner_errors(part) / sizes) <= FINE_ERROR:  # nan is not
         return
     try:
-        errors = np.max(solution.end_errors[:, : sizes.size] / sizes, axis=1)
+        errors = np.max(part.end_errors[:, : sizes.size] / sizes, axis=1)
     except RuntimeError:  # the integrator did not get to the end of an interval
-        errors = np.full(solution.shares.count, np.inf)
+        errors = np.full(part.mesh.count, np.inf)
     else:
-        _tell_states(solution)
+        _warn_of_states(part)
     worst = int(np.argmax(errors))
-    if errors[worst] <= COARSE:
+    if errors[worst] <= COARSE_ERROR:
         return
-    others = int(np.sum(errors > COARSE)) - 1
-    begin, end = solution.mesh[worst : worst + 2]
+    others = int(np.sum(errors > COARSE_ERROR)) - 1
+    begin, end = part.mesh_times[worst : worst + 2]
     more = f"; so do {others} others" if others else ""
     warnings.warn(
-        f"the mesh of {solution.shares.count} intervals is too coarse for the motion that was found: the interval from "
+        f"the mesh of {part.mesh.count} intervals is too coarse for the motion that was found: the interval from "
         f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g} "
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
         "tolerance= for a mesh that is refined",
         MechanismWarning,
-        stacklevel=3,
+        stacklevel=4,
     )
 
 
-def _tell_states(solution: Solution) -> None:
-    """Warn where the errors of a first-order state, added up as those of a meter do, count beside its range."""
-    sums = np.sum(state_errors(solution), axis=0)
-    for state, share in zip(solution.problem.mechanism.states, sums, strict=True):
-        if share > ADDED_UP:
+def _warn_of_states(part: PhaseSolution) -> None:
+    """Warn if the errors of a first-order state, added up as those of a meter do, count beside its range."""
+    sums = np.sum(state_errors(part), axis=0)
+    for state, error in zip(part.phase.mechanism.states, sums, strict=True):
+        if error > COARSE_STATE_ERROR:
             warnings.warn(
-                f"the mesh of {solution.shares.count} intervals is too coarse for the state '{state.label}': the "
-                f"intervals, integrated again, end off by {share:.2g} of its range in all; take more intervals=, or "
+                f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the "
+                f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
                 "tolerance= for a mesh that is refined",
                 MechanismWarning,
-                stacklevel=4,
+                stacklevel=5,
             )
 
 
-def state_errors(solution: Solution) -> np.ndarray:
+def state_errors(part: PhaseSolution) -> np.ndarray:
     """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
-    return solution.end_errors[:, 2 * solution.problem.equations.q.numel() :] / solution.state_ranges
+    return part.end_errors[:, 2 * part.phase.equations.q.numel() :] / part.state_ranges
 
 
-def inner_errors(solution: Solution) -> np.ndarray:
-    """Largest errors inside the intervals to first order (N, 2 n), where accelerations differ from those of the forces.
+def inner_errors(part: PhaseSolution) -> np.ndarray:
+    """Largest errors inside the intervals to first order (N, 2 n), by the accelerations that the forces do not give.
 
-    With the difference r at a share s of an interval of length h: ``h ∫ r ds`` in
+    With the difference r at a point s of an interval of length h: ``h ∫ r ds`` in
     the velocities and ``h² ∫∫ r ds ds`` in the coordinates. At the ends of the
     intervals these may vanish by the choice of the stages, whatever the errors
-    there; inside they do not, and are larger than what is left at the ends.
+    there; inside they do not, and are larger than those that remain at the ends.
     """
-    rule, motion, numeric = gauss(solution.program.scheme.stages.size + 2), solution.polynomials, solution.numeric
-    count, size = solution.shares.count, rule.degree
+    rule, numeric = gauss(part.program.scheme.stages.size + 2), part.numeric
+    count, size = part.mesh.count, rule.degree
     intervals = np.repeat(np.arange(count), size)
-    t, q, v, a, z, _, u, _ = (x.T for x in motion.at(intervals, np.tile(rule.points, count)))
-    forced = numeric.forward_dynamics(redundant=solution.redundant)(t, q, v, z, u, numeric.p)[0].full()
+    t, q, v, a, z, _, u, _ = (x.T for x in part.polynomials.at(intervals, np.tile(rule.points, count)))
+    forced = numeric.forward_dynamics(redundant=part.redundant)(t, q, v, z, u, numeric.p)[0].full()
     differences = (forced - a).T.reshape(count, size, -1)
     _, once, twice = rule.basis(np.r_[rule.points, 1.0])
-    h = np.diff(solution.mesh)[:, None]
-    found = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
-    return np.hstack([h**2 * found[0], h * found[1]])
+    h = np.diff(part.mesh_times)[:, None]
+    errors = [np.max(np.abs(np.einsum("js,ijn->isn", w, differences)), axis=1) for w in (twice, once)]
+    return np.hstack([h**2 * errors[0], h * errors[1]])
 
 
-def end_errors(solution: Solution) -> np.ndarray:
+def end_errors(part: PhaseSolution) -> np.ndarray:
     """Differences of q, v and z at the ends of all intervals, by integration and as the mesh has them (N, 2 n + k)."""
-    numeric = solution.numeric
+    numeric, count = part.numeric, part.mesh.count
     eom = numeric.eom
     n = eom.q.numel()
-    pieces = [piece.coefficients for piece in solution.inputs.values()]
-    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((solution.shares.count, 1, 0))  # (N, d, n_u)
+    pieces = [piece.coefficients for piece in part.polynomials.inputs.values()]
+    coefficients = np.stack(pieces, axis=2) if pieces else np.zeros((count, 1, 0))  # (N, d, n_u)
     degree, inputs = coefficients.shape[1:]
-    count = solution.shares.count
     parameters = np.vstack(
         [
-            solution.mesh[:-1],
-            np.diff(solution.mesh),
+            part.mesh_times[:-1],
+            np.diff(part.mesh_times),
             np.tile(numeric.p[:, None], (1, count)),
             coefficients.transpose(2, 1, 0).reshape(degree * inputs, count),
         ]
     )
-    starts = solution.nodes[:-1, : 2 * n + eom.z.numel()]
-    redundant = solution.redundant
-    key = ("interval", degree, redundant, numeric.massless)
+    starts = part.mesh_states[:-1, : 2 * n + eom.z.numel()]
+    redundant = part.redundant
+    key = ("interval", degree, redundant, numeric.light_key)
     integrator = eom.mechanism.cache.get_or_create(key, lambda: _integrator(numeric, degree, redundant=redundant))
     reached = integrator.map(count)(x0=starts.T, p=parameters)["xf"].full().T
     recovery = Recovery(numeric, redundant=redundant)
-    times = solution.mesh[1:]
+    times = part.mesh_times[1:]
     q = recovery.positions(times, reached[:, :n])
     v = recovery.velocities(times, q, reached[:, n : 2 * n])
-    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - solution.nodes[1:])
+    return np.abs(np.hstack([q, v, reached[:, 2 * n :]]) - part.mesh_states[1:])
 
 
 def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> ca.Function:
     """``(x0, (start, length, p, coefficients of the inputs)) -> xf`` over one interval."""
     eom = numeric.eom
-    share, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
+    tau, start, length = ca.SX.sym("s"), ca.SX.sym("t0"), ca.SX.sym("h")
     c = ca.SX.sym("c", degree * eom.u.numel())
-    since = length * share
+    since = length * tau
     u = ca.vertcat(
         ca.SX(0, 1),
         *[sum((c[k * degree + j] * since**j for j in range(degree)), ca.SX(0)) for k in range(eom.u.numel())],
@@ -137,27 +142,24 @@ def _integrator(numeric: NumericEquations, degree: int, *, redundant: bool) -> c
     a, lam = numeric.forward_dynamics(redundant=redundant)(t, eom.q, eom.v, eom.z, u, eom.p)
     rate = ca.Function("rate", [*eom.symbols], [eom.z_rate])(t, eom.q, eom.v, a, eom.z, lam, u, eom.p)
     system = {
-        "t": share,
+        "t": tau,
         "x": ca.vertcat(eom.q, eom.v, eom.z),
         "p": ca.vertcat(start, length, eom.p, c),
         "ode": length * ca.vertcat(eom.v, a, rate),
     }
-    options = {"reltol": TOLERANCE, "abstol": TOLERANCE, "max_num_steps": 100_000}
+    options = {"reltol": INTEGRATION_TOLERANCE, "abstol": INTEGRATION_TOLERANCE, "max_num_steps": 100_000}
     return ca.integrator("interval", "erk", system, 0.0, 1.0, options)
 
 
-def local_errors(solution: Solution) -> np.ndarray:
+def local_errors(part: PhaseSolution) -> np.ndarray:
     """Largest difference in displacements (m) and angles (rad) by interval (N, 2)."""
-    n = solution.problem.equations.q.numel()
-    errors = solution.end_errors[:, :n]
-    angles = solution.program.scales.angles
+    errors = part.end_errors[:, : part.phase.equations.q.numel()]
+    angles = part.program.scales.angles
     return np.column_stack([np.max(errors[:, ~angles], axis=1), np.max(errors[:, angles], axis=1)])
 
 
-def scaled_errors(solution: Solution) -> np.ndarray:
+def scaled_errors(part: PhaseSolution) -> np.ndarray:
     """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
-    n = solution.problem.equations.q.numel()
-    found = np.max(solution.end_errors[:, : 2 * n] * np.repeat([1.0, solution.duration], n), axis=1)
-    if not solution.problem.mechanism.states:
-        return found
-    return np.maximum(found, np.max(state_errors(solution), axis=1))
+    n = part.phase.equations.q.numel()
+    errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
+    return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors

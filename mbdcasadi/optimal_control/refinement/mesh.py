@@ -1,4 +1,4 @@
-"""The mesh: intervals of a motion, in phases between its waypoints."""
+"""The mesh of a phase: intervals in segments between its waypoints."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Mesh points as shares of the phases between start, waypoints and end.
+    """Mesh points as fractions of the segments between start, waypoints and end.
 
     Attributes
     ----------
-    phases : tuple of numpy.ndarray
-        For each phase the shares of its mesh points, from 0 to 1.
+    segments : tuple of numpy.ndarray
+        Mesh fractions of each segment, from 0 to 1.
     """
 
-    phases: tuple[np.ndarray, ...]
+    segments: tuple[np.ndarray, ...]
 
     @classmethod
-    def equal(cls, intervals: int, marks: np.ndarray) -> Mesh:
-        """Intervals of nearly equal length over phases that begin and end at given times."""
-        lengths = np.diff(marks)
+    def equal(cls, intervals: int, segment_times: np.ndarray) -> Mesh:
+        """Intervals of nearly equal length over segments that begin and end at given times."""
+        lengths = np.diff(segment_times)
         counts = np.maximum(np.round(intervals * lengths / lengths.sum()).astype(int), 1)
         while counts.sum() > intervals and counts.max() > 1:
             counts[np.argmax(counts / lengths)] -= 1
@@ -33,56 +33,56 @@ class Mesh:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Intervals of each phase."""
-        return tuple(shares.size - 1 for shares in self.phases)
+        """Number of intervals of each segment."""
+        return tuple(fractions.size - 1 for fractions in self.segments)
 
     @property
     def count(self) -> int:
-        """Intervals in all."""
+        """Number of intervals."""
         return sum(self.counts)
 
     @cached_property
-    def phase(self) -> np.ndarray:
-        """Phase of each interval (N,)."""
-        return np.repeat(np.arange(len(self.phases)), self.counts)
+    def segment(self) -> np.ndarray:
+        """Segment of each interval (N,)."""
+        return np.repeat(np.arange(len(self.segments)), self.counts)
 
     @cached_property
     def begin(self) -> np.ndarray:
-        """Share of its phase at which each interval begins (N,)."""
-        return np.concatenate([shares[:-1] for shares in self.phases])
+        """Fraction of its segment at which each interval begins (N,)."""
+        return np.concatenate([fractions[:-1] for fractions in self.segments])
 
     @cached_property
     def length(self) -> np.ndarray:
-        """Share of its phase that each interval takes (N,)."""
-        return np.concatenate([np.diff(shares) for shares in self.phases])
+        """Fraction of its segment that each interval takes (N,)."""
+        return np.concatenate([np.diff(fractions) for fractions in self.segments])
 
     def is_same(self, other: Mesh) -> bool:
-        """Whether another mesh has the same points."""
-        return self.counts == other.counts and all(map(np.array_equal, self.phases, other.phases))
+        """Return True if another mesh has the same points."""
+        return self.counts == other.counts and all(map(np.array_equal, self.segments, other.segments))
 
-    def times(self, marks: np.ndarray) -> np.ndarray:
-        """Mesh points (N + 1,), s, for phases that begin and end at given times."""
-        lengths = np.diff(marks)
-        return np.r_[marks[self.phase] + self.begin * lengths[self.phase], marks[-1]]
+    def times(self, segment_times: np.ndarray) -> np.ndarray:
+        """Mesh points (N + 1,), s, for segments that begin and end at given times."""
+        lengths = np.diff(segment_times)
+        return np.r_[segment_times[self.segment] + self.begin * lengths[self.segment], segment_times[-1]]
 
     def refined(self, pieces: np.ndarray, merge: np.ndarray) -> Mesh:
-        """Mesh with intervals split into pieces, or merged with the next one of their phase.
+        """Mesh with intervals split into pieces, or merged with the next one of their segment.
 
         Parameters
         ----------
         pieces : numpy.ndarray of int
-            Into how many each interval is split (N,).
+            Number of pieces into which each interval is split (N,).
         merge : numpy.ndarray of bool
             Whether an interval is joined with the next one (N,).
         """
-        phases, first = [], 0
-        for shares in self.phases:
-            count, points = shares.size - 1, [0.0]
+        segments, first = [], 0
+        for fractions in self.segments:
+            count, points = fractions.size - 1, [0.0]
             for k in range(count):
                 i = first + k
                 if merge[i] and k + 1 < count:
                     continue
-                points += np.linspace(shares[k], shares[k + 1], pieces[i] + 1)[1:].tolist()
-            phases.append(np.array(points))
+                points += np.linspace(fractions[k], fractions[k + 1], pieces[i] + 1)[1:].tolist()
+            segments.append(np.array(points))
             first += count
-        return Mesh(tuple(phases))
+        return Mesh(tuple(segments))

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ...errors import Interrupted
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
 from ..nlp.solver import Solver
+from ..nlp.statistics import Pass
 from ..solution import Solution
-from ..solve_statistics import Pass
 from .local_error import scaled_errors
 from .mesh import Mesh
 
-#: Passes of the refinement, pieces into which an interval is split, and intervals of a mesh, at the most.
+#: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
 PASSES, PIECES, INTERVALS = 12, 6, 2000
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
-WELL_BELOW = 0.05
+MERGING_SHARE = 0.05
 
 
 def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
@@ -28,67 +28,83 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     pieces, r the order of the scheme; neighbours whose common interval is
     foreseen to stay far below the tolerance are merged. Each pass starts from
     the last solution.
+
+    Raises
+    ------
+    OptimizationError
+        If a pass fails, with the last solution in ``.reached``, or if no mesh was found that meets the tolerance,
+        with the last solution in ``.partial``.
     """
     passes: list[Pass] = []
     merging = True
     reason = f"{PASSES} passes are made"
     for _ in range(PASSES):
         errors = _errors(solution)
-        s = solution.statistics
-        passes.append(Pass(solution.shares.count, float(np.max(errors)), solution.cost, s.iterations, s.seconds))
-        solution.statistics = replace(s, passes=passes)
-        if np.max(errors) <= tolerance:
+        error, s = float(np.max(np.concatenate(errors))), solution.statistics
+        passes.append(Pass(_count(solution.meshes), error, solution.cost, s.iterations, s.seconds))
+        solution.statistics = replace(s, passes=list(passes))
+        if error <= tolerance:
             return solution
         before = [p.error for p in passes[:-1]][-2:]
-        if len(before) == 2 and passes[-1].error > max(before) / 2 and not merging:
+        if len(before) == 2 and error > max(before) / 2 and not merging:
             reason = "the local error does not fall any further"
             break
-        merging = merging and passes[-1].error <= min(before, default=np.inf) / 2
-        mesh = adapted(solution.shares, errors, tolerance, solution.program.scheme.order, merging=merging)
-        if mesh.count > INTERVALS:
-            reason = f"the next mesh would have {mesh.count} intervals"
+        merging = merging and error <= min(before, default=np.inf) / 2
+        order = solution.phases[0].program.scheme.order
+        meshes = [
+            adapted(mesh, e, tolerance, order, merging=merging) for mesh, e in zip(solution.meshes, errors, strict=True)
+        ]
+        if _count(meshes) > INTERVALS:
+            reason = f"the next mesh would have {_count(meshes)} intervals"
             break
         guess = solution.as_guess(solver.problem)
+        solver.best.new_stage()
         try:
-            solution = solver.solve(mesh, guess, warm=True)
-        except OptimizationError:  # what is near on one mesh may be far on another
+            solution = solver.solve(meshes, guess, warm=True)
+        except OptimizationError:  # a guess that is near on one mesh may be far on another
             try:
-                solution = solver.solve(mesh, guess)
-            except OptimizationError as error:
-                error.reached = solution
+                solution = solver.solve(meshes, guess)
+            except OptimizationError as failure:
+                failure.reached = solution
                 raise
     raise OptimizationError(
-        f"the mesh was refined to {solution.shares.count} intervals and the local error is still "
-        f"{passes[-1].error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
+        f"the mesh was refined to {_count(solution.meshes)} intervals and the local error is still "
+        f"{error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
         largest_violations=[],
         partial=solution,
         time=None,
     )
 
 
-def _errors(solution: Solution) -> np.ndarray:
+def _count(meshes: Sequence[Mesh]) -> int:
+    """Number of intervals of all phases."""
+    return sum(mesh.count for mesh in meshes)
+
+
+def _errors(solution: Solution) -> list[np.ndarray]:
+    """Local errors of the intervals by phase; Ctrl-C in compiled code comes as what it is."""
     with interruptible() as interruption:
         try:
-            return scaled_errors(solution)
-        except (KeyboardInterrupt, RuntimeError):
+            return [scaled_errors(phase) for phase in solution.phases]
+        except RuntimeError:
             if not interruption.requested:
                 raise
-    raise Interrupted("stopped by the user; the last solution is in .partial", partial=solution)
+    raise KeyboardInterrupt
 
 
 def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, merging: bool = True) -> Mesh:
-    """Mesh whose intervals are split or merged by their local errors (N,).
+    """Return the mesh with intervals split or merged by their local errors.
 
     Parameters
     ----------
     mesh : Mesh
-        The mesh so far.
+        Present mesh.
     errors : numpy.ndarray
         Local errors (N,).
     tolerance : float
-        What they should stay below.
+        Value that they should stay below.
     order : int
-        Of the scheme: local errors go with the power ``order + 1`` of the length.
+        Order of the scheme: local errors go with the power ``order + 1`` of the length.
     merging : bool
         Whether intervals may be merged: not after a pass that did not bring the error down.
     """
@@ -99,7 +115,7 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, mer
     while merging and k + 1 < errors.size:
         together = (mesh.length[k] + mesh.length[k + 1]) / np.minimum(mesh.length[k], mesh.length[k + 1])
         foreseen = max(errors[k], errors[k + 1]) * together ** (order + 1)
-        if mesh.phase[k] == mesh.phase[k + 1] and foreseen <= WELL_BELOW * tolerance:
+        if mesh.segment[k] == mesh.segment[k + 1] and foreseen <= MERGING_SHARE * tolerance:
             merge[k] = True
             k += 1
         k += 1

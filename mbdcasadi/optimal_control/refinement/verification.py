@@ -1,14 +1,13 @@
-"""The proof of a solution: the mechanism simulated with its inputs."""
+"""Verification of a solution: the mechanism simulated with its inputs."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...errors import MechanismWarning
+from ...numerics.console import without_warnings
 from ...results.trajectory import Trajectory
 from .local_error import local_errors
 
@@ -17,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Replay:
-    """A simulation with the inputs of a solution.
+class Verification:
+    """A simulation with the inputs of a solution, compared with it.
 
     Attributes
     ----------
@@ -31,9 +30,9 @@ class Replay:
     drift : float
         Largest ``|Phi|`` of the simulated motion.
     defects : numpy.ndarray
-        By interval, started anew at each mesh point: largest difference in
+        By interval, started again at each mesh point: largest difference in
         displacements (m) and in angles (rad), (N, 2). A motion that is unstable may have
-        small defects and still not replay as a whole.
+        small defects and still not be followed by the simulation as a whole.
     """
 
     trajectory: Trajectory
@@ -45,23 +44,18 @@ class Replay:
     def __repr__(self) -> str:
         worst = np.max(self.defects, axis=0)
         return (
-            f"Replay by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
+            f"Verification by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
             f"{self.largest_deviation:.2e} at most; defects of intervals up to {worst[0]:.1e} m, {worst[1]:.1e} rad"
         )
 
 
-def replay(solution: Solution, reltol: float, abstol: float) -> Replay:
+def verification(solution: Solution, reltol: float, abstol: float) -> Verification:
     """Simulate from the first state of a solution and compare at the mesh points."""
-    with warnings.catch_warnings():  # how far limits are passed is told by Solution.limit_excess
-        warnings.filterwarnings("ignore", ".*beyond its limits", MechanismWarning)
+    with without_warnings(".*beyond its limits"):  # Solution.limit_excess says how far limits are passed
         motion = solution.simulate(reltol=reltol, abstol=abstol)
-    wanted = solution.trajectory.q[:: solution.points_per_interval]
-    states = solution.trajectory.z[:: solution.points_per_interval]
-    difference = np.abs(np.hstack([motion.q - wanted, (motion.z - states) / solution.state_ranges]))
-    return Replay(
-        motion,
-        float(np.max(difference[-1])),
-        float(np.max(difference)),
-        motion.drift.position,
-        local_errors(solution),
+    part = solution.phases[0]
+    planned = part.trajectory.q[:: part.points_per_interval], part.trajectory.z[:: part.points_per_interval]
+    difference = np.abs(np.hstack([motion.q - planned[0], (motion.z - planned[1]) / part.state_ranges]))
+    return Verification(
+        motion, float(np.max(difference[-1])), float(np.max(difference)), motion.drift.position, local_errors(part)
     )

@@ -1,263 +1,324 @@
-"""What a transcription says of one interval of the mesh; everything else is the same for all of them.
+"""The part of a transcription that depends on the scheme: one interval of the mesh.
 
 A transcription names the unknowns of an interval, the equations between them,
-and the polynomials by which the motion runs between the mesh points. The
+and the polynomials that the motion follows between the mesh points. The
 program, the scaling, the guess, the refinement, the labels and the results
 know no scheme by name.
 """
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
 
-from ..constraints import MotionConstraints
+from ...equations.reduced import ReducedEquations
+from ...errors import ModelError
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
+from .constraints import MotionConstraints
 from .controls import InputBasis
-from .points import Interval, Point
+from .points import CollocationPoint, Interval
+
+Scheme = TypeVar("Scheme", bound="Transcription")
 
 
 class Transcription(ABC):
     """Base class of transcriptions.
 
-    A subclass sets :attr:`name`, :attr:`order`, :attr:`stages`, :attr:`quadrature`
-    and :attr:`block_parts`, and writes :meth:`input_points`, :meth:`point` and
-    :meth:`equations`; ``optimize(problem, transcription=Subclass)`` uses it.
+    A subclass sets :attr:`name`, :attr:`order`, :attr:`stages` and :attr:`quadrature`, and writes
+    :attr:`interval_variables`, :meth:`input_points`, :meth:`point` and :meth:`equations`;
+    ``optimize(problem, transcription=Subclass)`` uses it. Points of an interval are given by the
+    normalised time ``tau``, which runs from 0 to 1 in it.
 
     Parameters
     ----------
-    constraints : MotionConstraints
-        Rows that hold all along.
-    weights : numpy.ndarray
-        Metric W in which states are moved onto the constraints, by independent coordinate (n,).
-    inputs : InputBasis
-        How the inputs vary.
-    degree : int
+    degree : int, default 3
         ``degree=`` of ``optimize``, for schemes that have a choice of stages.
 
     Attributes
     ----------
-    eom : ReducedEquations
-        Equations in the independent coordinates. Unknowns and rows of a scheme are in these.
-    stages : numpy.ndarray
-        Shares of the interval at which the equations of motion hold.
-    quadrature : numpy.ndarray
-        Weights of the stages in an integral over the interval.
+    name : str
+        Name in results.
     order : int
         Order of the states at the mesh points.
-    block_parts : dict of str to (int, numpy.ndarray)
-        Unknowns of the interval by name: rows, and the shares at which they
-        live, one column each; ``nan`` for what lives nowhere.
+    stages : numpy.ndarray
+        Points ``tau`` at which the equations of motion hold.
+    quadrature : numpy.ndarray
+        Weights of the stages in an integral over the interval.
+    eom : ReducedEquations
+        Equations in the independent coordinates. Unknowns and rows of a scheme are in these.
+        Known, as the following, in the methods that a subclass writes, not in its constructor.
+    constraints : MotionConstraints
+        Rows that hold throughout.
+    weights : numpy.ndarray
+        Metric W in which states are moved onto the constraints, by independent coordinate (n,).
+    inputs : InputBasis
+        Course of the inputs in an interval.
     """
 
     name: ClassVar[str]
+    degree: int = 3
+    order: int
     stages: np.ndarray
     quadrature: np.ndarray
-    order: int
-    block_parts: dict[str, tuple[int, np.ndarray]]
+    eom: ReducedEquations
+    constraints: MotionConstraints
+    weights: np.ndarray
+    inputs: InputBasis
 
-    def __init__(self, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis, degree: int):
-        eom = self.eom = constraints.eom
-        self.constraints = constraints
-        self.weights = weights
-        self.inputs = inputs
-        self.node_parts = {
-            "q": eom.q.numel(),
-            "v": eom.q.numel(),
-            "z": eom.z.numel(),
-            "u": eom.u.numel() if inputs.joined else 0,
-        }
-        acceleration = constraints.jacobian @ eom.a - constraints.gamma
-        self._motion = ca.Function("motion", [*eom.symbols], [eom.motion, acceleration, eom.z_rate])
+    def __init__(self, degree: int = 3):
+        self.degree = degree
 
+    def bound_to(self: Scheme, constraints: MotionConstraints, weights: np.ndarray, inputs: InputBasis) -> Scheme:
+        """Return the scheme for the equations of a mechanism."""
+        origin: Scheme = vars(self).get("_origin", self)
+        scheme = copy.copy(origin)
+        scheme._origin = origin  # type: ignore[attr-defined]
+        scheme.eom, scheme.constraints, scheme.weights, scheme.inputs = constraints.eom, constraints, weights, inputs
+        return scheme
+
+    # --- what a scheme says ---------------------------------------------------------------
     @property
-    def rows(self) -> list[int]:
-        """Rows of ``eom`` that are independent; others are implied by them."""
-        return self.constraints.rows
-
-    # --- unknowns -------------------------------------------------------------------------
-    @cached_property
-    def node_size(self) -> int:
-        """Unknowns of a mesh point."""
-        return sum(self.node_parts.values())
-
-    @cached_property
-    def block_size(self) -> int:
-        """Unknowns of an interval alone."""
-        return sum(size * shares.size for size, shares in self.block_parts.values())
-
-    def node(self, values: Any) -> dict[str, Any]:
-        """Unknowns of a mesh point by name."""
-        found, first = {}, 0
-        for name, size in self.node_parts.items():
-            found[name] = values[first : first + size]
-            first += size
-        return found
-
-    def block(self, values: Any) -> dict[str, Any]:
-        """Unknowns of an interval by name, one column for each share at which they live."""
-        found, first = {}, 0
-        for name, (size, shares) in self.block_parts.items():
-            count = size * shares.size
-            found[name] = ca.reshape(values[first : first + count], size, shares.size)
-            first += count
-        return found
-
-    def block_slice(self, name: str) -> slice:
-        """Where a part of the block sits in it."""
-        first = 0
-        for key, (size, shares) in self.block_parts.items():
-            if key == name:
-                return slice(first, first + size * shares.size)
-            first += size * shares.size
-        raise KeyError(name)
-
-    def sizes(self, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
-        """Typical sizes of the unknowns of a mesh point and of an interval."""
-        mu_1, mu_2 = self.constraints.corrections(scales, self.weights)
-        known = {
-            "a": scales.a,
-            "lam": scales.lam[self.rows],
-            "rate": scales.z / scales.time,
-            "u": scales.u,
-            "mu_1": mu_1,
-            "mu_2": mu_2,
-        }
-        node = [scales.q, scales.v, scales.z, scales.u if self.inputs.joined else np.zeros(0)]
-        block = [np.tile(known[name], shares.size) for name, (_, shares) in self.block_parts.items()]
-        return np.concatenate(node), np.concatenate([np.zeros(0), *block])
-
-    # --- the motion between the mesh points ---------------------------------------------------
-    @staticmethod
     @abstractmethod
-    def input_points(degree: int) -> tuple[tuple[float, ...], bool]:
-        """Where the values of polynomial inputs are given: shares inside the interval, and whether at both ends too."""
+    def interval_variables(self) -> dict[str, tuple[int, np.ndarray]]:
+        """Unknowns of an interval by name: number of rows, and a ``tau`` for each column; ``nan`` for none.
+
+        Names that are known: ``a`` (accelerations), ``lam`` (multipliers of :attr:`rows`), ``u`` (inputs),
+        ``rate`` (rates of first-order states), ``mu_1`` and ``mu_2`` (multipliers that move positions and
+        velocities onto the constraints). Others need a size, see :meth:`variable_sizes`.
+        """
 
     @abstractmethod
-    def point(self, interval: Interval, share: Any) -> Point:
-        """State at a share of the interval by the polynomials of the scheme."""
+    def input_points(self, *, lower_degree: bool) -> tuple[tuple[float, ...], bool]:
+        """Points inside the interval at which polynomial inputs have values, and whether both ends have values too.
+
+        Parameters
+        ----------
+        lower_degree : bool
+            Whether the degree is to be one less than the stages determine.
+        """
+
+    @abstractmethod
+    def point(self, interval: Interval, tau: Any) -> CollocationPoint:
+        """State at a point of the interval by the polynomials of the scheme."""
 
     @abstractmethod
     def equations(self, interval: Interval, scales: Scales) -> list[Rows]:
         """Equations of motion in the interval, and the step to the next mesh point."""
 
-    def _unknown_interval(self) -> tuple[Interval, list[ca.SX]]:
-        """An interval of symbols, and these in order, with the share and the parameters last."""
-        sizes = {"w": self.node_size, "b": self.block_size, "x": self.node_size, "t": 1, "h": 1, "s": 1}
-        node, block, next_node, start, length, share = (ca.SX.sym(name, size) for name, size in sizes.items())
-        interval = Interval(node, block, next_node, start, length, self.eom.p)
-        return interval, [node, block, next_node, start, length, share, self.eom.p]
+    def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
+        """Equations that hold at the start of the motion alone, besides the constraints there."""
+        return []
+
+    def variable_sizes(self, scales: Scales) -> dict[str, np.ndarray]:
+        """Typical sizes of the unknowns by name."""
+        mu_1, mu_2 = self.constraints.corrections(scales, self.weights)
+        return {
+            "q": scales.q,
+            "v": scales.v,
+            "z": scales.z,
+            "u": scales.u,
+            "a": scales.a,
+            "lam": scales.lam[self.rows],
+            "rate": scales.z / scales.time,
+            "mu_1": mu_1,
+            "mu_2": mu_2,
+        }
+
+    # --- unknowns -------------------------------------------------------------------------
+    @property
+    def rows(self) -> list[int]:
+        """Rows of ``eom`` that are independent; others are implied by them."""
+        return self.constraints.rows
+
+    @property
+    def point_variables(self) -> dict[str, int]:
+        """Unknowns of a mesh point: number of rows by name."""
+        eom = self.eom
+        sizes = {"q": eom.q.numel(), "v": eom.q.numel(), "z": eom.z.numel()}
+        return sizes | {"u": eom.u.numel() if self.inputs.joined else 0}
 
     @cached_property
-    def _compiled_point(self) -> ca.Function:
-        interval, symbols = self._unknown_interval()
-        return ca.Function("point", symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).arguments])
+    def _parts(self) -> tuple[dict[str, slice], dict[str, slice]]:
+        """Positions of the unknowns of a mesh point, and of an interval."""
+        parts = []
+        for counts in (self.point_variables, {name: k * taus.size for name, (k, taus) in self._variables.items()}):
+            ends = np.cumsum([0, *counts.values()]).tolist()
+            parts.append({name: slice(*ends[k : k + 2]) for k, name in enumerate(counts)})
+        return parts[0], parts[1]
 
     @cached_property
-    def motion(self) -> ca.Function:
-        """``(node, block, next node, start, length, share, p) -> (t, q, v, a, z, lam, u, u̇)``, of all coordinates."""
-        interval, symbols = self._unknown_interval()
-        at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
-        return ca.Function("motion", symbols, [ca.densify(x) for x in at.arguments])
+    def _variables(self) -> dict[str, tuple[int, np.ndarray]]:
+        return self.interval_variables
 
-    def at(self, interval: Interval, share: Any) -> Point:
-        """:meth:`point`, by a function that is compiled once; numbers as shares are asked for once, too."""
-        known = interval.points.get(share) if isinstance(share, float) else None
-        if known is not None:
-            return known
-        i = interval
-        found = Point(*self._compiled_point(i.node, i.block, i.next_node, i.start, i.length, share, i.p))
-        if isinstance(share, float):
-            interval.points[share] = found
-        return found
+    @cached_property
+    def point_size(self) -> int:
+        """Number of unknowns of a mesh point."""
+        return sum(self.point_variables.values())
 
-    def points(self, interval: Interval) -> list[Point]:
-        """States at the stages."""
-        return [self.at(interval, float(share)) for share in self.stages]
+    @cached_property
+    def interval_size(self) -> int:
+        """Number of unknowns of an interval alone."""
+        return sum(k * taus.size for k, taus in self._variables.values())
 
-    def start(self, interval: Interval) -> Point:
-        """State at the beginning."""
-        return self.at(interval, 0.0)
+    def split_point(self, values: Any) -> dict[str, Any]:
+        """Unknowns of a mesh point by name: ``q``, ``v``, ``z``, and ``u`` if the inputs are continuous."""
+        return {name: values[part] for name, part in self._parts[0].items()}
 
-    def end(self, interval: Interval) -> Point:
-        """State at the next mesh point; accelerations, multipliers and inputs as the interval ends."""
-        inner, node = self.at(interval, 1.0), self.node(interval.next_node)
-        return Point(inner.t, node["q"], node["v"], inner.a, node["z"], inner.lam, inner.u, inner.u_rate)
+    def split_interval(self, values: Any) -> dict[str, Any]:
+        """Unknowns of an interval by name, one column for each ``tau``."""
+        return {
+            name: ca.reshape(values[self._parts[1][name]], k, taus.size) for name, (k, taus) in self._variables.items()
+        }
 
-    def _inputs(self, interval: Interval, share: Any) -> tuple[ca.SX, ca.SX]:
-        """Inputs and their rates at a share of the interval."""
-        values = self.block(interval.block)["u"]
-        if self.inputs.joined:
-            ends = [self.node(node)["u"] for node in (interval.node, interval.next_node)]
-            values = ca.horzcat(ends[0], values, ends[1])
-        weights, slopes = (ca.SX(w(share)) for w in (self.inputs.weights, self.inputs.rate_weights))
-        return values @ weights, values @ slopes / interval.length
+    def interval_slice(self, name: str) -> slice:
+        """Position of a variable among the unknowns of the interval."""
+        return self._parts[1][name]
 
-    def own(self, name: str, values: np.ndarray) -> np.ndarray:
-        """Of the values of a motion by name, each (k, size), the columns that are unknowns here."""
+    def sizes(self, scales: Scales) -> tuple[np.ndarray, np.ndarray]:
+        """Typical sizes of the unknowns of a mesh point and of an interval."""
+        known = self.variable_sizes(scales)
+        missing = [name for name in self._variables if name not in known]
+        if missing:
+            raise ModelError(
+                f"transcription '{self.name}': nothing says how large the variable '{missing[0]}' is; "
+                "add it to what variable_sizes returns"
+            )
+        point = [known[name][:k] for name, k in self.point_variables.items()]
+        interval = [np.tile(known[name], taus.size) for name, (_, taus) in self._variables.items()]
+        return np.concatenate(point), np.concatenate([np.zeros(0), *interval])
+
+    def unknown_columns(self, name: str, values: np.ndarray) -> np.ndarray:
+        """Of the values of a motion by name, each (k, size), the columns that are unknowns of the scheme."""
         if name in ("q", "v", "a"):
             return values[:, self.eom.independent]
         return values[:, [self.eom.rows[k] for k in self.rows]] if name == "lam" else values
 
-    def expanded(self, at: Point, p: ca.SX) -> Point:
+    # --- the motion between the mesh points -----------------------------------------------
+    def _symbolic_interval(self) -> tuple[Interval, list[ca.SX]]:
+        """An interval of symbols, and these in order, with tau and the parameters last."""
+        sizes = {"w": self.point_size, "b": self.interval_size, "x": self.point_size, "t": 1, "h": 1, "s": 1}
+        first, inner, last, start, length, tau = (ca.SX.sym(name, size) for name, size in sizes.items())
+        return Interval(first, inner, last, start, length, self.eom.p), [
+            first, inner, last, start, length, tau, self.eom.p,
+        ]  # fmt: skip
+
+    @cached_property
+    def _compiled_point(self) -> ca.Function:
+        interval, symbols = self._symbolic_interval()
+        return ca.Function("point", symbols, [ca.densify(x) for x in self.point(interval, symbols[5]).values])
+
+    @cached_property
+    def motion(self) -> ca.Function:
+        """``(first, inner, last, start, length, tau, p) -> (t, q, v, a, z, lam, u, u̇)``, of all coordinates."""
+        interval, symbols = self._symbolic_interval()
+        at = self.expanded(self.at(interval, symbols[5]), self.eom.p)
+        return ca.Function("motion", symbols, [ca.densify(x) for x in at.values])
+
+    def at(self, interval: Interval, tau: Any) -> CollocationPoint:
+        """:meth:`point`, by a function that is compiled once; at numbers it is evaluated once, too."""
+        known = interval.points.get(tau) if isinstance(tau, float) else None
+        if known is not None:
+            return known
+        i = interval
+        point = CollocationPoint(*self._compiled_point(i.first, i.inner, i.last, i.start, i.length, tau, i.p))
+        if isinstance(tau, float):
+            interval.points[tau] = point
+        return point
+
+    def points(self, interval: Interval) -> list[CollocationPoint]:
+        """States at the stages."""
+        return [self.at(interval, float(tau)) for tau in self.stages]
+
+    def start(self, interval: Interval) -> CollocationPoint:
+        """State at the beginning."""
+        return self.at(interval, 0.0)
+
+    def end(self, interval: Interval) -> CollocationPoint:
+        """State at the next mesh point; accelerations, multipliers and inputs as the interval ends."""
+        inner, last = self.at(interval, 1.0), self.split_point(interval.last)
+        return CollocationPoint(inner.t, last["q"], last["v"], inner.a, last["z"], inner.lam, inner.u, inner.u_rate)
+
+    def inputs_at(self, interval: Interval, tau: Any) -> tuple[ca.SX, ca.SX]:
+        """Inputs and their rates at a point of the interval."""
+        values = self.split_interval(interval.inner)["u"]
+        if self.inputs.joined:
+            ends = [self.split_point(end)["u"] for end in (interval.first, interval.last)]
+            values = ca.horzcat(ends[0], values, ends[1])
+        weights, slopes = (ca.SX(w(tau)) for w in (self.inputs.weights, self.inputs.rate_weights))
+        return values @ weights, values @ slopes / interval.length
+
+    def expanded(self, at: CollocationPoint, p: ca.SX) -> CollocationPoint:
         """The same point with all coordinates of the mechanism and the multipliers of all rows."""
         if not self.eom.explicit:
             return at
-        q, v, a, lam = self.eom.expansion(*at.arguments[:-1], p)
-        return Point(at.t, q, v, a, at.z, lam, at.u, at.u_rate)
+        q, v, a, lam = self.eom.expansion(*at.values[:-1], p)
+        return CollocationPoint(at.t, q, v, a, at.z, lam, at.u, at.u_rate)
 
     def full_multipliers(self, lam: ca.SX) -> ca.SX:
-        """Multipliers of all rows of ``eom``; those of implied rows are zero."""
+        """Multipliers of all rows of ``eom`` from those of :attr:`rows`; those of implied rows are zero."""
         full = ca.SX(self.eom.lam.numel(), 1)
         if self.rows:
             full[self.rows] = lam
         return full
 
-    # --- equations in common --------------------------------------------------------------------
-    def motion_rows(self, at: Point, p: ca.SX, share: float, scales: Scales) -> list[Rows]:
+    # --- equations in common --------------------------------------------------------------
+    @cached_property
+    def _residuals(self) -> ca.Function:
+        eom, constraints = self.eom, self.constraints
+        return ca.Function("residuals", [*eom.symbols], [eom.motion, constraints.jacobian @ eom.a - constraints.gamma])
+
+    @cached_property
+    def _state_rates(self) -> ca.Function:
+        return ca.Function("rates", [*self.eom.symbols], [self.eom.z_rate])
+
+    def state_rates(self, at: CollocationPoint, p: ca.SX) -> ca.SX:
+        """Rates of the first-order states at a point."""
+        return self._state_rates(*at.values[:-1], p)
+
+    def motion_rows(self, at: CollocationPoint, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``M a + Phi_q^T lam - Q = 0`` and ``Phi_q a - gamma = 0`` at a point."""
-        motion, acceleration, _ = self._motion(at.t, at.q, at.v, at.a, at.z, at.lam, at.u, p)
-        eom = self.eom
+        motion, acceleration = self._residuals(*at.values[:-1], p)
+        labels = tuple(f"equation of motion of {name}" for name in self.eom.coordinate_names)
+        units = tuple("N m" if angle else "N" for angle in scales.angles)
         return [
-            Rows(
-                motion,
-                tuple(f"equation of motion of {name}" for name in eom.coordinate_names),
-                share,
-                scales.load * scales.steps**2,
-                tuple("N m" if angle else "N" for angle in scales.angles),
-            ),
-            self.constraints.acceleration_rows(acceleration, share, scales),
+            Rows(motion, labels, tau, scales.load * scales.steps**2, units),
+            self.constraints.acceleration_rows(acceleration, tau, scales),
         ]
 
-    def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, share: float, scales: Scales) -> list[Rows]:
+    def constraint_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> list[Rows]:
         """``Phi = 0`` and ``Phi_q v - nu = 0`` at a mesh point."""
         constraints = self.constraints
-        return [
-            constraints.position_rows(q, t, p, share, scales),
-            constraints.velocity_rows(q, v, t, p, share, scales),
-        ]
+        return [constraints.position_rows(q, t, p, tau, scales), constraints.velocity_rows(q, v, t, p, tau, scales)]
 
-    def start_rows(self, interval: Interval, scales: Scales) -> list[Rows]:
-        """Equations that hold at the start of the motion alone, besides the constraints there."""
-        return []
+    def corrections(
+        self, t: ca.SX, q: ca.SX, p: ca.SX, mu_1: ca.SX, mu_2: ca.SX | None = None
+    ) -> tuple[ca.SX, ca.SX | None]:
+        """``W⁻¹ Phi_q^T mu_1`` of the position rows and ``W⁻¹ Phi_q^T mu_2`` of all rows, at coordinates q."""
+        _, position_jacobian, jacobian, _ = self.constraints.function(t, q, p)
+        inverse = ca.diag(ca.DM(1 / self.weights))
+        return inverse @ (position_jacobian.T @ mu_1), None if mu_2 is None else inverse @ (jacobian.T @ mu_2)
 
-    def _continuity(self, residual: ca.SX, kind: str, scale: np.ndarray, scales: Scales) -> Rows:
-        """Rows that carry the coordinates or their rates over to the next mesh point."""
-        what, per = ("continuity of", "") if kind == "q" else ("continuity of the velocity of", "/s")
-        return Rows(
-            residual,
-            tuple(f"{what} {name}" for name in self.eom.coordinate_names),
-            1.0,
-            scale,
-            tuple(("rad" if angle else "m") + per for angle in scales.angles),
-        )
+    def continuity_rows(self, residual: ca.SX, scales: Scales, *, velocities: bool = False) -> Rows:
+        """Rows that carry the coordinates, or their rates, over to the next mesh point."""
+        kind, per = ("continuity of the velocity of", "/s") if velocities else ("continuity of", "")
+        labels = tuple(f"{kind} {name}" for name in self.eom.coordinate_names)
+        units = tuple(("rad" if angle else "m") + per for angle in scales.angles)
+        return Rows(residual, labels, 1.0, scales.v * scales.steps if velocities else scales.q, units)
 
-    def _state_rows(self, residual: ca.SX, what: str, share: float, scale: np.ndarray) -> Rows:
-        """Rows of first-order states."""
-        names = tuple(f"{what} {z.label}" for z in self.eom.mechanism.states)
-        return Rows(residual, names, share, scale, tuple("in the state's unit" for _ in names))
+    def state_continuity_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
+        """Rows that carry the first-order states over to the next mesh point."""
+        return self._state_rows("continuity of", residual, tau, scales.z)
+
+    def state_rate_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
+        """Rows that hold the rates of the first-order states at a point."""
+        return self._state_rows("rate of", residual, tau, scales.z * scales.steps / scales.time)
+
+    def _state_rows(self, kind: str, residual: ca.SX, tau: float, scale: np.ndarray) -> Rows:
+        names = tuple(f"{kind} {z.label}" for z in self.eom.mechanism.states)
+        return Rows(residual, names, tau, scale, tuple("in the state's unit" for _ in names))

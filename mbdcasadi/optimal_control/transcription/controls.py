@@ -1,4 +1,4 @@
-"""How inputs vary over an interval of the mesh: polynomials through values at given shares."""
+"""Course of the inputs over an interval of the mesh: polynomials through values at given points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ModelError
 from ...numerics.collocation import combine, lagrange_coefficients, powers
 
-#: What ``control=`` may say.
+#: Values of ``control=``.
 CONTROLS = ("polynomial", "linear", "constant")
 
 
@@ -24,7 +24,7 @@ class InputBasis:
     name : str
         One of :data:`CONTROLS`.
     inner : tuple of float
-        Shares of the interval at which values belong to the interval alone.
+        Points, as ``tau`` from 0 to 1, whose values belong to the interval alone.
     joined : bool
         Whether the values at both ends count too; they belong to the mesh
         points, so that the inputs are continuous.
@@ -35,26 +35,26 @@ class InputBasis:
     joined: bool
 
     @property
-    def shares(self) -> np.ndarray:
-        """Shares at which the values are given."""
+    def taus(self) -> np.ndarray:
+        """Points of the values (k,)."""
         return np.array([0.0, *self.inner, 1.0] if self.joined else self.inner)
 
     @cached_property
     def coefficients(self) -> np.ndarray:
         """Monomial coefficients of the Lagrange polynomials (k, k), one row for each value."""
-        return lagrange_coefficients(self.shares)
+        return lagrange_coefficients(self.taus)
 
-    def weights(self, share: Any) -> Any:
-        """Weight of each value in the input at a share of the interval (k,)."""
-        return combine(self.coefficients, powers(share, self.shares.size))
+    def weights(self, tau: Any) -> Any:
+        """Weight of each value in the input at a point (k,)."""
+        return combine(self.coefficients, powers(tau, self.taus.size))
 
-    def rate_weights(self, share: Any) -> Any:
-        """Weight of each value in the derivative by the share (k,)."""
-        k = self.shares.size
+    def rate_weights(self, tau: Any) -> Any:
+        """Weight of each value in the derivative by tau (k,)."""
+        k = self.taus.size
         if k < 2:
             return np.zeros((k, 1))
         slopes = self.coefficients[:, 1:] * np.arange(1, k)
-        return combine(slopes, powers(share, k - 1))
+        return combine(slopes, powers(tau, k - 1))
 
 
 def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: bool) -> InputBasis:
@@ -67,10 +67,8 @@ def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: 
     inner, joined : tuple of float, bool
         The polynomial that suits the transcription.
     rates : bool
-        Whether the problem holds rates of inputs: these must then be continuous.
+        Whether the problem contains rates of inputs: these must then be continuous.
     """
-    if control not in CONTROLS:
-        raise ModelError(f"optimize: control must be one of {', '.join(CONTROLS)}, got {control!r}")
     if control == "linear":
         return InputBasis(control, (), True)
     if control == "constant":

@@ -1,4 +1,4 @@
-"""An interval of the mesh in symbols, and points on it."""
+"""Unknowns of one interval of the mesh as expressions, and the state at a point of it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,23 @@ import casadi as ca
 
 
 @dataclass(frozen=True)
-class Point:
-    """Everything that an expression of the model may hold, at one point of an interval.
+class CollocationPoint:
+    """State at one point of an interval: whatever an expression of the model may contain.
 
-    Of the independent coordinates and the rows that are left, or of all, see ``Transcription.expanded``.
+    Of the independent coordinates and the remaining rows, or of all of them, see :meth:`Transcription.expanded`.
+
+    Attributes
+    ----------
+    t : casadi.SX
+        Time, s.
+    q, v, a : casadi.SX
+        Coordinates, their rates and accelerations (n,).
+    z : casadi.SX
+        First-order states.
+    lam : casadi.SX
+        Multipliers (m,).
+    u, u_rate : casadi.SX
+        Inputs and their rates (n_u,).
     """
 
     t: ca.SX
@@ -24,32 +37,32 @@ class Point:
     u_rate: ca.SX
 
     @property
-    def arguments(self) -> tuple[ca.SX, ...]:
-        """All of them in order."""
+    def values(self) -> tuple[ca.SX, ...]:
+        """All of them, in the order above."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.u_rate
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Unknowns of one interval as expressions, in physical units.
+    """Unknowns of one interval of the mesh as expressions, in physical units.
 
     Attributes
     ----------
-    node, next_node : casadi.SX
-        At the mesh points before and after.
-    block : casadi.SX
-        Those of the interval alone.
+    first, last : casadi.SX
+        Variables of the mesh points at its ends, see :meth:`Transcription.split_point`.
+    inner : casadi.SX
+        Variables of the interval alone, see :meth:`Transcription.split_interval`.
     start, length : casadi.SX
         Time at which it begins, and its length, s.
     p : casadi.SX
         Parameters of the mechanism.
     """
 
-    node: ca.SX
-    block: ca.SX
-    next_node: ca.SX
+    first: ca.SX
+    inner: ca.SX
+    last: ca.SX
     start: ca.SX
     length: ca.SX
     p: ca.SX
-    #: points that were asked for, by share
-    points: dict[float, Point] = field(default_factory=dict, compare=False, repr=False)
+    #: points that were asked for, by tau
+    points: dict[float, CollocationPoint] = field(default_factory=dict, compare=False, repr=False)

@@ -15,6 +15,7 @@ from ...equations import equations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...model.events import Event
+from ...model.forces.friction.modes import Senses, switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
 from ...numerics.rank import analyse_rank
@@ -33,8 +34,7 @@ TURNS = 1e-6
 #: Modes of the frictions at rest that are tried at one instant, at the most.
 TRIALS = 729
 
-#: Sense in which each friction of a mechanism slides, or that it sticks.
-Senses = tuple[str, ...]
+#: Sign of the sliding speed in each sense.
 SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
 
 
@@ -52,29 +52,6 @@ class FrictionMode:
 
     senses: Senses
     held: tuple[int, ...] = ()
-
-
-def switching(mechanism: Mechanism) -> list[Any]:
-    """Elements with exact dry friction."""
-    elements = getattr(mechanism, "elements", ())  # anything but a mechanism is refused by the caller
-    return [element for element in elements if getattr(element, "modes", ())]
-
-
-def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
-    """The mechanism with every exact friction in a mode; made once."""
-    frictions = switching(mechanism)
-
-    def make() -> Mechanism:
-        place = {f: f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
-        return mechanism.replace(forces=[place.get(f, f) for f in mechanism.forces])
-
-    return mechanism.cache.get_or_create(("stick and slip", senses), make)
-
-
-def without_exact_friction(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with nothing that sticks or slides; itself if there is no exact friction."""
-    frictions = switching(mechanism)
-    return variant_in(mechanism, ("free",) * len(frictions)) if frictions else mechanism
 
 
 class FrictionModes(Modes):

@@ -24,11 +24,11 @@ class Canvas:
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-        Where to draw.
+        Axes to draw into.
     scene : Scene
-        What to draw.
+        The scene.
     strength : float, default 1
-        Opacity; below 1 for poses that stand behind another one.
+        Opacity; below 1 for poses behind another one.
     still : bool, default True
         Whether marks of the ground are drawn.
     """
@@ -74,25 +74,25 @@ class Canvas:
         for mark, patch, codes in zip(self._marks, self._patches, self._codes, strict=True):
             patch.set_path(Path(vertices(mark, pose[mark.frame]), codes))
         for label, text in zip(self.scene.labels, self._texts, strict=True):
-            (where,) = placed(np.array([label.point]), pose[label.frame])
-            text.xy = tuple(where)
+            (place,) = placed(np.array([label.point]), pose[label.frame])
+            text.xy = tuple(place)
 
 
 def _codes(mark: Mark) -> np.ndarray:
-    found: list[int] = []
+    codes: list[int] = []
     for points in mark.loops:
-        found += [MOVE, *[LINE] * (len(points) - 1)]
+        codes += [MOVE, *[LINE] * (len(points) - 1)]
         if mark.closed:
-            found.append(CLOSE)
-    return np.array(found, np.uint8)
+            codes.append(CLOSE)
+    return np.array(codes, np.uint8)
 
 
 def vertices(mark: Mark, pose: np.ndarray) -> np.ndarray:
     """Vertices of a mark's path in the global frame (k, 2), with one more for each loop that closes."""
     parts = []
     for points in mark.loops:
-        where = placed(points, pose)
-        parts += [where, where[:1]] if mark.closed else [where]
+        outline = placed(points, pose)
+        parts += [outline, outline[:1]] if mark.closed else [outline]
     return np.vstack(parts)
 
 
@@ -104,5 +104,5 @@ def _text(axes: Axes, label: Any) -> Any:
         fontsize="small", fontstyle="italic" if label.body else "normal",
         color=LIGHT["ink" if label.body else "muted"],
         path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])],
-        zorder=LOWEST + 9 * STEP, annotation_clip=True,
+        zorder=LOWEST + 9 * STEP, annotation_clip=True, parse_math=False,
     )  # fmt: skip

@@ -11,12 +11,11 @@ import numpy as np
 from ...errors import MechanismError
 from ...model.bodies import Body, Marker, ground
 from ...model.joints.lower_pairs import Translational
-from ..page.tooltips import readings
-from ..symbols import symbol
+from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
 from .loads import draw_loads
-from .outlines import draw_body, points_on, shape_loops
+from .outlines import points_on, shape_loops
 from .pen import Pen
 from .sample import Sample
 from .scene import Label, Scene
@@ -27,17 +26,15 @@ UNIT, OF_LINK, LEAST = 0.019, 0.19, 0.007
 
 @dataclass(frozen=True)
 class Options:
-    """What is drawn beside bodies and symbols.
+    """Options of a drawing beside bodies and symbols.
 
     Attributes
     ----------
     forces, names, frames, centroids : bool
         Reactions and all forces, names of bodies and joints, axes of bodies, centres of mass.
-    trace : tuple of casadi.SX
-        Points whose way is drawn.
-    traced : tuple of Marker
-        Those of them that are markers on bodies.
-    readings : bool
+    trace : tuple of Marker or casadi.SX
+        Points whose path is drawn.
+    tooltips : bool
         Whether items carry numbers.
     """
 
@@ -45,9 +42,14 @@ class Options:
     names: bool = False
     frames: bool = False
     centroids: bool = False
-    trace: tuple[ca.SX, ...] = ()
-    traced: tuple[Marker, ...] = ()
-    readings: bool = False
+    trace: tuple[Marker | ca.SX, ...] = ()
+    tooltips: bool = False
+
+    @property
+    def paths(self) -> ca.SX:
+        """Positions of the traced points, one after the other (2k,)."""
+        places = [place.position if isinstance(place, Marker) else place for place in self.trace]
+        return ca.vertcat(ca.SX(0, 1), *places)
 
 
 def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
@@ -63,36 +65,38 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     Returns
     -------
     Scene, dict of str to float
-        The scene, and the scale of forces (N per m) and couples (N m per m) where there are arrows.
+        The scene, and the scale of forces (N per m) and couples (N m per m) if there are arrows.
     """
     mechanism = sample.mechanism
     unit, hanging = _measures(sample)
-    pen = Pen(sample, Scene(unit), hanging)
-    known = options.readings and sample.has_multipliers
+    traced = [place for place in options.trace if isinstance(place, Marker)]
+    pen = Pen(sample, Scene(unit), hanging, traced)
 
-    def item(thing: Any) -> int:
-        return pen.item_of(thing, lambda: readings(thing, known) if options.readings else {})
+    def draw(thing: Any) -> None:
+        pen.item = pen.item_of(thing, lambda: glyph_of(thing, pen).tooltip() if options.tooltips else {})
+        glyph(thing, pen)
 
     # sliders last: rails fit to what other symbols draw of the body
     joints = sorted(mechanism.joints, key=lambda joint: isinstance(joint, Translational))
     for element in (*mechanism.drivers, *joints, *mechanism.forces):
-        pen.item = item(element)
-        symbol(element, pen)
+        draw(element)
     for body in mechanism.bodies:
-        pen.item = item(body)
-        draw_body(body, pen, options.traced)
+        draw(body)
         if options.centroids:
             _centroid(pen, body)
         if options.frames:
             _axes(pen, body)
-        for marker in options.traced:
+        for marker in traced:
             if marker.body is body:
                 pen.dot(pen.on(marker))
     pen.item = None
     if options.frames:
         _axes(pen, ground)
     pen.finish()
-    scale = draw_loads(pen, options.forces)
+    elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
+    loads = [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
+    scale = draw_loads(pen, loads)
+    pen.scene.traces += [pen.point(place).number for place in options.trace]
     if options.names:
         _names(pen)
     # a body covers those before it in the list, whatever its marks were drawn for
@@ -140,7 +144,7 @@ def _reach(body: Body) -> float:
 
 
 def _radius(element: Any, sample: Sample) -> float:
-    """Largest radius that an element speaks of: of gears, wheels, discs, cams."""
+    """Largest radius of an element: of gears, wheels, discs, cams."""
     radii = [getattr(element, name, 0.0) for name in ("radius", "radius_a", "radius_b")]
     radii += [getattr(getattr(element, side, None), "radius", 0.0) for side in "ab"]
     radii += [getattr(getattr(element, "outline", None), "size", 0.0) / 2]
@@ -175,7 +179,7 @@ def _names(pen: Pen) -> None:
     for joint in mechanism.joints:
         markers = getattr(joint, "markers", ())
         if markers:
-            # what slides is named where the block is, not where its guide begins
+            # a slider is named at its block, not at the start of its guide
             marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
             place = tuple(np.round(pen.first(marker.position) / u, 2))
             named.setdefault(place, (marker, []))[1].append(joint.name)

@@ -16,9 +16,10 @@ from ...model.mechanism import Mechanism
 from ...model.quantities import whole, yes_or_no
 from ...results.state import State
 from ...results.trajectory import Trajectory
+from ..axes import two_spines
 from .canvas import LOWEST, STEP, Canvas
 from .compose import Options, compose
-from .labels import settled
+from .labels import with_placed_names
 from .sample import Sample
 from .scene import TRACE, Scene, box_of
 from .style import LIGHT
@@ -52,20 +53,20 @@ def draw(
     Parameters
     ----------
     source : State, Trajectory, Solution, Equilibrium, Mechanism or library model
-        What to draw. A mechanism is assembled first; of a motion the first pose is
-        drawn, and others behind it where `poses` are asked for.
+        Subject of the drawing. A mechanism is assembled first; of a motion the first pose is
+        drawn, and others behind it if `poses` are asked for.
     axes : matplotlib.axes.Axes, optional
-        Where to draw; axes of a new figure where none are given.
+        Axes to draw into; by default those of a new figure.
     forces : bool, default False
         Whether reactions (green), all applied forces (red) and weights (grey) are
         drawn, to scale; forces of :class:`Force` elements always are.
     names, frames, centroids : bool, default False
         Whether bodies and joints are named, and the axes of bodies and their centres of mass drawn.
     trace : sequence of Marker, Body or expression (2,)
-        Points whose way is drawn, of a motion.
+        Points whose path is drawn, of a motion.
     poses : int, optional
-        How many poses of a motion are drawn, at equal distances in time: the first
-        in full strength, the last weaker, those between faint. 1 where none is given.
+        Number of poses of a motion to draw, at equal distances in time: the first
+        in full strength, the last weaker, those between faint. By default 1.
 
     Returns
     -------
@@ -90,7 +91,7 @@ def draw(
     flags = {"forces": forces, "names": names, "frames": frames, "centroids": centroids}
     options = trace_options(trace, **{name: yes_or_no(value, "draw", name) for name, value in flags.items()})
     if options.trace and not isinstance(pictured, Trajectory):
-        raise MechanismError("draw: a trace is the way of a point over a motion; this is one state")
+        raise MechanismError("draw: a trace is the path of a point over a motion; this is one state")
     count = 1 if poses is None else whole(poses, "draw", "poses", 1)
     if axes is None:
         axes = Figure(layout="constrained").subplots()
@@ -122,8 +123,8 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
     ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
         Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
-    ways = draw_traces(axes, sample, options.trace)
-    box = room(scene, poses[shown], ways)
+    paths = draw_traces(axes, sample, options)
+    box = room(scene, poses[shown], paths)
     if scale:
         box = draw_scale(axes, scale, box, scene.unit)
     frame_axes(axes, box, fresh)
@@ -131,11 +132,11 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
 
 
 def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
-    """The scene with its names where there is room for them in the axes."""
+    """The scene with its names placed in the axes."""
     box = np.array([axes.get_xlim(), axes.get_ylim()]).T
     place = axes.get_position()
     size = 72 * axes.figure.get_size_inches() * [place.width, place.height]  # type: ignore[union-attr]
-    return settled(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
+    return with_placed_names(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
 
 
 # --- what is drawn -------------------------------------------------------------------------
@@ -154,44 +155,40 @@ def subject(source: Any) -> State | Trajectory:
 
 def motion_of(source: Any, what: str) -> Trajectory:
     """Motion of a trajectory or a solution, with times in it."""
-    found = subject(source)
-    if not isinstance(found, Trajectory) or not len(found):
+    motion = subject(source)
+    if not isinstance(motion, Trajectory) or not len(motion):
         raise MechanismError(f"{what}: takes a motion, as simulate and kinematics return it, got {source!r}")
-    return found
+    return motion
 
 
 def trace_options(trace: Any, **more: bool) -> Options:
     """Options with the points (2,) of markers, bodies and expressions."""
-    given = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
-    if not isinstance(given, Sequence):
+    listed = [trace] if isinstance(trace, Marker | Body | ca.SX) else trace
+    if not isinstance(listed, Sequence):
         raise MechanismError(f"trace= takes a list of markers, got {trace!r}")
-    found = []
-    for point in given:
-        where = point.position if isinstance(point, Marker | Body) else point
-        if not isinstance(where, ca.SX) or where.numel() != 2:
+    places: list[Marker | ca.SX] = []
+    for point in listed:
+        place = point.position if isinstance(point, Body) else point
+        if not isinstance(place, Marker) and (not isinstance(place, ca.SX) or place.numel() != 2):
             raise MechanismError(f"trace= takes markers, bodies or expressions of two components, got {point!r}")
-        found.append(ca.vec(where))
-    return Options(trace=tuple(found), traced=tuple(p for p in given if isinstance(p, Marker)), **more)
+        places.append(place if isinstance(place, Marker) else ca.vec(place))
+    return Options(trace=tuple(places), **more)
 
 
 # --- axes ------------------------------------------------------------------------------------
-def draw_traces(axes: Axes, sample: Sample, points: Sequence[ca.SX]) -> np.ndarray:
-    """Draw ways of points, and return all places on them (k, 2)."""
-    if not points:
-        return np.zeros((0, 2))
-    ways = sample[ca.vertcat(*points)].reshape(-1, len(points), 2)
-    for k in range(len(points)):
-        axes.plot(
-            *ways[:, k].T, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round"
-        )
-    return ways.reshape(-1, 2)
+def draw_traces(axes: Axes, sample: Sample, options: Options) -> np.ndarray:
+    """Draw paths of points, and return all places on them (k, 2)."""
+    paths = sample[options.paths].reshape(len(sample.t), -1, 2)
+    for path in paths.transpose(1, 2, 0):
+        axes.plot(*path, color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE, solid_capstyle="round")
+    return paths.reshape(-1, 2)
 
 
-def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Corners about marks and ways, with a margin; very long arrows of forces may reach out of it."""
+def room(scene: Scene, poses: np.ndarray, paths: np.ndarray) -> np.ndarray:
+    """Corners about marks and paths, with a margin; very long arrows of forces may reach out of it."""
     box = box_of(scene.without("loads").marks, poses)
-    if len(ways):
-        box = np.array([np.minimum(box[0], ways.min(axis=0)), np.maximum(box[1], ways.max(axis=0))])
+    if len(paths):
+        box = np.array([np.minimum(box[0], paths.min(axis=0)), np.maximum(box[1], paths.max(axis=0))])
     diagonal = float(np.hypot(*(box[1] - box[0])))
     loads = [m for m in scene.marks if m.group]
     if loads:
@@ -204,7 +201,7 @@ def room(scene: Scene, poses: np.ndarray, ways: np.ndarray) -> np.ndarray:
 
 
 def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
-    """Equal scales, units, and a figure of the drawing's own proportions where it is new."""
+    """Equal scales, units, and a new figure with the proportions of the drawing."""
     width, height = box[1] - box[0]
     if fresh and width < NARROW * height:
         box = box + (NARROW * height - width) / 2 * np.array([[-1, 0], [1, 0]])
@@ -223,13 +220,6 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
         axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
 
 
-def two_spines(axes: Axes) -> None:
-    """Leave axes their left and lower spine, in a light colour."""
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color("#8a929a")
-    axes.tick_params(color="#8a929a", labelsize="small")
-
-
 def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float) -> np.ndarray:
     """Draw an arrow of a round force, and the radius of a round couple, above the drawing; return the larger box."""
     (low, bottom), (high, top) = box
@@ -237,12 +227,12 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, unit: float
     for kind, share in (("N", 0.13), ("N m", 0.05)):
         if kind in scale:
             value = nice(share * diagonal * scale[kind])
-            length, where = value / scale[kind], high - unit
+            length, right = value / scale[kind], high - unit
             ends = dict(arrowstyle="-|>" if kind == "N" else "|-|, widthA=0.25, widthB=0.25", color=LIGHT["ink"],
                         shrinkA=0, shrinkB=0, linewidth=1.2, mutation_scale=10)  # fmt: skip
-            axes.annotate("", (where, place), (where - length, place), arrowprops=ends)
+            axes.annotate("", (right, place), (right - length, place), arrowprops=ends)
             text = f"{value:g} {kind}" + (" (radius)" if kind == "N m" else "")
-            axes.annotate(text, (where - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
+            axes.annotate(text, (right - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
                           fontsize="small", color=LIGHT["ink"])  # fmt: skip
             place += 0.045 * diagonal
     return np.array([[low, bottom], [high, place]])

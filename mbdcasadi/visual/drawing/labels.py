@@ -1,4 +1,9 @@
-"""Where names are written: beside what they name, off lines and off each other."""
+"""Placement of names: beside what they name, off lines and off each other.
+
+Libraries that place labels move them about in one picture, and know points and boxes
+but not lines. Here a name keeps its side over all poses of a motion, and the cost
+of a place counts the lines that it covers.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +25,8 @@ ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
 POSES, LETTERS = 7, 22
 
 
-def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> Scene:
-    """Return the scene with its names where they can be read.
+def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> Scene:
+    """Return the scene with its names placed.
 
     Parameters
     ----------
@@ -40,7 +45,7 @@ def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> S
     marks = [mark for mark in scene.marks if mark.group != "loads"]
     tables = [_ink(marks, pose, box, scale) for pose in some]
     taken: list[tuple[np.ndarray, np.ndarray]] = []
-    found: dict[int, Label] = {}
+    placed_labels: dict[int, Label] = {}
     # joints first: there is less room about them than along a body
     for k in sorted(range(len(scene.labels)), key=lambda k: scene.labels[k].body):
         label = scene.labels[k]
@@ -55,12 +60,12 @@ def settled(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> S
         ) / len(some)
         best = shifts[int(np.argmin(cost))]
         taken.append((points + best, size))
-        found[k] = replace(label, shift=(float(best[0]), float(best[1])))
-    return replace(scene, labels=[found[k] for k in range(len(scene.labels))])
+        placed_labels[k] = replace(label, shift=(float(best[0]), float(best[1])))
+    return replace(scene, labels=[placed_labels[k] for k in range(len(scene.labels))])
 
 
 def wrapped(names: Sequence[str]) -> str:
-    """Names after each other, on several lines where they are long."""
+    """Names after each other, on several lines if they are long."""
     lines = [names[0]]
     for name in names[1:]:
         if len(lines[-1]) + len(name) + 2 > LETTERS:
@@ -97,15 +102,15 @@ def _ink(marks: Sequence[Mark], pose: np.ndarray, box: np.ndarray, scale: float)
 def _dense(points: np.ndarray) -> np.ndarray:
     """Cells (k, 2) along a line through points."""
     lengths = np.hypot(*np.diff(points, axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(lengths)])
-    at = np.linspace(0, way[-1], int(min(way[-1], 1e5)) + 2)
-    return np.column_stack([np.interp(at, way, column) for column in points.T]).astype(int)
+    passed = np.concatenate([[0.0], np.cumsum(lengths)])
+    at = np.linspace(0, passed[-1], int(min(passed[-1], 1e5)) + 2)
+    return np.column_stack([np.interp(at, passed, column) for column in points.T]).astype(int)
 
 
 def _price(
     middles: np.ndarray, size: np.ndarray, table: np.ndarray, taken: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """How bad places (k, 2) of a name are."""
+    """Cost of places (k, 2) of a name."""
     most = np.array(table.shape) - 1
     low, high = (np.clip(np.round((middles + s * size / 2) / CELL), 0, most).astype(int) for s in (-1, 1))
     lines = table[high[:, 0], high[:, 1]] - table[low[:, 0], high[:, 1]]

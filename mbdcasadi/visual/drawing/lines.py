@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 Points = np.ndarray
-#: What points may be given as.
+#: Anything that NumPy reads as points.
 Like = Any
 
 
@@ -64,7 +64,7 @@ def plate(points: Points, radius: float) -> Points:
 
 
 def hatching(start: Points, end: Points, spacing: float, depth: float) -> list[Points]:
-    """Oblique strokes to the right of the way from start to end."""
+    """Oblique strokes to the right of the line from start to end."""
     start, end = np.asarray(start, float), np.asarray(end, float)
     length = float(np.hypot(*(end - start)))
     if length <= 0:
@@ -133,15 +133,15 @@ def teeth(radius: float, count: int, phase: float = 0.0, inward: bool = False) -
     count : int
         Number of teeth.
     phase : float
-        Angle of the middle of a tooth (of a gap, where they point inward), rad.
+        Angle of the middle of a tooth (of a gap, if they point inward), rad.
     inward : bool
         Whether it is the inside of a ring.
     """
     module, pitch = 2 * radius / count, 2 * np.pi / count
-    # half widths at root, pitch circle and tip, in parts of the pitch
-    shares, heights = np.array([-0.36, -0.13, 0.13, 0.36]), np.array([-1.1, 0.9, 0.9, -1.1])
+    # half widths at root and tip, in parts of the pitch; gaps of a ring are wider, since teeth stand askew in them
+    shares, heights = np.array([-0.32, -0.1, 0.1, 0.32]), np.array([-1.1, 0.9, 0.9, -1.1])
     if inward:
-        heights = np.array([-0.9, 1.1, 1.1, -0.9])
+        shares, heights = np.array([-0.4, -0.18, 0.18, 0.4]), np.array([-0.9, 1.1, 1.1, -0.9])
     angles = (phase + pitch * (np.arange(count)[:, None] + shares)).ravel()
     radii = radius + module * np.tile(heights, count)
     return radii[:, None] * _directions(angles)

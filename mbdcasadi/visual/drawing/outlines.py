@@ -1,15 +1,14 @@
-"""Outlines of bodies: from their shapes, else from where their elements sit."""
+"""Geometry of bodies: outlines of their shapes, and the places of their elements."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ...model.bodies import Body, Marker
-from . import lines, scene
+from . import lines
 from .pen import Pen
 
 #: Half the width of a link, in units.
@@ -18,22 +17,11 @@ HALF_WIDTH = 0.95
 
 def shape_loops(body: Body, unit: float) -> list[np.ndarray]:
     """Outline of a body's shape in its centroidal frame; rods get a width."""
-    found = []
+    loops = []
     for outline in body.shape.outlines():  # type: ignore[union-attr]
         points = np.asarray(outline.points, float) + body.shape_frame
-        found.append(lines.plate(points, HALF_WIDTH * unit) if len(points) == 2 else points)
-    return found
-
-
-def _rod_with(body: Body, points: np.ndarray, unit: float) -> list[np.ndarray]:
-    """Outline of rods; of a single one a plate, where elements sit beside it."""
-    outlines = body.shape.outlines()  # type: ignore[union-attr]
-    if len(outlines) > 1 or not len(points):
-        return shape_loops(body, unit)
-    ends = np.asarray(outlines[0].points, float) + body.shape_frame
-    along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
-    off = np.abs((points - ends[0]) @ np.array([-along[1], along[0]])) > 1e-6 * np.hypot(*(ends[1] - ends[0]))
-    return [lines.plate(np.vstack([ends, points[off]]), HALF_WIDTH * unit)]
+        loops.append(lines.plate(points, HALF_WIDTH * unit) if len(points) == 2 else points)
+    return loops
 
 
 def local_outlines(body: Body, marker: Marker, pen: Pen) -> list[np.ndarray]:
@@ -67,37 +55,11 @@ def _crossings(loop: np.ndarray, x: float) -> list[float]:
 
 
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:
-    """Different places on a body where elements sit (k, 2), in its frame, m."""
+    """Different places of elements on a body (k, 2), in its frame, m."""
     markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
-    found: list[np.ndarray] = []
+    places: list[np.ndarray] = []
     for marker in markers:
         place = np.array([pen.number(marker.local[0]), pen.number(marker.local[1])])
-        if all(np.hypot(*(place - other)) > 1e-9 for other in found):
-            found.append(place)
-    return np.array(found).reshape(-1, 2)
-
-
-def draw_body(body: Body, pen: Pen, traced: Sequence[Marker] = ()) -> None:
-    """Draw the outline of a body in its colour.
-
-    From its shape, where it has one. Else a bar or a plate through the places
-    where joints and forces sit; with a single one, a bar to the centre of mass
-    with a disc on it. Nothing, where the symbol of an element draws the body.
-    Points of which the way is traced belong to it.
-    """
-    u, frame, mechanism = pen.unit, pen.of_body(body), pen.sample.mechanism
-    if body.shape is not None:
-        own = [*mechanism.joints, SimpleNamespace(markers=traced)]
-        if not pen.covers(body):
-            line = body.shape.is_line
-            frame.area("body", *(_rod_with(body, points_on(body, own, pen), u) if line else shape_loops(body, u)))
-        return
-    points = points_on(body, [*mechanism.joints, *mechanism.forces, SimpleNamespace(markers=traced)], pen)
-    drawn = pen.replaced.get(body, 0.0)
-    if len(points) == 1 and np.hypot(*points[0]) > 1e-9 and not drawn:
-        frame.area("body", lines.plate(np.vstack([points, [[0, 0]]]), 0.5 * HALF_WIDTH * u))
-        frame.area("body", lines.circle((0, 0), 1.5 * u))
-    elif len(points) > 1 and np.max(np.hypot(*points.T)) > drawn:
-        frame.area("body", lines.plate(points, HALF_WIDTH * u))
-    elif not drawn:
-        frame.area("body", lines.circle((0, 0), 1.5 * u), layer=scene.BODY)
+        if all(np.hypot(*(place - other)) > 1e-9 for other in places):
+            places.append(place)
+    return np.array(places).reshape(-1, 2)

@@ -1,8 +1,8 @@
-"""What symbols are drawn with: a pen that knows the scene, its scale, and the values of expressions."""
+"""Pen that draws symbols: it knows the scene, its scale, and the values of expressions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -12,11 +12,11 @@ from ...model.bodies import Body, Marker
 from ...model.geometry.shapes import Disc
 from . import lines, scene
 from .sample import Sample
-from .scene import Mark, Scene
+from .scene import Mark, MovingFrame, Scene
 
 
 class Frame:
-    """Where marks are put: a frame of the scene, and a fixed place in it.
+    """Frame that marks are put into: a frame of the scene, and a fixed place in it.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class Frame:
         return self.shift + lines.turned(points, self.angle)
 
     def draw(self, style: str, *loops: Any, closed: bool = False, layer: int = scene.SPRING, group: str = "") -> None:
-        """Put lines, or areas where they close, into the frame."""
+        """Put lines, or areas if they close, into the frame."""
         body = None if self.body is None else self.pen.number_of(self.body)
-        found = tuple(self.local(points) for points in loops if len(points))
-        if found:
+        placed = tuple(self.local(points) for points in loops if len(points))
+        if placed:
             if style == "body" and self.body is not None:
-                self.pen.loops.setdefault(self.body, []).extend(found)
-            mark = Mark(self.number, found, closed, style, layer, body, self.pen.item, group)
+                self.pen.loops.setdefault(self.body, []).extend(placed)
+            mark = Mark(self.number, placed, closed, style, layer, body, self.pen.item, group)
             self.pen.scene.marks.append(mark)
 
     def area(self, style: str, *loops: Any, layer: int = scene.BODY, group: str = "") -> None:
@@ -65,7 +65,7 @@ class Pen:
     sample : Sample
         The times that are drawn.
     target : Scene
-        Where marks go.
+        Scene that marks are added to.
 
     Attributes
     ----------
@@ -80,13 +80,16 @@ class Pen:
     loops : dict of Body to list of numpy.ndarray
         Areas (k, 2) of bodies that symbols have drawn, in the bodies' frames, m.
     stands, arrows : set
-        Places where a support or a curved arrow is drawn.
+        Places with a support or a curved arrow.
     hanging : bool
         Whether the mechanism hangs from its supports.
+    traced : tuple of Marker
+        Points of bodies whose path is drawn.
     """
 
-    def __init__(self, sample: Sample, target: Scene, hanging: bool = False):
+    def __init__(self, sample: Sample, target: Scene, hanging: bool = False, traced: Sequence[Marker] = ()):
         self.sample, self.scene, self.unit, self.hanging = sample, target, target.unit, hanging
+        self.traced = tuple(traced)
         self.item: int | None = None
         self.replaced: dict[Body, float] = {}
         self.teeth: dict[Any, tuple[int, float]] = {}
@@ -98,12 +101,12 @@ class Pen:
         self._items: dict[Any, int] = {}
         self._later: list[tuple[int | None, Callable[[np.ndarray], None]]] = []
 
-    def item_of(self, thing: Any, readings: Callable[[], dict[str, ca.SX]] = dict) -> int:
-        """Number of the item of a body or an element, made where there is none yet."""
+    def item_of(self, thing: Any, tooltip: Callable[[], dict[str, ca.SX]] = dict) -> int:
+        """Number of the item of a body or an element, made when it is first asked for."""
         if thing not in self._items:
             self._items[thing] = len(self.scene.items)
             kind = "body" if isinstance(thing, Body) else type(thing).__name__
-            self.scene.items.append(scene.Item(thing.name, kind, readings()))
+            self.scene.items.append(scene.Item(thing.name, kind, tooltip()))
         return self._items[thing]
 
     # --- numbers -----------------------------------------------------------------------------
@@ -129,7 +132,7 @@ class Pen:
         return float(values.min()), float(values.max())
 
     def at_one_place(self, first: Marker, second: Marker) -> bool:
-        """Whether two markers sit at the same point of the same body."""
+        """Return True if two markers sit at the same point of the same body."""
         if first.body is not second.body:
             return False
         return bool(np.hypot(*self.first(first.local - second.local)) <= 1e-9)
@@ -144,14 +147,14 @@ class Pen:
         if body.is_ground:
             return self.ground()
         if body not in self._frames:
-            self._frames[body] = self.scene.frame(body.position, body.phi)
+            self._frames[body] = self.scene.add(MovingFrame(body.position, body.phi))
         return Frame(self, self._frames[body], body=body)
 
     def on(self, marker: Marker) -> Frame:
         """Frame of a marker, fixed in its body."""
         base = self.of_body(marker.body)
         if not (ca.vertcat(marker.local, marker.local_angle).is_constant() or self._is_fixed(marker)):
-            return Frame(self, self.scene.frame(marker.position, marker.angle), body=base.body)
+            return Frame(self, self.scene.add(MovingFrame(marker.position, marker.angle)), body=base.body)
         x, y, angle = self.first(marker.local, marker.local_angle)
         return Frame(self, base.number, (x, y), angle, base.body)
 
@@ -160,29 +163,39 @@ class Pen:
         return bool(np.ptp(values, axis=0).max() <= 1e-12)
 
     def at(self, position: Any, angle: Any = 0.0, body: Body | None = None) -> Frame:
-        """Frame at a point given by expressions, with an angle given by one."""
-        return Frame(self, self.scene.frame(position, angle), body=body)
+        """Frame at a point and an angle that are expressions."""
+        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), ca.SX(angle))), body=body)
 
-    def along(self, position: Any, way: Any) -> Frame:
+    def along(self, position: Any, direction: Any) -> Frame:
         """Frame at a point whose x axis goes along a vector."""
-        way = ca.SX(way)
-        return Frame(self, self.scene.frame(position, ca.atan2(way[1], way[0]), direction=True))
+        return Frame(self, self.scene.add(MovingFrame(ca.SX(position), vector=ca.vec(ca.SX(direction)))))
 
     def between(self, start: Any, end: Any) -> Frame:
-        """Frame whose x axis runs from one point to another, as long as they are apart."""
-        way = ca.SX(end) - ca.SX(start)
-        length = ca.norm_2(way)
-        return Frame(self, self.scene.frame(start, ca.atan2(way[1], way[0]), length, direction=True))
+        """Frame whose x axis runs from one point to another, as long as their distance."""
+        return self.vector(start, ca.SX(end) - ca.SX(start), 1.0)
 
-    def vector(self, position: Any, vector: Any, scale: float) -> Frame:
-        """Frame at a point along a vector, as long as the vector times a scale."""
-        vector = ca.SX(vector)
-        angle = ca.atan2(vector[1], vector[0])
-        return Frame(self, self.scene.frame(position, angle, scale * ca.norm_2(vector), direction=True))
+    def point(self, place: Any) -> Frame:
+        """Frame at a marker or a point, with the axes of the ground."""
+        position, anchor = self._origin(place)
+        return Frame(self, self.scene.add(MovingFrame(position, anchor=anchor)))
 
-    def scaled(self, position: Any, value: Any, scale: float) -> Frame:
-        """Frame at a point, as long as a scalar times a scale, and mirrored where that is negative."""
-        return Frame(self, self.scene.frame(position, 0.0, scale * ca.SX(value)))
+    def vector(self, place: Any, vector: Any, scale: float) -> Frame:
+        """Frame at a marker or a point along a vector, as long as the vector times a scale."""
+        position, anchor = self._origin(place)
+        return Frame(
+            self, self.scene.add(MovingFrame(position, vector=ca.vec(ca.SX(vector)), scale=scale, anchor=anchor))
+        )
+
+    def scaled(self, place: Any, value: Any, scale: float) -> Frame:
+        """Frame at a marker or a point, as long as a scalar times a scale, and mirrored if that is negative."""
+        position, anchor = self._origin(place)
+        return Frame(self, self.scene.add(MovingFrame(position, length=scale * ca.SX(value), anchor=anchor)))
+
+    def _origin(self, place: Any) -> tuple[ca.SX, tuple[int, float, float] | None]:
+        if not isinstance(place, Marker):
+            return ca.SX(place), None
+        frame = self.on(place)
+        return place.position, (frame.number, float(frame.shift[0]), float(frame.shift[1]))
 
     # --- what comes last -----------------------------------------------------------------------
     def later(self, draw: Callable[[np.ndarray], None]) -> None:
@@ -213,28 +226,28 @@ class Pen:
         frame.area("dot", lines.circle((0, 0), radius * self.unit, 24), layer=scene.PIN)
 
     def hatched(self, frame: Frame, start: Any, end: Any, layer: int = scene.GROUND) -> None:
-        """A line of the ground, hatched to the right of the way from start to end."""
+        """A line of the ground, hatched to the right of the line from start to end."""
         u = self.unit
         frame.draw("hatch", *lines.hatching(start, end, 0.62 * u, 0.75 * u), layer=layer)
         frame.draw("ground line", [start, end], layer=layer)
 
     def wall(self, frame: Frame, start: Any, end: Any) -> None:
-        """A surface to the left of the way from start to end: hatched on the ground, a line on a body."""
+        """A surface to the left of the line from start to end: hatched on the ground, a line on a body."""
         if frame.body is None:
             self.hatched(frame, start, end)
         else:
             frame.draw("body line", [start, end], layer=scene.GUIDE)
 
     def is_new(self, place: np.ndarray, taken: set[tuple]) -> bool:
-        """Whether nothing of a kind is drawn at a place (2,) yet; it is taken then."""
+        """Return True if nothing of a kind is drawn at a place (2,) yet, and take it."""
         key = tuple(np.round(place / self.unit, 3))
         new = key not in taken
         taken.add(key)
         return new
 
     def stand(self, frame: Frame) -> None:
-        """Support of a pin on the ground: a triangle on hatching, or under it where the mechanism hangs."""
-        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number][:2])
+        """Support of a pin on the ground: a triangle on hatching, or under it if the mechanism hangs."""
+        place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number].position)
         if not self.is_new(place, self.stands):
             return
         u, sign = self.unit, -1.0 if self.hanging else 1.0
@@ -251,7 +264,7 @@ class Pen:
             self.replaced[body] = max(self.replaced.get(body, 0.0), radius)
 
     def covers(self, body: Body) -> bool:
-        """Whether a symbol draws what the shape of a body would."""
+        """Return True if a symbol draws the shape of a body."""
         disc = isinstance(body.shape, Disc) and body.shape.radius <= 1.001 * self.replaced.get(body, 0.0)
         return body in self.replaced and (body.shape is None or disc)
 

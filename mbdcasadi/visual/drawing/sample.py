@@ -1,7 +1,8 @@
-"""What a picture is taken of: the values of expressions at one instant or over a motion."""
+"""Values of expressions at one instant or over a motion, for pictures."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -9,8 +10,22 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...model.mechanism import Mechanism
+from ...results.interpolation import hermite, linear
 from ...results.state import State
 from ...results.trajectory import Trajectory
+
+
+def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
+    """Return a motion at times within its span.
+
+    One that was made from arrays alone cannot be brought back onto the constraints, and
+    follows its velocities and accelerations.
+    """
+    if motion.interpolates:
+        return motion.at(times)
+    q, v = hermite(motion.t, motion.q, motion.v, motion.a, times)
+    a, z, lam, u = (linear(motion.t, x, times) for x in (motion.a, motion.z, motion.lam, motion.inputs))
+    return Trajectory(motion.mechanism, times, q, v, a, z, lam, u, motion.parameters)
 
 
 class Sample:
@@ -21,7 +36,7 @@ class Sample:
     source : State or Trajectory
         Where they come from.
     times : numpy.ndarray, optional
-        Times of a motion, s; its own where none are given.
+        Times of a motion, s; by default those of its outputs.
 
     Attributes
     ----------
@@ -34,7 +49,6 @@ class Sample:
     def __init__(self, source: State | Trajectory, times: np.ndarray | None = None):
         self.mechanism: Mechanism = source.mechanism
         self._source: Any = source
-        self._between: np.ndarray | None = None
         self._start: State
         if isinstance(source, State):
             self.t, self._start = np.array([source.t]), source
@@ -42,12 +56,9 @@ class Sample:
         if not len(source):
             raise MechanismError("the trajectory holds no times, and so there is nothing to draw")
         self.t = source.t if times is None else np.asarray(times, float)
-        if times is not None and source.interpolates:
-            self._source = source.at(self.t)
-        elif times is not None:
-            # read from arrays, and without a way back to the constraints: values are taken on straight lines
-            self._between = self.t
-        # the times given begin where the motion does
+        if times is not None:
+            self._source = between(source, self.t)
+        # the times begin at the start of the motion
         self._start = self._source.initial
 
     @property
@@ -64,10 +75,7 @@ class Sample:
             return np.tile(np.asarray(ca.DM(column)).ravel(), (self.t.size, 1))
         if isinstance(self._source, State):
             return np.asarray(self._source[column], float).reshape(1, -1)
-        values = np.asarray(self._source[column], float).reshape(len(self._source), -1)
-        if self._between is None:
-            return values
-        return np.column_stack([np.interp(self._between, self._source.t, row) for row in values.T])
+        return np.asarray(self._source[column], float).reshape(len(self._source), -1)
 
     def number(self, expression: Any) -> float:
         """Value of a scalar at the first time."""
@@ -85,7 +93,7 @@ class Sample:
         return np.atleast_1d(np.asarray(self._start[column], float))
 
     def need_reactions(self, what: str) -> None:
-        """Raise where forces are asked for and those of joints are not known."""
+        """Raise an error if the reactions of joints are not known."""
         if self._source.equations.lam.numel() and not self.has_multipliers:
             reason = getattr(self._source, "obstacle", None)
             raise MechanismError(
@@ -93,9 +101,9 @@ class Sample:
                 + (f" ({reason})" if reason else "; take the motion from simulate or inverse_dynamics")
             )
 
-    @property
+    @cached_property
     def has_multipliers(self) -> bool:
-        """Whether reactions are known."""
+        """True if reactions are known."""
         eom = self._source.equations
         if isinstance(self._source, State) and self._source.obstacle is not None:
             return False

@@ -73,19 +73,53 @@ class Label:
 
 @dataclass(eq=False)
 class Item:
-    """A body or an element, as one that points at it is told.
+    """A body or an element that can be pointed at.
 
     Attributes
     ----------
     name, kind : str
-        Its name, and what it is ("Revolute").
-    readings : dict of str to casadi.SX
+        Its name, and its class ("Revolute").
+    tooltip : dict of str to casadi.SX
         Labels with units, and scalars.
     """
 
     name: str
     kind: str
-    readings: dict[str, ca.SX] = field(default_factory=dict)
+    tooltip: dict[str, ca.SX] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFrame:
+    """Axes that marks are fixed in, as expressions.
+
+    Attributes
+    ----------
+    position : casadi.SX
+        (2,), m.
+    angle, length : casadi.SX or float
+        rad, m; of a frame along a vector they follow from it.
+    vector : casadi.SX or None
+        (2,): along the x axis of the frame.
+    scale : float
+        Length of the frame for the size 1 of the vector; 0 for a frame of the length 1 m.
+    anchor : tuple or None
+        Number of another frame in which the position is fixed, and the place there, m.
+    """
+
+    position: ca.SX
+    angle: Any = 0.0
+    length: Any = 1.0
+    vector: ca.SX | None = None
+    scale: float = 0.0
+    anchor: tuple[int, float, float] | None = None
+
+    @property
+    def pose(self) -> ca.SX:
+        """Columns ``x, y, angle, length`` (4,)."""
+        if self.vector is None:
+            return ca.vertcat(self.position, self.angle, self.length)
+        length = self.scale * ca.norm_2(self.vector) if self.scale else 1
+        return ca.vertcat(self.position, ca.atan2(self.vector[1], self.vector[0]), length)
 
 
 @dataclass(eq=False)
@@ -94,29 +128,27 @@ class Scene:
 
     Attributes
     ----------
-    frames : list of casadi.SX
-        Of each its ``x, y`` (m), angle (rad) and length (m); the first is the ground.
-    marks : list of Mark
-    directions : list of int
-        Frames whose angle is that of a vector: whole turns between two times are none of theirs.
-    labels : list of Label
-    items : list of Item
     unit : float
         The length that symbols are made of, m.
+    frames : list of MovingFrame
+        The first is the ground.
+    marks : list of Mark
+    labels : list of Label
+    items : list of Item
+    traces : list of int
+        Frames at the points whose path is drawn.
     """
 
     unit: float
-    frames: list[ca.SX] = field(default_factory=lambda: [ca.SX([0, 0, 0, 1])])
+    frames: list[MovingFrame] = field(default_factory=lambda: [MovingFrame(ca.SX([0, 0]))])
     marks: list[Mark] = field(default_factory=list)
-    directions: list[int] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
     items: list[Item] = field(default_factory=list)
+    traces: list[int] = field(default_factory=list)
 
-    def frame(self, position: Any, angle: Any = 0.0, length: Any = 1.0, direction: bool = False) -> int:
-        """Add a frame and return its number; `direction` says that the angle is that of a vector, known up to turns."""
-        if direction:
-            self.directions.append(len(self.frames))
-        self.frames.append(ca.vertcat(ca.SX(position), ca.SX(angle), ca.SX(length)))
+    def add(self, frame: MovingFrame) -> int:
+        """Add a frame and return its number."""
+        self.frames.append(frame)
         return len(self.frames) - 1
 
     def without(self, group: str) -> Scene:
@@ -129,10 +161,8 @@ class Scene:
         return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
 
     def poses(self, sample: Any) -> np.ndarray:
-        """Poses (n_t, frames, 4) over the times of a sample; directions of vectors without jumps."""
-        values = sample[ca.vertcat(*self.frames)].reshape(-1, len(self.frames), 4)
-        values[:, self.directions, 2] = np.unwrap(values[:, self.directions, 2], axis=0)
-        return values
+        """Poses (n_t, frames, 4) over the times of a sample: x, y (m), angle (rad), length (m)."""
+        return sample[ca.vertcat(*[frame.pose for frame in self.frames])].reshape(-1, len(self.frames), 4)
 
 
 def placed(points: np.ndarray, pose: np.ndarray) -> np.ndarray:

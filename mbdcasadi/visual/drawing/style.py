@@ -1,4 +1,4 @@
-"""Colours and strokes of drawings, by what they stand for; the same in Matplotlib and in the page."""
+"""Colours and strokes of drawings, by their meaning; the same in Matplotlib and in the page."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ BODIES_DARK = (
     ("#57427d", "#cdb8ee"), ("#4c565e", "#ccd4da"), ("#23616f", "#9fdbe8"), ("#6d5a1c", "#ead68e"),
 )  # fmt: skip
 
+#: Lines of plots, distinct also in print.
+SERIES_LIGHT = ("#1f5fa8", "#d1495b", "#2e8b6f", "#e0a030", "#7a5195", "#5b6770", "#3aa6c4", "#a0522d")
+SERIES_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
+
 LIGHT = {
     "ink": "#20272e", "paper": "#ffffff", "muted": "#77828c", "ground": "#5b6770", "soil": "#e4e8eb",
     "spring": "#3d4852", "rubber": "#8d7b6c", "force": "#c22f43", "reaction": "#1f6f4a", "weight": "#77828c",
@@ -28,7 +32,7 @@ DARK = {
 
 @dataclass(frozen=True)
 class Style:
-    """How a mark is filled and stroked.
+    """Fill and stroke of a mark.
 
     Attributes
     ----------
@@ -86,5 +90,5 @@ def colours_of(style: Style, body: int | None, theme: dict[str, str], bodies: tu
     fill, edge = bodies[(body or 0) % len(bodies)]
     if body is None:
         fill, edge = theme["soil"], theme["ground"]
-    found = (fill if style.fill == "body" else theme.get(style.fill or ""),)
-    return (*found, edge if style.stroke == "body" else theme.get(style.stroke or ""))
+    inside = fill if style.fill == "body" else theme.get(style.fill or "")
+    return inside, edge if style.stroke == "body" else theme.get(style.stroke or "")

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
-import zlib
 from dataclasses import asdict
 from importlib.resources import files
 from string import Template
@@ -14,62 +12,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...errors import MechanismError
 from ..drawing.draw import nice
 from ..drawing.scene import SLOT, Mark
-from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, STYLES
+from ..drawing.style import BODIES_DARK, BODIES_LIGHT, DARK, LIGHT, SERIES_DARK, SERIES_LIGHT, STYLES
 from ..film import Film
-from ..plots.plot import COLOURS
+from .columns import Column, Columns
 
 #: Points of marks, each kept once, with their numbers.
 Shapes = dict[str, tuple[int, list[list[float]]]]
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
 _SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
-#: Lines of plots on a dark page.
-_COLOURS_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8", "#7fd4ea", "#dfa07a")
-
-
-class Columns:
-    """Columns over time, quantised to 16 bits between their least and largest value; equal ones are kept once."""
-
-    def __init__(self) -> None:
-        self.columns: list[dict[str, float]] = []
-        self._words: list[np.ndarray] = []
-        self._known: dict[bytes, int] = {}
-
-    def add(self, values: np.ndarray, what: str, finest: float = np.inf) -> int:
-        """Add a column (n,) and return its number; with 32 bits where the steps would be larger than `finest`."""
-        values = np.ascontiguousarray(values, float)
-        if not np.all(np.isfinite(values)):
-            raise MechanismError(f"animate: {what} is not finite over the whole motion")
-        key = values.tobytes()
-        if key not in self._known:
-            self._known[key] = len(self.columns)
-            self.columns.append(self._packed(values, finest))
-        return self._known[key]
-
-    def _packed(self, values: np.ndarray, finest: float) -> dict[str, float]:
-        low, reach = float(values.min()), float(np.ptp(values))
-        if reach <= 1e-12 * max(1.0, abs(low)):
-            return {"c": round(float(values[0]), 12)}
-        shares = (values - low) / reach
-        if reach / 65535 <= finest:
-            return {"o": low, "s": reach / 65535, "at": self._store(np.round(65535 * shares))}
-        whole = np.round(shares * (2.0**32 - 1)).astype(np.uint64)
-        at, rest = self._store(whole >> np.uint64(16)), self._store(whole & np.uint64(65535))
-        return {"o": low, "s": reach / (2.0**32 - 1), "at": at, "low": rest}
-
-    def _store(self, words: np.ndarray) -> int:
-        self._words.append(words.astype("<u2"))
-        return sum(len(w) for w in self._words[:-1])
-
-    @property
-    def words(self) -> str:
-        """All of them: differences from word to word, their low bytes and then their high ones, deflated, in base64."""
-        steps = [np.diff(words, prepend=np.uint16(0)).astype("<u2") for words in self._words]
-        pairs = np.frombuffer(b"".join(s.tobytes() for s in steps), np.uint8).reshape(-1, 2)
-        return base64.b64encode(zlib.compress(pairs.T.tobytes(), 9)).decode()
 
 
 def page(film: Film, forces: bool) -> str:
@@ -89,47 +42,81 @@ def page(film: Film, forces: bool) -> str:
         title=html.escape(film.title or "motion"),
         style=text["page.css"],
         script="\n".join(text[name] for name in _SCRIPTS),
-        # a name that holds "</script>" must not end the script
-        data=data.replace("</", "<\\/"),
+        # neither "</script>" nor "<!--<script>" in a name may change where the script ends
+        data=data.replace("<", "\\u003c"),
     )
 
 
 def _data(film: Film, forces: bool) -> dict[str, Any]:
-    store, sample, scene = Columns(), film.sample, film.scene
-    t = film.t
-    frames = [
-        [store.add(film.poses[:, k, j], "the pose of a part", 2e-4 if j == 2 else np.inf) for j in range(4)]
-        for k in range(len(scene.frames))
+    scene, t = film.scene, film.t
+    store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
+    frames = _frames(film, store)
+    tooltips = [
+        {
+            label: store.number(("item", k), e, label, f"{label} of '{item.name}'", optional=True)
+            for label, e in item.tooltip.items()
+        }
+        for k, item in enumerate(scene.items)
     ]
-    # all at once: expressions share their parts
-    values = iter(sample[ca.vertcat(ca.SX(0, 1), *[e for item in scene.items for e in item.readings.values()])].T)
-    items = [
-        {"name": item.name, "kind": item.kind,
-         "readings": [{"label": label, "column": store.add(next(values), f"{label} of '{item.name}'")}
-                      for label in item.readings]}
-        for item in scene.items
-    ]  # fmt: skip
-    traces = [[store.add(film.ways[:, k, j], "a trace") for j in range(2)] for k in range(film.ways.shape[1])]
-    plots = [
-        {"label": label, "lines": [{"name": n, "column": store.add(v, f"'{label}'")} for n, v in lines.items()]}
-        for label, lines in film.curves.items()
-    ]  # fmt: skip
+    plots = {
+        label: {name: store.number(("plot", label), e, f"plot, {label}", f"'{label}'")
+                for name, e in zip(names, ca.vertsplit(column), strict=True)}
+        for label, (names, column) in film.plots.items()
+    }  # fmt: skip
+    packed = store.packed()
     shapes: Shapes = {}
     return {
         "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
         "digits": film.digits,
         "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
-        "frames": frames, "marks": [_mark(mark, shapes) for mark in scene.marks],
+        "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
+        "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
         "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
                     "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift]}
                    for x in scene.labels],
-        "items": items, "traces": traces, "plots": plots,
+        "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label")}
+                  for item, tooltip in zip(scene.items, tooltips, strict=True)],
+        "traces": scene.traces,
+        "plots": [{"label": label, "lines": _readings(lines, "name")} for label, lines in plots.items()],
         "styles": {name: asdict(style) for name, style in STYLES.items()},
         "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
-        "seriesLight": COLOURS, "seriesDark": _COLOURS_DARK,
-        "columns": store.columns, "words": store.words,
+        "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
+        **packed,
     }  # fmt: skip
+
+
+def _readings(columns: dict[str, Column], key: str) -> list[dict[str, Any]]:
+    """Label, column and decimals of numbers that are known."""
+    return [{key: label, "column": c.index, "d": c.decimals} for label, c in columns.items() if c.index >= 0]
+
+
+def _frames(film: Film, store: Columns) -> list[dict[str, Any]]:
+    """Columns of each frame, in the group of the item that its marks belong to, and how they make a pose."""
+    items: dict[int, Any] = {}
+    for mark in film.scene.marks:
+        items.setdefault(mark.frame, mark.item)
+    frames = []
+    for number, frame in enumerate(film.scene.frames):
+        group = "item", items.get(number)
+        described: dict[str, Any] = {"c": []}
+        if frame.anchor is None:
+            described["c"] += [store.drawn(group, x, "the pose of a part") for x in ca.vertsplit(frame.position)]
+        else:
+            described["a"] = frame.anchor
+        if frame.vector is None:
+            described["c"] += [store.drawn(group, x, "the pose of a part") for x in (frame.angle, frame.length)]
+        else:
+            described["v"] = frame.scale
+            # what gives a direction alone has no size in the picture
+            described["c"] += [
+                store.drawn(group, x, "an arrow", 1 / frame.scale)
+                if frame.scale
+                else store.number(group, x, "direction", "an arrow")
+                for x in ca.vertsplit(frame.vector)
+            ]
+        frames.append(described)
+    return frames
 
 
 def _short(value: float) -> float:
@@ -148,10 +135,10 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
 
 
 def _scale(film: Film) -> str:
-    """What the size of arrows means, in words."""
-    diagonal, told = float(np.hypot(*(film.box[1] - film.box[0]))), []
+    """Legend of the size of arrows."""
+    diagonal, parts = float(np.hypot(*(film.box[1] - film.box[0]))), []
     for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
         if unit in film.scale:
             value = nice(share * diagonal * film.scale[unit])
-            told.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")
-    return "; ".join(told)
+            parts.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")
+    return "; ".join(parts)

@@ -9,18 +9,21 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...results.columns import read_expressions, read_lines
+from ...results.energy_and_drift import violations
+from ..axes import dress, legend, readable
 from ..drawing.draw import motion_of
-from .plot import COLOURS, dress, lines_over
+from ..drawing.style import SERIES_LIGHT
+from .plot import lines_over
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ...statics.follower import EquilibriumPath
+    from ...statics.path import EquilibriumPath
 
 #: Violations of constraints below this are drawn at it: a logarithm has no place for zero.
 LEAST_VIOLATION = 1e-18
-#: Points of a phase plot, where the motion can be interpolated: its corners would be seen.
+#: Points of a phase plot of a motion that can be interpolated: its corners would be seen.
 SMOOTH = 1000
 
 
@@ -37,7 +40,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        With a dot where each motion starts.
+        With a dot at the start of each motion.
 
     Raises
     ------
@@ -55,17 +58,19 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
         raise MechanismError("plot_phase: takes two scalars {label: expression}, the first across, the second up")
     named = motions if isinstance(motions, Mapping) else {"": motions}
     figure = Figure(figsize=(5.6, 4.6), layout="constrained")
-    axes = figure.subplots()
+    axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
+        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
         run = motion_of(motion, "plot_phase")
         if run.interpolates and len(run) < SMOOTH:
             run = run.at(np.linspace(run.t[0], run.t[-1], SMOOTH))
         across, up = (run[e] for e in pair.values())
-        axes.plot(across, up, color=COLOURS[k % len(COLOURS)], linewidth=1.5, label=name)
-        axes.plot(across[0], up[0], "o", color=COLOURS[k % len(COLOURS)], markersize=5)
+        (drawn[name],) = axes.plot(across, up, color=colour, linewidth=1.5)
+        axes.plot(across[0], up[0], "o", color=colour, markersize=5)
     label_across, label_up = pair
-    dress(axes, label_up, len(named) > 1)
-    axes.set_xlabel(label_across)
+    dress(axes, label_up)
+    legend(axes, drawn)
+    readable(axes.set_xlabel(label_across))
     return figure
 
 
@@ -80,20 +85,17 @@ def plot_energy(motion: Any) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Kinetic, potential and total energy; total less its first value; and, where there
+        Kinetic, potential and total energy; total less its first value; and, if there
         are constraints, the largest ``|Phi|`` and ``|Phi_q v - nu|`` by time.
     """
     from matplotlib.figure import Figure
 
     run = motion_of(motion, "plot_energy")
-    eom, energy = run.equations, run.energy
+    energy = run.energy
     change = energy.total - energy.total[0]
-    drift = {}
-    if eom.Phi.numel():
-        drift["|Phi|, m or rad"] = np.max(np.abs(run[eom.Phi].reshape(len(run), -1)), axis=1)
-    if eom.lam.numel():
-        rows = (eom.Phi_q @ eom.v - eom.nu)[[k for k, e in enumerate(eom.row_elements) if not getattr(e, "modes", ())]]
-        drift["its rate"] = np.max(np.abs(run[rows].reshape(len(run), -1)), axis=1)
+    position, velocity = violations(run)
+    drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
+    drift |= {"its rate": velocity} if run.equations.lam.numel() else {}
     count = 3 if drift else 2
     figure = Figure(figsize=(7.2, 1.0 + 2.0 * count), layout="constrained")
     stack = list(figure.subplots(count, 1, sharex=True))
@@ -115,7 +117,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     Parameters
     ----------
     path : EquilibriumPath
-        What :func:`equilibrium_path` found.
+        Result of :func:`equilibrium_path`.
     expressions : dict of str to expression
         What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
 
@@ -126,32 +128,35 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    found = read_lines(expressions)
-    if not found:
+    quantities = read_lines(expressions)
+    if not quantities:
         raise MechanismError("plot_path: there is nothing to draw; give {label: expression}")
     if not hasattr(path, "least_stiffness"):
         raise MechanismError(f"plot_path: takes what equilibrium_path returns, got {path!r}")
-    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(found)), layout="constrained")
-    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
+    figure = Figure(figsize=(6.4, 0.8 + 2.8 * len(quantities)), layout="constrained")
+    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
         values = path[column].reshape(len(path), -1)
-        for k, (name, line) in enumerate(zip(names, values.T, strict=True)):
-            _branches(axes, path, line, COLOURS[k % len(COLOURS)], name)
+        drawn = {
+            name: _branches(axes, path, line, SERIES_LIGHT[k % len(SERIES_LIGHT)])
+            for k, (name, line) in enumerate(zip(names, values.T, strict=True))
+        }
         for critical in path.critical:
             at = np.atleast_1d(critical.state[column])
             axes.plot(np.full(at.shape, critical.value), at, "o", color="#20272e", markersize=5, zorder=4)
             axes.annotate(f"{critical.kind} at {critical.value:.4g}", (critical.value, at[0]), (6, 6),
                           textcoords="offset points", fontsize="small", color="#5b6770")  # fmt: skip
-        dress(axes, label, len(names) > 1)
-    stack[-1].set_xlabel(path.parameter.label)
+        dress(axes, label)
+        legend(axes, drawn)
+    readable(stack[-1].set_xlabel(path.parameter.label), name=True)
     return figure
 
 
-def _branches(axes: Axes, path: EquilibriumPath, values: np.ndarray, colour: str, name: str) -> None:
-    """Pieces of one stability; each reaches to the first point of the next one."""
-    edges = np.flatnonzero(np.diff(path.stable.astype(int))) + 1
+def _branches(axes: Axes, path: EquilibriumPath, values: np.ndarray, colour: str) -> Any:
+    """Draw pieces of one stability, each up to the first point of the next one; return the line of the first."""
+    edges, lines = np.flatnonzero(np.diff(path.stable.astype(int))) + 1, []
     for piece in np.split(np.arange(len(path)), edges):
         reach = np.append(piece, piece[-1] + 1) if piece[-1] + 1 < len(path) else piece
         style = "-" if path.stable[piece[0]] else (0, (4, 3))
-        label = name if piece[0] == 0 else "_"
-        axes.plot(path.values[reach], values[reach], color=colour, linewidth=1.6, linestyle=style, label=label)
+        lines += axes.plot(path.values[reach], values[reach], color=colour, linewidth=1.6, linestyle=style)
+    return lines[0]

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...identification.fit import spread_of
-from .plot import COLOURS
+from ..axes import readable
+from ..drawing.style import SERIES_LIGHT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,10 +27,10 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
     Parameters
     ----------
     fit : Fit
-        What :func:`identify` found.
+        Result of :func:`identify`.
     labels : sequence of str, optional
         Of every measured quantity in the order of the data, with units ("tip x, m"); the
-        expressions themselves where none are given.
+        expressions themselves by default.
 
     Returns
     -------
@@ -56,7 +57,7 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
             axes.set_visible(False)
         grid[2 * len(e.labels) - 1, column].set_xlabel("t, s")
         if e.name:
-            grid[0, column].set_title(e.name)
+            readable(grid[0, column].set_title(e.name), name=True)
     figure.align_ylabels()
     return figure
 
@@ -64,14 +65,14 @@ def plot_residuals(fit: Fit, labels: Sequence[str] | None = None) -> Figure:
 def _one(
     above: Any, below: Any, t: np.ndarray, samples: np.ndarray, model: np.ndarray, residual: np.ndarray, label: str
 ) -> None:
-    above.plot(t, samples, ".", color=COLOURS[5], markersize=4, label="data")
-    above.plot(t, model, color=COLOURS[0], linewidth=1.4, label="model")
-    above.set_ylabel(label)
+    above.plot(t, samples, ".", color=SERIES_LIGHT[5], markersize=4, label="data")
+    above.plot(t, model, color=SERIES_LIGHT[0], linewidth=1.4, label="model")
+    readable(above.set_ylabel(label))
     above.legend(frameon=False, fontsize="small")
     spread = float(np.nan_to_num(spread_of(residual)))
-    below.axhspan(-2 * spread, 2 * spread, color=COLOURS[0], alpha=0.12, linewidth=0)
-    below.axhline(0.0, color=COLOURS[5], linewidth=0.6)
-    below.plot(t, residual, ".", color=COLOURS[1], markersize=4)
+    below.axhspan(-2 * spread, 2 * spread, color=SERIES_LIGHT[0], alpha=0.12, linewidth=0)
+    below.axhline(0.0, color=SERIES_LIGHT[5], linewidth=0.6)
+    below.plot(t, residual, ".", color=SERIES_LIGHT[1], markersize=4)
     below.set_ylabel("residual")
     for axes in (above, below):
         axes.spines[["top", "right"]].set_visible(False)

@@ -28,9 +28,9 @@ def plot_modes(model: Any, count: int | None = None) -> Figure:
     Parameters
     ----------
     model : LinearModel or sequence of Mode
-        What :func:`linearize` returns, or some of its modes.
+        Result of :func:`linearize`, or some of its modes.
     count : int, optional
-        How many are drawn, the slowest first; six at most where none is given.
+        Number of modes to draw, the slowest first; by default at most six.
 
     Returns
     -------

@@ -19,14 +19,14 @@ from ...results.columns import (
     read_lines,
 )
 from ...results.trajectory import Trajectory
-from ..drawing.draw import motion_of, two_spines
+from ..axes import dress, legend, readable
+from ..drawing.draw import motion_of
+from ..drawing.style import SERIES_LIGHT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Distinct also in print and to those who see red and green alike.
-COLOURS = ("#1f5fa8", "#d1495b", "#2e8b6f", "#e0a030", "#7a5195", "#5b6770", "#3aa6c4", "#a0522d")
 _STYLES = ("-", "--", ":")
 
 
@@ -58,15 +58,16 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     """
     from matplotlib.figure import Figure
 
-    found = read_lines(expressions)
-    if not found:
+    quantities = read_lines(expressions)
+    if not quantities:
         raise MechanismError("plot: there is nothing to draw; give {label: expression}")
     run = motion_of(motion, "plot")
-    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(found)), layout="constrained")
-    stack = list(figure.subplots(len(found), 1, sharex=True, squeeze=False)[:, 0])
-    for axes, (label, (names, column)) in zip(stack, found.items(), strict=True):
-        values = run[column].reshape(len(run), -1)
-        lines_over(axes, run, dict(zip(names, values.T, strict=True)), label)
+    drawn = run.with_jumps
+    figure = Figure(figsize=(7.2, 0.8 + 2.0 * len(quantities)), layout="constrained")
+    stack = list(figure.subplots(len(quantities), 1, sharex=True, squeeze=False)[:, 0])
+    for axes, (label, (names, column)) in zip(stack, quantities.items(), strict=True):
+        values = drawn[column].reshape(len(drawn), -1)
+        lines_over(axes, drawn, dict(zip(names, values.T, strict=True)), label)
     _mark_events(stack, run)
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
@@ -92,7 +93,8 @@ def overview(motion: Trajectory) -> Figure:
 
     if not len(motion):
         raise MechanismError("overview: the trajectory holds no times")
-    left, right = _coordinates(motion), _loads(motion)
+    drawn = motion.with_jumps
+    left, right = _coordinates(drawn), _loads(drawn)
     rows = len(left) * len(right)
     figure = Figure(figsize=(11.0, 7.6), layout="constrained")
     grid = figure.add_gridspec(rows, 2)
@@ -102,12 +104,12 @@ def overview(motion: Trajectory) -> Figure:
         for k, (label, lines) in enumerate(panels.items()):
             share = stack[0] if stack else None
             stack.append(figure.add_subplot(grid[k * height : (k + 1) * height, side], sharex=share))
-            lines_over(stack[-1], motion, lines, label)
+            lines_over(stack[-1], drawn, lines, label, names=True)
             stack[-1].tick_params(labelbottom=k == len(panels) - 1)
         _mark_events(stack, motion)
         stack[-1].set_xlabel("t, s")
         figure.align_ylabels(stack)
-    figure.suptitle(motion.mechanism.name or "motion", fontweight="bold")
+    readable(figure.suptitle(motion.mechanism.name or "motion", fontweight="bold"), name=True)
     return figure
 
 
@@ -145,32 +147,18 @@ def reaction_sizes(motion: Trajectory) -> tuple[dict[str, ca.SX], dict[str, np.n
     return {name: forces[name] for name in sizes}, sizes
 
 
-def lines_over(axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str) -> None:
-    """Draw named lines into axes; a single one needs no legend."""
-    marker = "o" if len(motion) == 1 else ""
+def lines_over(
+    axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str, names: bool = False
+) -> None:
+    """Draw named lines into axes; `names` says that label and legend hold names of the model."""
+    marker, drawn = "o" if len(motion) == 1 else "", {}
     for k, (name, values) in enumerate(lines.items()):
-        colour, style = COLOURS[k % len(COLOURS)], _STYLES[(k // len(COLOURS)) % len(_STYLES)]
-        axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker, label=name)
-    dress(axes, label, len(lines) > 1)
+        colour, style = SERIES_LIGHT[k % len(SERIES_LIGHT)], _STYLES[(k // len(SERIES_LIGHT)) % len(_STYLES)]
+        (drawn[name],) = axes.plot(motion.t, values, color=colour, linestyle=style, linewidth=1.5, marker=marker)
+    dress(axes, label, names)
+    legend(axes, drawn, names)
     if len(motion) > 1:
         axes.set_xlim(motion.t[0], motion.t[-1])
-
-
-def dress(axes: Axes, label: str, legend: bool) -> None:
-    """Give axes their label, a grid, room about what does not change, and a legend beside them."""
-    axes.set_ylabel(label)
-    axes.grid(True, color="#d8dce0", linewidth=0.6)
-    axes.set_axisbelow(True)
-    two_spines(axes)
-    # rounding errors of a quantity that rests would else fill the whole height
-    low, high = axes.get_ylim()
-    size = max(abs(low), abs(high))
-    if high - low < 1e-9 * max(size, 1e-3) and axes.get_yscale() == "linear":
-        margin = 0.1 * size if size > 1e-9 else 1.0
-        axes.set_ylim(low - margin, high + margin)
-    if legend:
-        beside = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", handlelength=1.4)
-        beside.set_frame_on(False)
 
 
 def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:
@@ -179,5 +167,5 @@ def _mark_events(stack: Sequence[Axes], motion: Trajectory) -> None:
             axes.axvline(event.t, color="#8a929a", linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
         stack[0].annotate(
             event.name, (event.t, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2), textcoords="offset points",
-            fontsize="x-small", color="#5b6770",
+            fontsize="x-small", color="#5b6770", parse_math=False,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What an optimal motion looks like at one glance."""
+"""Overview of an optimal motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from ...errors import MechanismError
 from ...model.joints.lower_pairs import PointOnLine, Revolute, Translational
 from ...model.rates import time_derivative
 from ...results.columns import columns, read_lines
-from .plot import COLOURS, dress, reaction_sizes
+from ..axes import dress, legend, readable
+from ..drawing.style import SERIES_LIGHT
+from .plot import reaction_sizes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Times at which curves between mesh points are drawn.
 TIMES = 600
-#: How far beyond the curve of an input a limit may lie to be shown, in parts of the curve's own range.
+#: How far beyond the curve of an input a limit may lie to be shown, in parts of the range of the curve.
 FAR = 1.0
 #: Letters of the name of a limit: a longer one would leave no room for the curves.
 LABEL = 34
@@ -34,11 +36,11 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     Parameters
     ----------
     solution : Solution
-        What :func:`optimize` found.
+        Result of :func:`optimize`.
     expressions : dict of str to expression, optional
-        What is drawn of the states, by label, as in :func:`plot`. Where none are given: the natural
+        Quantities to draw, by label, as in :func:`plot`; by default the natural
         coordinates of joints on the ground and their rates, or the coordinates of
-        the bodies where there are no such joints.
+        the bodies if there are no such joints.
 
     Returns
     -------
@@ -78,14 +80,17 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
     name = solution.problem.mechanism.name or "optimal motion"
-    figure.suptitle(f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s", fontsize="medium")
+    title = f"{name}: cost {solution.cost:.6g}, {solution.duration:.4g} s"
+    readable(figure.suptitle(title, fontsize="medium"), name=True)
     return figure
 
 
 def _named(expressions: Mapping[str, Any]) -> dict[str, dict[str, ca.SX]]:
     """Lines by name, by label of the axes."""
-    found = read_lines(expressions)
-    return {label: dict(zip(names, ca.vertsplit(column), strict=True)) for label, (names, column) in found.items()}
+    return {
+        label: dict(zip(names, ca.vertsplit(column), strict=True))
+        for label, (names, column) in read_lines(expressions).items()
+    }
 
 
 def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
@@ -93,55 +98,57 @@ def _usual_states(solution: Solution) -> dict[str, dict[str, ca.SX]]:
     mechanism = solution.problem.mechanism
     grounded = [joint for joint in mechanism.joints if any(body.is_ground for body in joint.bodies)]
     angles = {joint.name: joint.angle for joint in grounded if isinstance(joint, Revolute)}
-    ways = {joint.name: joint.displacement for joint in grounded if isinstance(joint, Translational | PointOnLine)}
-    if not angles and not ways:
+    places = {joint.name: joint.displacement for joint in grounded if isinstance(joint, Translational | PointOnLine)}
+    if not angles and not places:
         angles = {body.name: body.phi for body in mechanism.bodies}
-        ways = {body.name: body.position for body in mechanism.bodies}
-    found = {}
-    for natural, label, unit in ((angles, "angle", "rad"), (ways, "place", "m")):
+        places = {body.name: body.position for body in mechanism.bodies}
+    panels = {}
+    for natural, label, unit in ((angles, "angle", "rad"), (places, "place", "m")):
         if natural:
-            found[f"{label}, {unit}"] = natural
-            found[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
-    return found
+            panels[f"{label}, {unit}"] = natural
+            panels[f"its rate, {unit}/s"] = {name: time_derivative(e) for name, e in natural.items()}
+    return panels
 
 
 def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
     motion = solution.trajectory
-    axes.plot(fine.t, fine[symbol], color=COLOURS[0], linewidth=1.5)
-    axes.plot(motion.t, motion[symbol], ".", color=COLOURS[0], markersize=3)
+    axes.plot(fine.t, fine[symbol], color=SERIES_LIGHT[0], linewidth=1.5)
+    axes.plot(motion.t, motion[symbol], ".", color=SERIES_LIGHT[0], markersize=3)
     low, high = axes.get_ylim()
     for limit in _limits(solution, symbol):
         values = np.broadcast_to(fine[limit], fine.t.shape)
-        axes.plot(fine.t, values, color=COLOURS[1], linewidth=1.1, linestyle=(0, (5, 3)))
+        axes.plot(fine.t, values, color=SERIES_LIGHT[1], linewidth=1.1, linestyle=(0, (5, 3)))
         # a limit that is far away would leave no room for the curve
         if values.max() < high + FAR * (high - low) and values.min() > low - FAR * (high - low):
             low, high = min(low, values.min()), max(high, values.max())
     margin = 0.04 * (high - low)
     axes.set_ylim(low - margin, high + margin)
-    dress(axes, symbol.label, False)
+    dress(axes, symbol.label, name=True)
 
 
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
     """Limits of an input as expressions: of those that are linear in it, and hold no other input."""
-    found = []
+    limits = []
     others = [u for u in solution.problem.mechanism.inputs if u is not symbol]
-    for condition in (*solution.problem.path, *solution.program.limit_owners):
+    for condition in (limit for phase in solution.phases for limit in phase.limits):
         slope = ca.jacobian(condition.expression, symbol)
-        if condition.equality or not slope.nnz() or ca.depends_on(slope, symbol):
+        if not slope.nnz() or ca.depends_on(slope, symbol):
             continue
         limit = ca.simplify(ca.substitute(symbol - condition.expression / slope, symbol, 0))
         if not others or not ca.depends_on(condition.expression, ca.vertcat(*others)):
-            found.append(ca.SX(limit))
-    return found
+            limits.append(ca.SX(limit))
+    return limits
 
 
 def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, ca.SX], label: str) -> None:
     between, at = columns(fine, dict(expressions)), columns(solution.trajectory, dict(expressions))
+    drawn = {}
     for k, (name, values) in enumerate(between.items()):
-        colour = COLOURS[k % len(COLOURS)]
-        axes.plot(fine.t, values, color=colour, linewidth=1.5, label=name)
+        colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
+        (drawn[name],) = axes.plot(fine.t, values, color=colour, linewidth=1.5)
         axes.plot(solution.trajectory.t, at[name], ".", color=colour, markersize=3)
-    dress(axes, label, len(between) > 1)
+    dress(axes, label)
+    legend(axes, drawn)
 
 
 def _active(axes: Axes, active: Any) -> None:
@@ -149,11 +156,12 @@ def _active(axes: Axes, active: Any) -> None:
     for row, limit in enumerate(active):
         for start, end in limit.spans:
             if end > start:
-                axes.barh(row, end - start, left=start, height=0.55, color=COLOURS[1])
+                axes.barh(row, end - start, left=start, height=0.55, color=SERIES_LIGHT[1])
             else:
-                axes.plot(start, row, "d", color=COLOURS[1], markersize=5)
-        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small")
-    dress(axes, "", False)
+                axes.plot(start, row, "d", color=SERIES_LIGHT[1], markersize=5)
+        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small",
+                  parse_math=False)  # fmt: skip
+    dress(axes, "")
     axes.set_ylim(len(active) - 0.4, -0.6)
     _say(axes, "active limits")
 
@@ -164,7 +172,7 @@ def _short(label: str) -> str:
 
 def _mesh(axes: Axes, solution: Solution) -> None:
     axes.vlines(solution.mesh, 0, 1, color="#5b6770", linewidth=0.9)
-    dress(axes, "", False)
+    dress(axes, "")
     axes.set_ylim(0, 1)
     axes.grid(False)
     _say(axes, "mesh")

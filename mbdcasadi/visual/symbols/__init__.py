@@ -1,6 +1,9 @@
-"""Symbols of elements, as in textbooks: one function for each kind, found by :func:`symbol`."""
+"""Symbols of elements: one :class:`Glyph` or function for each class of elements, in the table :func:`glyph`."""
 
-from . import cams, constraints, contacts, forces, gears, lower_pairs, stops  # each registers its symbols
-from .base import symbol
+from . import bodies, cams, contacts, coordinates, forces, gears, lower_pairs, motions, springs, stops  # these register
+from .base import Glyph, glyph, glyph_of
 
-__all__ = ["cams", "constraints", "contacts", "forces", "gears", "lower_pairs", "stops", "symbol"]
+__all__ = [
+    "Glyph", "bodies", "cams", "contacts", "coordinates", "forces", "gears", "glyph", "glyph_of", "lower_pairs",
+    "motions", "springs", "stops",
+]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Symbols of cams and their followers, and of points on curves."""
+"""Cams and their followers, and points on curves."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...model.geometry.curves import Curve
 from ...model.joints.cams import CamCam, CamFlatFollower, CamPointFollower, PointOnCurve
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
-from .base import symbol
+from .base import glyph
 
 #: Points of an outline.
 POINTS = 180
-#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the point's way.
+#: Curves up to this length, in units, are drawn from end to end; of longer ones what is about the path of the point.
 SHORT = 80.0
 
 
@@ -29,7 +29,7 @@ def cam(pen: Pen, marker: Marker, outline: Any) -> None:
     pen.replaces(marker.body, float(np.max(np.hypot(*points.T))))
 
 
-@symbol.register
+@glyph.register
 def flat_follower(joint: CamFlatFollower, pen: Pen) -> None:
     """A cam under a face as wide as the contact travels."""
     cam(pen, joint.a, joint.outline)
@@ -42,7 +42,7 @@ def flat_follower(joint: CamFlatFollower, pen: Pen) -> None:
     frame.area("body", lines.rectangle((-reach, min(0, edge)), (reach, max(0, edge))), layer=scene.BODY)
 
 
-@symbol.register
+@glyph.register
 def point_follower(joint: CamPointFollower, pen: Pen) -> None:
     """A cam under a roller, or under a knife edge."""
     cam(pen, joint.a, joint.outline)
@@ -58,16 +58,16 @@ def point_follower(joint: CamPointFollower, pen: Pen) -> None:
     frame.area("dot", [[0, 0], [1.6 * u, 0.55 * u], [1.6 * u, -0.55 * u]], layer=scene.SLOT)
 
 
-@symbol.register
+@glyph.register
 def cam_on_cam(joint: CamCam, pen: Pen) -> None:
     """Both outlines."""
     cam(pen, joint.a, joint.outline)
     cam(pen, joint.b, joint.outline_b)
 
 
-@symbol.register
+@glyph.register
 def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
-    """A slot along the curve where the point goes, and the pin in it."""
+    """A slot along the path of the point, and the pin in it."""
     curve, u = joint.curve, pen.unit
     frame = pen.on(joint.a)
     middle, left, right = _slot(pen, curve, joint.parameter, 0.62 * u)
@@ -80,7 +80,7 @@ def point_on_curve(joint: PointOnCurve, pen: Pen) -> None:
 
 
 def _slot(pen: Pen, curve: Curve, parameter: Any, half: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle line and both edges of a slot: of a long one that ends, what is about the point's way."""
+    """Middle line and both edges of a slot: of a long open one, what is about the path of the point."""
     low, high = curve.lower, curve.upper
     whole = pen.curve(curve.point, np.linspace(low, high, POINTS))
     if not curve.closed and np.hypot(*np.ptp(whole, axis=0)) > SHORT * pen.unit:

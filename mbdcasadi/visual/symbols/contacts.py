@@ -1,25 +1,38 @@
-"""Symbols of contacts: the outlines that may touch."""
+"""Contacts: the outlines that may touch."""
 
 from __future__ import annotations
 
 from functools import singledispatch
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ...model.forces.contact.contact import Contact
 from ...model.forces.contact.outlines import Circle, HalfPlane, Point, PolygonEdges, Segment
 from ..drawing import lines
+from ..drawing.loads import Load
 from ..drawing.pen import Pen
-from .base import symbol
+from .base import Glyph
 from .gears import disc
 
 
-@symbol.register
-def contact(element: Contact, pen: Pen) -> None:
+class ContactGlyph(Glyph, of=Contact):
     """Both outlines."""
-    for outline in (element.a, element.b):
-        edge(outline, pen)
+
+    def draw(self) -> None:
+        """Draw the outlines."""
+        for outline in (self.element.a, self.element.b):
+            edge(outline, self.pen)
+
+    def loads(self) -> list[Load]:
+        """Return the force of each contact point."""
+        return [Load(point, force, "force") for point, force in self.element.forces]
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return gap and forces."""
+        element = self.element
+        return {"gap, m": element.gap, "normal force, N": element.normal_force, "friction, N": element.friction_force}
 
 
 @singledispatch

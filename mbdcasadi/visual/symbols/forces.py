@@ -1,166 +1,67 @@
-"""Symbols of springs, dampers, cylinders, bushings and motors."""
+"""Applied forces and couples, and weights."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import casadi as ca
-import numpy as np
 
-from ...model.bodies import Marker
 from ...model.forces.applied import Force, Torque
-from ...model.forces.cylinders import Cylinder, GasSpring
 from ...model.forces.field import FieldForce, Gravity
+from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.forces.motors import DCMotor
-from ...model.forces.springs import RSDA, TSDA, Bushing
-from ...model.forces.stops import Rope
-from ..drawing import lines, scene
-from ..drawing.pen import Frame, Pen
-from .base import nothing, symbol
-from .constraints import sense, turning
-
-for kind in (Gravity, FieldForce):
-    symbol.register(kind, nothing)
+from ..drawing.loads import Load
+from .base import Glyph, Hidden
+from .motions import pivot_of, sense, turning
 
 
-@symbol.register
-def force(element: Force, pen: Pen) -> None:
-    """A point where it acts; the arrow, which is to scale, comes with the loads."""
-    pen.dot(pen.on(element.at))
+class ForceGlyph(Glyph, of=Force):
+    """A point where the force acts; the arrow, which is to scale, comes with the loads."""
+
+    def draw(self) -> None:
+        """Draw the point."""
+        self.pen.dot(self.pen.on(self.element.at))
+
+    def loads(self) -> list[Load]:
+        """Return the force, which is drawn in any case."""
+        return [Load(self.element.at, self.element.force, "force", always=True)]
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return its components."""
+        return {"force, x, N": self.element.force[0], "force, y, N": self.element.force[1]}
 
 
-@symbol.register(Torque)
-@symbol.register(DCMotor)
-def torque(element: Any, pen: Pen) -> None:
-    """A curved arrow about the pin that it turns."""
-    turning(pen, element.body, element.bodies, sense(pen, element.torque))
+class TorqueGlyph(Glyph, of=(Torque, DCMotor)):
+    """A curved arrow about the pin that the couple turns."""
+
+    def draw(self) -> None:
+        """Draw the arrow."""
+        turning(self.pen, self.element.body, self.element.bodies, sense(self.pen, self.element.torque))
+
+    def loads(self) -> list[Load]:
+        """Return the couple."""
+        pivot = pivot_of(self.pen, self.element.body, self.element.bodies)
+        return [Load(pivot, ca.SX(self.element.torque), "force")]
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return the couple."""
+        return {"torque, N m": ca.SX(self.element.torque)}
 
 
-# --- between two points --------------------------------------------------------------------
-def _there(value: Any) -> bool:
-    return isinstance(value, ca.SX) or value != 0
+class FieldForceGlyph(Hidden, of=FieldForce):
+    """Arrow of a force at the centre of mass, with the loads alone."""
+
+    def loads(self) -> list[Load]:
+        """Return the resultant."""
+        return [Load(self.element.body.at(0, 0), self.element.force, "force")]
 
 
-@symbol.register
-def spring_damper(element: TSDA, pen: Pen) -> None:
-    """A zigzag, a damper, or both side by side; a cylinder where there is an actuator alone."""
-    u, frame = pen.unit, _beside_others(element, pen)
-    spring = element.law is not None or _there(element.stiffness)
-    damper = _there(element.damping)
-    if not (spring or damper):
-        _cylinder(pen, frame, element.length, 0.75)
-    elif spring and damper:
-        for side in (0.06, 0.94):
-            frame.draw("spring", lines.along([side, side], [-1.0 * u, 1.0 * u]))
-        frame.draw("spring", lines.along([0, 0.06], 0), lines.along([0.94, 1], 0))
-        frame.draw("spring", _inner(lines.zigzag(0.6 * u, shift=1.0 * u)))
-        _damper(pen, frame, -1.0 * u, 0.06)
-    elif spring:
-        frame.draw("spring", lines.zigzag(0.85 * u))
-    else:
-        _damper(pen, frame, 0.0, 0.0)
+class GravityGlyph(Hidden, of=Gravity):
+    """Arrows of the weights, with the loads alone."""
+
+    def loads(self) -> list[Load]:
+        """Return the weight of each body."""
+        g, bodies = self.element.acceleration, self.pen.sample.mechanism.bodies
+        return [Load(body.at(0, 0), ca.SX(body.mass) * g, "weight") for body in bodies]
 
 
-def _beside_others(element: TSDA, pen: Pen) -> Frame:
-    """Frame from end to end, moved to the side where several elements connect the same points; with its anchors."""
-    _anchors(element, pen)
-    frame = pen.between(element.a.position, element.b.position)
-    springs = [f for f in pen.sample.mechanism.forces if isinstance(f, TSDA)]
-    same = [f for f in springs if all(pen.at_one_place(*ends) for ends in ((f.a, element.a), (f.b, element.b)))]
-    height = 2.3 * pen.unit * (same.index(element) - (len(same) - 1) / 2)
-    if height:
-        for end in (0, 1):
-            frame.draw("spring", lines.along([end, end], [0, height]))
-        frame.shift = np.array([0.0, height])
-    return frame
-
-
-def _inner(points: np.ndarray) -> np.ndarray:
-    """The same between the two cross bars that a spring and a damper share."""
-    points = points.copy()
-    points[:, 1] = 0.06 + 0.88 * points[:, 1]
-    return points
-
-
-def _damper(pen: Pen, frame: Frame, height: float, margin: float) -> None:
-    """A cup, open towards b, with a piston in it."""
-    u = pen.unit
-    h = 0.55 * u
-    frame.draw(
-        "damper",
-        lines.along([margin, 0.34], height),
-        lines.along([0.68, 0.34, 0.34, 0.68], np.array([h, h, -h, -h]) + height),
-        lines.along([0.52, 0.52], np.array([0.7 * h, -0.7 * h]) + height),
-        lines.along([0.52, 1 - margin], height),
-    )
-
-
-def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
-    """Barrel at a, rod at b: both of one size while the length changes, where the stroke leaves room for that."""
-    u = pen.unit
-    low, high = pen.span(length)
-    barrel, h = 0.62 * low, height * u
-    piston = min(max(0.15 * low, high - low), 0.92 * barrel)  # from a at the largest length
-    frame.area("barrel", np.column_stack([np.array([0.02 * low, barrel, barrel, 0.02 * low]), np.zeros(4),
-                                          np.array([-h, -h, h, h]), np.zeros(4)]))  # fmt: skip
-    rod = piston - high if high - low > 1e-9 * high else 0.35 * low - high
-    ends = np.array([[rod, 1, 0, 0], [0, 1, 0, 0]])
-    frame.draw("link", ends)
-    frame.draw("link", np.array([[rod, 1, -0.8 * h, 0], [rod, 1, 0.8 * h, 0]]))
-
-
-@symbol.register
-def cylinder(element: Cylinder, pen: Pen) -> None:
-    """A barrel with a piston rod."""
-    _cylinder(pen, _beside_others(element, pen), element.length, 0.9)
-
-
-@symbol.register
-def gas_spring(element: GasSpring, pen: Pen) -> None:
-    """A slender barrel with a piston rod."""
-    _cylinder(pen, _beside_others(element, pen), element.length, 0.6)
-
-
-@symbol.register
-def rope(element: Rope, pen: Pen) -> None:
-    """A straight line."""
-    _anchors(element, pen)
-    pen.between(element.a.position, element.b.position).draw("link", lines.along([0, 1], 0))
-
-
-def _anchors(element: Any, pen: Pen) -> None:
-    """Points at both ends, on a wall where an end is on the ground and nothing else stands there."""
-    for marker, other in ((element.a, element.b), (element.b, element.a)):
-        pen.dot(pen.on(marker), 0.3)
-        if marker.body.is_ground:
-            _wall_behind(pen, marker, other)
-
-
-def _wall_behind(pen: Pen, marker: Marker, other: Marker) -> None:
-    u, frame = pen.unit, pen.on(marker)
-    if not pen.is_new(pen.first(marker.position), pen.stands):
-        return
-    x, y = np.mean(pen.over(other.position - marker.position), axis=0)
-    wall = Frame(pen, frame.number, frame.shift, float(np.arctan2(y, x)))
-    pen.hatched(wall, (0, 1.7 * u), (0, -1.7 * u))
-
-
-# --- about a point -----------------------------------------------------------------------------
-@symbol.register
-def torsion_spring(element: RSDA, pen: Pen) -> None:
-    """A spiral about the pin."""
-    u = pen.unit
-    points = lines.spiral(0.8 * u, 2.3 * u, 2.25)
-    frame = pen.on(element.a)
-    frame.draw("spring", np.vstack([points, points[-1:] + np.array([[0, -0.8 * u]])]), layer=scene.SPRING)
-
-
-@symbol.register
-def bushing(element: Bushing, pen: Pen) -> None:
-    """A ring of rubber about a pin."""
-    u = pen.unit
-    frame = pen.on(element.a)
-    frame.area("rubber", lines.circle((0, 0), 1.25 * u), lines.circle((0, 0), 0.5 * u, 32)[::-1], layer=scene.SLOT)
-    if element.a.body.is_ground:
-        pen.stand(frame)
-    pen.dot(pen.on(element.b))
+class FrictionGlyph(Hidden, of=FrictionInJoint):
+    """Friction in a joint, which is drawn itself."""

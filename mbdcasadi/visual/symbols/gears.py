@@ -1,4 +1,4 @@
-"""Symbols of gears, racks, wheels and belts."""
+"""Gears, racks, wheels and belts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...model.bodies import Marker
 from ...model.joints.gears import Belt, Coupler, Gear, RackAndPinion, Rolling
 from ..drawing import lines, scene
 from ..drawing.pen import Pen
-from .base import symbol, tie
+from .base import glyph, tie
 
 #: Length of a tooth and its gap along the pitch circle, in units, and the fewest teeth of a gear.
 PITCH, FEWEST = 1.5, 10
@@ -19,48 +19,62 @@ PITCH, FEWEST = 1.5, 10
 
 @dataclass(frozen=True)
 class Wheel:
-    """One gear of a pair: where it sits, its pitch radius, and whether its teeth point inward."""
+    """One gear of a pair: its place, its pitch radius, and the sense of its teeth."""
 
     marker: Marker
     radius: float
     inward: bool
 
     def key(self, pen: Pen) -> tuple:
-        """What tells whether it is drawn already: a planet is one gear in two pairs."""
+        """Key of a gear that is drawn once: a planet is one gear in two pairs."""
         place = pen.first(self.marker.local) / pen.unit
         return (self.marker.body, *np.round(place, 6), round(self.radius / pen.unit, 6), self.inward)
 
 
-@symbol.register
+@glyph.register
 def gear(joint: Gear, pen: Pen) -> None:
     """Two gears with teeth that mesh, and their pitch circles."""
-    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
-    first = Wheel(joint.a, ra, joint.internal and ra > rb)
-    second = Wheel(joint.b, rb, joint.internal and rb > ra)
+    first, second = _wheels(pen, joint)
     if second.key(pen) in pen.teeth and first.key(pen) not in pen.teeth:
         first, second = second, first
     if first.key(pen) not in pen.teeth:
-        _toothed(pen, first, _count(pen, first.radius, second.radius), 0.0)
+        _toothed(pen, first, _count(pen, first), 0.0)
     if second.key(pen) not in pen.teeth:
         _toothed(pen, second, *_meshing(pen, first, second, joint.internal))
 
 
-def _count(pen: Pen, radius: float, other: float) -> int:
-    """Number of teeth of the first gear of a pair: near the usual pitch, and a whole number for both."""
-    small = min(radius, other)
-    usual = max(FEWEST, round(2 * np.pi * small / (PITCH * pen.unit)))
-    counts = np.arange(max(FEWEST, int(0.8 * usual)), int(1.3 * usual) + 2)
-    partner = counts * max(radius, other) / small
-    best = counts[np.argmin(np.abs(partner - np.round(partner)) + 1e-3 * np.abs(counts - usual))]
-    return int(best if radius == small else round(best * radius / small))
+def _count(pen: Pen, wheel: Wheel) -> int:
+    """Number of teeth of the first gear of a train: near the usual pitch, and a whole number for all of them.
+
+    A gear that meshes with three others or more (a sun with its planets) has a
+    multiple of their number, so that planets at equal angles mesh with sun and ring.
+    """
+    gears = [joint for joint in pen.sample.mechanism.joints if isinstance(joint, Gear)]
+    wheels = [w.key(pen) for joint in gears for w in _wheels(pen, joint)]
+    radii = np.array([key[-2] for key in dict.fromkeys(wheels)])
+    meshes = np.array([max(1, n) if (n := wheels.count(key)) > 2 else 1 for key in dict.fromkeys(wheels)])
+    small = float(radii.min())
+    usual = max(FEWEST, round(2 * np.pi * small / PITCH))
+    counts = np.arange(max(FEWEST, int(0.7 * usual)), int(1.6 * usual) + 2)
+    exact = counts[:, None] * radii / small
+    whole = np.round(exact)
+    misfit = np.abs(exact - whole).max(axis=1) + 0.5 * (whole % meshes != 0).any(axis=1)
+    best = counts[np.argmin(misfit + 1e-3 * np.abs(counts - usual))]
+    return round(best * wheel.radius / pen.unit / small)
+
+
+def _wheels(pen: Pen, joint: Gear) -> tuple[Wheel, Wheel]:
+    """Both gears of a pair."""
+    ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
+    return Wheel(joint.a, ra, joint.internal and ra > rb), Wheel(joint.b, rb, joint.internal and rb > ra)
 
 
 def _meshing(pen: Pen, known: Wheel, new: Wheel, internal: bool) -> tuple[int, float]:
     """Number and phase of the teeth of a gear that fit into those of one that is drawn."""
     count, phase = pen.teeth[known.key(pen)]
     partner = max(FEWEST, round(count * new.radius / known.radius))
-    way = new.marker.position - known.marker.position
-    angle, other, x, y = pen.first(known.marker.angle, new.marker.angle, way)
+    centres = new.marker.position - known.marker.position
+    angle, other, x, y = pen.first(known.marker.angle, new.marker.angle, centres)
     contact = np.arctan2(y, x) + (np.pi if internal and new.radius > known.radius else 0.0)
     # by which part of a pitch the point of contact lies beyond a tooth (a gap, of a ring)
     beyond = (contact - angle - phase) * count / (2 * np.pi)
@@ -87,7 +101,7 @@ def _toothed(pen: Pen, wheel: Wheel, count: int, phase: float) -> None:
 
 
 def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
-    """Holes that show how a disc turns, where there is room for them."""
+    """Holes that show how a disc turns, if there is room for them."""
     if inside < 4.5 * pen.unit:
         return []
     size = min(0.2 * inside, 2.5 * pen.unit)
@@ -96,7 +110,7 @@ def _holes(pen: Pen, inside: float) -> list[np.ndarray]:
     ]
 
 
-@symbol.register
+@glyph.register
 def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
     """A rack under a gear."""
     u, radius = pen.unit, pen.number(joint.radius)
@@ -105,11 +119,11 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
         _toothed(pen, wheel, max(FEWEST, round(2 * np.pi * radius / (PITCH * u))), 0.0)
     count, phase = pen.teeth[wheel.key(pen)]
     place = ca.dot(joint.a.x_axis, joint.b.position - joint.a.position)
-    where, turn = pen.first(place, joint.b.angle - joint.a.angle)
+    along, turn = pen.first(place, joint.b.angle - joint.a.angle)
     beyond = (-np.pi / 2 - turn - phase) % (2 * np.pi / count)
     low, high = pen.span(place)
     margin, pitch = max(0.8 * radius, 4 * u), 2 * np.pi * radius / count
-    top = lines.rack_teeth(low - margin, high + margin, pitch, where - radius * beyond)
+    top = lines.rack_teeth(low - margin, high + margin, pitch, along - radius * beyond)
     base = -1.1 * pitch / np.pi - 1.3 * u
     frame = pen.on(joint.a)
     style = "ground" if joint.a.body.is_ground else "body"
@@ -117,7 +131,7 @@ def rack_and_pinion(joint: RackAndPinion, pen: Pen) -> None:
     pen.replaces(joint.a.body, float(np.max(np.abs(top))))
 
 
-@symbol.register
+@glyph.register
 def rolling(joint: Rolling, pen: Pen) -> None:
     """A wheel with spokes on a track."""
     u, radius = pen.unit, pen.number(joint.radius)
@@ -139,15 +153,15 @@ def disc(pen: Pen, marker: Marker, radius: float) -> None:
     pen.replaces(marker.body, radius)
 
 
-@symbol.register
+@glyph.register
 def belt(joint: Belt, pen: Pen) -> None:
     """Two pulleys and the belt about them."""
     ra, rb = pen.number(joint.radius_a), pen.number(joint.radius_b)
     for marker, radius in ((joint.a, ra), (joint.b, rb)):
         disc(pen, marker, radius)
-    way = joint.b.position - joint.a.position
-    length = float(np.hypot(*pen.first(way)))
-    frame = pen.along(joint.a.position, way)
+    centres = joint.b.position - joint.a.position
+    length = float(np.hypot(*pen.first(centres)))
+    frame = pen.along(joint.a.position, centres)
     if not joint.crossed:
         around = lines.convex_hull(np.vstack([lines.circle((0, 0), ra, 120), lines.circle((length, 0), rb, 120)]))
         frame.area("belt", around, layer=scene.SLOT)
@@ -162,7 +176,7 @@ def belt(joint: Belt, pen: Pen) -> None:
     frame.draw("belt", other, layer=scene.SLOT)
 
 
-@symbol.register
+@glyph.register
 def coupler(joint: Coupler, pen: Pen) -> None:
     """A dashed line between the shafts."""
     tie(pen, joint.a.position, joint.b.position)

@@ -1,4 +1,4 @@
-"""Symbols of pins, sliders, welds and massless links."""
+"""Pins, sliders, welds and massless links."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...model.joints.lower_pairs import Distance, PointOnLine, Revolute, Transla
 from ..drawing import lines, scene
 from ..drawing.outlines import local_outlines, sections
 from ..drawing.pen import Frame, Pen
-from .base import symbol
+from .base import glyph
 
 #: Half length and half height of a slider block without a shape, in units.
 BLOCK = 2.0, 1.2
@@ -17,18 +17,18 @@ BLOCK = 2.0, 1.2
 ROD = 3.0
 
 
-@symbol.register
+@glyph.register
 def revolute(joint: Revolute, pen: Pen) -> None:
-    """A circle, on a stand where it is on the ground."""
+    """A circle, on a stand if it is on the ground."""
     for marker in joint.markers:
         if marker.body.is_ground:
             pen.stand(pen.on(marker))
     pen.pin(pen.on(joint.b if joint.a.body.is_ground else joint.a))
 
 
-@symbol.register
+@glyph.register
 def weld(joint: Weld, pen: Pen) -> None:
-    """A wall where it is on the ground, else a small square."""
+    """A wall if it is on the ground, else a small square."""
     u = pen.unit
     for fixed, moving in ((joint.a, joint.b), (joint.b, joint.a)):
         if fixed.body.is_ground:
@@ -41,7 +41,7 @@ def weld(joint: Weld, pen: Pen) -> None:
     pen.on(joint.a).area("dot", lines.rectangle((-0.45 * u, -0.45 * u), (0.45 * u, 0.45 * u)), layer=scene.PIN)
 
 
-@symbol.register
+@glyph.register
 def distance(joint: Distance, pen: Pen) -> None:
     """A thin link between two small pins."""
     pen.between(joint.a.position, joint.b.position).draw("link", lines.along([0, 1], 0), layer=scene.SLOT)
@@ -52,9 +52,9 @@ def distance(joint: Distance, pen: Pen) -> None:
 
 
 # --- sliders ------------------------------------------------------------------------------
-@symbol.register
+@glyph.register
 def translational(joint: Translational, pen: Pen) -> None:
-    """A block on a rail; a rod in a bearing, where the body is long; a bearing that is fixed, on a moving rod."""
+    """A block on a rail; a rod in a bearing if the body is long; a fixed bearing on a moving rod."""
     low, high = pen.span(joint.displacement)
     if joint.b.body.is_ground:
         _fixed_bearing(joint, pen, low, high)
@@ -81,14 +81,14 @@ def block_on_rail(pen: Pen, marker: Marker, rail: Frame, low: float, high: float
 
 
 def _drawn(pen: Pen, frame: Frame) -> list[np.ndarray]:
-    """What other symbols have drawn of a body that is longer than wide (a rack), in the axes of a marker on it."""
+    """Outline that other symbols have drawn of a body longer than wide (a rack), in the axes of a marker on it."""
     loops = [lines.turned(loop - frame.shift, -frame.angle) for loop in pen.loops.get(frame.body, ())]  # type: ignore[arg-type]
     long, wide = np.ptp(np.vstack(loops), axis=0) if loops else (0.0, 0.0)
     return loops if long > wide else []
 
 
 def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top: float) -> None:
-    """Surface under a block that slides; on both sides where it slides up and down."""
+    """Surface under a block that slides; on both sides if it slides up and down."""
     direction = float(pen.scene.poses(pen.sample)[0, frame.number, 2]) + frame.angle
     low, high = reach
     upright = abs(np.sin(direction)) > 0.8
@@ -105,7 +105,7 @@ def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top
 
 
 def _sleeve(frame: Frame, pen: Pen, common: tuple[float, float], bottom: float, top: float) -> None:
-    """Bearing about a rod, where it passes at all times."""
+    """Bearing about the part of a rod that passes it at all times."""
     u = pen.unit
     low, high = common
     middle, half = (low + high) / 2, max(1.2 * u, min(2.2 * u, 0.35 * (high - low)))
@@ -126,7 +126,7 @@ def _fixed_bearing(joint: Translational, pen: Pen, low: float, high: float) -> N
         pen.hatched(bearing, (side * 2 * u, side * 0.65 * u), (-side * 2 * u, side * 0.65 * u))
 
 
-@symbol.register
+@glyph.register
 def point_on_line(joint: PointOnLine, pen: Pen) -> None:
     """A slot along the line, with a die block on a pin in it."""
     u, height, body = pen.unit, pen.number(joint.offset), joint.a.body

@@ -1,4 +1,4 @@
-"""Symbol of a stop: a pad where the gap is closed."""
+"""Stops: a pad at the closed gap."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ...model.bodies import Body, ground
 from ...model.forces.stops import EndStop
 from ..drawing import lines, scene
 from ..drawing.pen import Frame, Pen
-from .base import symbol
-from .constraints import pivot_of
+from .base import glyph
+from .motions import pivot_of
 
-#: A gap counts as one along a line, or of an angle, where its derivatives are 1 and 0 up to this.
+#: A gap counts as one along a line, or of an angle, if its derivatives are 1 and 0 up to this.
 EXACT = 1e-9
 
 
-@symbol.register
+@glyph.register
 def end_stop(element: EndStop, pen: Pen) -> None:
     """A pad on the ground, in front of a body that slides or beside one that turns.
 
-    A gap is any expression; one between two bodies, or not of one direction, has no place of its own.
+    A gap is any expression; one between two bodies, or not of one direction, has no place.
     """
     bodies = [body for body in element.bodies if body is not ground]
     if len(bodies) != 1:
@@ -36,18 +36,18 @@ def end_stop(element: EndStop, pen: Pen) -> None:
         pen.later(lambda box: _beside(pen, body, element, -float(np.sign(slopes[0, 2]))))
 
 
-def _ahead(pen: Pen, body: Body, element: EndStop, way: np.ndarray) -> None:
-    """A pad across the way of the body, where its front is when the gap is closed."""
+def _ahead(pen: Pen, body: Body, element: EndStop, ahead: np.ndarray) -> None:
+    """A pad across the path of the body, at its front when the gap is closed."""
     x, y, phi, gap = pen.first(body.x, body.y, body.phi, element.gap)
     loops = pen.loops.get(body, [np.zeros((1, 2))])
-    front = float(np.max(lines.turned(np.vstack(loops), phi) @ way))
-    _pad(pen, np.array([x, y]) + (front + gap) * way, float(np.arctan2(way[1], way[0])))
+    front = float(np.max(lines.turned(np.vstack(loops), phi) @ ahead))
+    _pad(pen, np.array([x, y]) + (front + gap) * ahead, float(np.arctan2(ahead[1], ahead[0])))
 
 
 def _beside(pen: Pen, body: Body, element: EndStop, sense: float) -> None:
-    """A pad beside the line from the pivot to the centre of mass, where that is when the gap is closed."""
+    """A pad beside the line from the pivot to the centre of mass at the closed gap."""
     x, y, gap = pen.first(body.x, body.y, element.gap)
-    pivot = pen.first(pivot_of(pen, body, element.bodies))
+    pivot = pen.first(pivot_of(pen, body, element.bodies).position)
     arm = np.array([x, y]) - pivot
     if np.hypot(*arm) < 3 * pen.unit:
         return

@@ -1,69 +1,155 @@
 // --- values over time ------------------------------------------------------------------
-// A column is a constant, or quantised to 16 bits (32, where that is too coarse) between a least and a largest value.
-// Words are kept as differences from frame to frame, low bytes before high ones, deflated.
-async function unpacked(text) {
+// A column is a constant, or whole numbers at the knots of its group, times a size. Between knots it is a polynomial of
+// degree five through the six knots about a time, which follows the motion to the tolerance of the page.
+const POINTS = 6, LARGEST_WEIGHTS = 64, SMOOTH = 8;
+
+async function inflated(text) {
   if (typeof DecompressionStream === "undefined") {
     document.getElementById("scene").textContent = "This page needs a browser of 2023 or later.";
   }
   const packed = Uint8Array.from(atob(text), function (letter) { return letter.charCodeAt(0); });
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer()), half = bytes.length / 2;
-  const words = new Uint16Array(half);
-  for (let k = 0; k < half; k++) {
-    words[k] = (bytes[k] | (bytes[half + k] << 8)) + (k % DATA.count ? words[k - 1] : 0);
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+// Weights of knots, at places from a time, in the polynomial through them.
+function weightsOf(places, count, weights) {
+  for (let j = 0; j < count; j++) {
+    let weight = 1;
+    for (let k = 0; k < count; k++) if (k !== j) weight = weight * (places[k] / (places[k] - places[j]));
+    weights[j] = weight;
   }
-  return words;
-}
-const WORDS = await unpacked(DATA.words);
-
-function sampleAt(column, k) {
-  if (column.c !== undefined) return column.c;
-  const high = WORDS[column.at + k];
-  if (column.low === undefined) return column.o + column.s * high;
-  return column.o + column.s * (65536 * high + WORDS[column.low + k]);
 }
 
-// Value of a column at a time, on a straight line between two frames.
+// Groups, with the times of their knots, the pieces between jumps, and their values.
+async function unpackedGroups() {
+  const clock = new Float64Array((await inflated(DATA.clock)).buffer), masks = await inflated(DATA.masks);
+  const bytes = await inflated(DATA.words), total = bytes.length / 4, across = Math.ceil(DATA.times / 8);
+  let next = 0;
+  return DATA.groups.map(function (shape, number) {
+    const t = new Float64Array(shape.n), first = new Int32Array(shape.n), last = new Int32Array(shape.n);
+    let knots = 0;
+    for (let k = 0; k < DATA.times; k++) if (masks[number * across + (k >> 3)] >> (k & 7) & 1) t[knots++] = clock[k];
+    for (let k = 0; k < shape.n; k++) first[k] = k > 0 && t[k] - t[k - 1] > DATA.resolution ? first[k - 1] : k;
+    for (let k = shape.n - 1; k >= 0; k--) last[k] = k + 1 < shape.n && t[k + 1] - t[k] > DATA.resolution ? last[k + 1] : k;
+    const group = { t: t, first: first, last: last, columns: [], time: NaN, start: 0, count: 0, weights: new Float64Array(POINTS) };
+    const whole = [];
+    for (let c = 0; c < shape.k; c++) whole.push(new Float64Array(shape.n));
+    const places = new Float64Array(POINTS), weights = new Float64Array(POINTS);
+    for (let k = 0; k < shape.n; k++) {
+      // as many of the knots before it as do not throw the sum far off
+      let points = Math.min(k - first[k], POINTS);
+      for (; points > 1; points--) {
+        let size = 0;
+        for (let j = 0; j < points; j++) places[j] = t[k - points + j] - t[k];
+        weightsOf(places, points, weights);
+        for (let j = 0; j < points; j++) size = size + Math.abs(weights[j]);
+        if (size <= LARGEST_WEIGHTS) break;
+      }
+      for (let c = 0; c < shape.k; c++) {
+        const at = next + c * shape.n + k;
+        const word = bytes[at] + 256 * (bytes[total + at] + 256 * (bytes[2 * total + at] + 256 * bytes[3 * total + at]));
+        let sum = points > 1 ? 0 : k > 0 ? whole[c][k - 1] : 0;
+        if (points > 1) {
+          for (let j = 0; j < points; j++) sum = sum + weights[j] * whole[c][k - points + j];
+          sum = Math.floor(sum + 0.5);
+        }
+        whole[c][k] = sum + (word % 2 ? -(word + 1) / 2 : word / 2);
+      }
+    }
+    next += shape.n * shape.k;
+    group.columns = whole;
+    return group;
+  });
+}
+const GROUPS = await unpackedGroups();
+const COLUMNS = (function () {
+  const counts = GROUPS.map(function () { return 0; });
+  return DATA.columns.map(function (column) {
+    if (column.c !== undefined) return { constant: column.c };
+    return { group: GROUPS[column.g], values: GROUPS[column.g].columns[counts[column.g]++], size: column.q };
+  });
+})();
+
+// Knots about a time and their weights, kept until another time is asked for.
+function locate(group, time) {
+  if (group.time === time) return;
+  const t = group.t;
+  let low = 0, high = t.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (t[middle] <= time) low = middle; else high = middle;
+  }
+  let first = group.first[low], last = group.last[low];
+  if (t[low + 1] - t[low] <= DATA.resolution) { first = low; last = low + 1; }  // within a jump
+  const start = Math.max(first, Math.min(low - (POINTS / 2 - 1), last - (POINTS - 1)));
+  const places = [];
+  for (let k = start; k <= Math.min(last, start + POINTS - 1); k++) places.push(t[k] - time);
+  group.time = time;
+  group.start = start;
+  group.count = places.length;
+  const exact = places.indexOf(0);
+  if (exact < 0) weightsOf(places, places.length, group.weights);
+  else for (let k = 0; k < places.length; k++) group.weights[k] = k === exact ? 1 : 0;
+}
+
 function valueAt(index, time) {
-  const column = DATA.columns[index];
-  if (column.c !== undefined) return column.c;
-  const place = Math.min(Math.max(frameOf(time), 0), DATA.count - 1);
-  const k = Math.min(Math.floor(place), DATA.count - 2);
-  const first = sampleAt(column, k);
-  return first + (place - k) * (sampleAt(column, k + 1) - first);
+  const column = COLUMNS[index];
+  if (column.group === undefined) return column.constant;
+  const group = column.group;
+  locate(group, Math.min(Math.max(time, DATA.t0), DATA.t1));
+  let sum = 0;
+  for (let k = 0; k < group.count; k++) sum += group.weights[k] * column.values[group.start + k];
+  return column.size * sum;
 }
 
-// Pose of a frame: place and angle on a cubic through four frames, so that what is pinned stays together in a fast
-// motion; lengths, which are those of forces and may jump, on a straight line.
-function smoothAt(index, time) {
-  const column = DATA.columns[index];
-  if (column.c !== undefined) return column.c;
-  const last = DATA.count - 1, place = Math.min(Math.max(frameOf(time), 0), last);
-  const k = Math.min(Math.floor(place), last - 1), s = place - k;
-  const b = sampleAt(column, k), c = sampleAt(column, k + 1);
-  const a = k > 0 ? sampleAt(column, k - 1) : last > 1 ? 3 * b - 3 * c + sampleAt(column, k + 2) : 2 * b - c;
-  const d = k + 2 <= last ? sampleAt(column, k + 2) : last > 1 ? 3 * c - 3 * b + a : 2 * c - b;
-  return b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)));
+// Times at which columns are drawn: their knots, and some between them.
+function timesOf(indices) {
+  const times = new Set([DATA.t0, DATA.t1]);
+  for (const index of indices) {
+    const group = COLUMNS[index].group;
+    if (group === undefined) continue;
+    group.t.forEach(function (time, k) {
+      times.add(time);
+      const next = group.t[k + 1];
+      if (next - time > DATA.resolution) for (let k = 1; k < SMOOTH; k++) times.add(time + k / SMOOTH * (next - time));
+    });
+  }
+  return Array.from(times).sort(function (a, b) { return a - b; });
 }
 
-// A value over time, where what is smaller than a step of the quantisation counts as zero.
-function numberAt(index, time) {
-  const value = valueAt(index, time);
-  return Math.abs(value) < (DATA.columns[index].s || 0) ? 0 : value;
+// Columns that a frame depends on.
+function columnsOf(number) {
+  const frame = DATA.frames[number];
+  return frame.a ? frame.c.concat(columnsOf(frame.a[0])) : frame.c;
 }
 
 function timeOf(k) { return DATA.t0 + (DATA.t1 - DATA.t0) * k / (DATA.count - 1); }
 
 function frameOf(time) { return (time - DATA.t0) / (DATA.t1 - DATA.t0) * (DATA.count - 1); }
 
-function poseOf(frame, time) {
-  return DATA.frames[frame].map(function (index, j) { return j < 3 ? smoothAt(index, time) : valueAt(index, time); });
+// Pose of a frame: its place, cosine and sine of its angle, and its length.
+function poseOf(number, time) {
+  const frame = DATA.frames[number], values = frame.c.map(function (index) { return valueAt(index, time); });
+  let x, y;
+  if (frame.a) {
+    const base = poseOf(frame.a[0], time);
+    x = base[0] + base[2] * frame.a[1] - base[3] * frame.a[2];
+    y = base[1] + base[3] * frame.a[1] + base[2] * frame.a[2];
+  } else { x = values.shift(); y = values.shift(); }
+  if (frame.v === undefined) return [x, y, Math.cos(values[0]), Math.sin(values[0]), values[1]];
+  const size = Math.hypot(values[0], values[1]), along = size > 0 ? [values[0] / size, values[1] / size] : [1, 0];
+  return [x, y, along[0], along[1], frame.v ? frame.v * size : 1];
 }
 
-// Numbers with four digits that mean something, and a true minus sign.
-function written(value) {
-  if (Math.abs(value) < 1e-12) return "0";
-  const size = Math.abs(value);
-  const text = size >= 1e5 || size < 1e-4 ? value.toExponential(3) : String(Number(value.toPrecision(4)));
+// A number with four digits, or fewer where they are not known, and a true minus sign.
+function written(value, decimals) {
+  const size = Math.abs(value), known = decimals === undefined ? 12 : decimals;
+  if (size < 0.5 * Math.pow(10, -known)) return "0";
+  const power = Math.floor(Math.log10(size)), places = Math.min(3 - power, known);
+  let text;
+  if (size >= 1e5 || size < 1e-4) text = value.toExponential(Math.min(Math.max(places + power, 0), 3));
+  else if (places >= 0) text = String(Number(value.toFixed(places)));
+  else text = String(Math.round(value / Math.pow(10, -places)) * Math.pow(10, -places));
   return text.replace("-", "\u2212");
 }

@@ -29,7 +29,7 @@ function showReading() {
   for (const reading of item.readings) {
     const row = table.insertRow(), comma = reading.label.lastIndexOf(", ");
     row.insertCell().textContent = reading.label.slice(0, comma);
-    row.insertCell().textContent = written(numberAt(reading.column, state.time)) + " " + reading.label.slice(comma + 2);
+    row.insertCell().textContent = written(valueAt(reading.column, state.time), reading.d) + " " + reading.label.slice(comma + 2);
   }
   box.append(name, kind, table);
 }
@@ -82,6 +82,8 @@ for (const factor of SPEEDS) {
   element("speed").appendChild(option);
 }
 element("scale").textContent = DATA.scale;
+element("precision").textContent = "Numbers, curves and poses are those of the motion at any time; numbers to " + DATA.precision +
+  " digits of the largest value of each.";
 element("play").addEventListener("click", function () { setPlaying(!state.playing); });
 element("slider").addEventListener("input", function () { seek(DATA.t0 + Number(element("slider").value) * (DATA.t1 - DATA.t0)); });
 element("speed").addEventListener("change", function () { setSpeed(Number(element("speed").value)); });
@@ -196,15 +198,28 @@ window.mechanism = {
   get time() { return state.time; }, get playing() { return state.playing; },
   names: DATA.items.map(function (item) { return item.name; }),
   reading: function (name) {
-    const item = DATA.items.find(function (found) { return found.name === name; }), found = {};
-    for (const reading of item.readings) found[reading.label] = valueAt(reading.column, state.time);
-    return found;
+    const item = DATA.items.find(function (one) { return one.name === name; }), values = {};
+    for (const reading of item.readings) values[reading.label] = valueAt(reading.column, state.time);
+    return values;
   },
-  // where a mark of an item is drawn, in pixels of the drawing
+  // the same as it is shown
+  shown: function (name) {
+    const item = DATA.items.find(function (one) { return one.name === name; }), texts = {};
+    for (const reading of item.readings) texts[reading.label] = written(valueAt(reading.column, state.time), reading.d);
+    return texts;
+  },
+  // lines of a plot by name: the value at the time, and the points [t, value] that are drawn
+  plot: function (label) {
+    const plot = plots.find(function (one) { return one.label === label; }), lines = {};
+    for (const line of plot.lines) lines[line.name] = { value: valueAt(line.column, state.time), points: line.points };
+    return lines;
+  },
+  // where a mark of an item is drawn, in pixels of the drawing; null if it has none
   place: function (name) {
-    const number = DATA.items.findIndex(function (found) { return found.name === name; });
-    const mark = DATA.marks.filter(function (found) { return found.i === number && found.k === 2 && found.c; }).pop();
-    const pose = poseOf(mark.f, state.time), loop = DATA.shapes[mark.p][0], c = Math.cos(pose[2]), s = Math.sin(pose[2]);
+    const number = DATA.items.findIndex(function (one) { return one.name === name; });
+    const mark = DATA.marks.filter(function (one) { return one.i === number && one.k === 2 && one.c; }).pop();
+    if (!mark) return null;
+    const pose = poseOf(mark.f, state.time), loop = DATA.shapes[mark.p][0], c = pose[2], s = pose[3];
     let x = 0, y = 0;
     for (let i = 0; i < loop.length; i += 2) { x += loop[i]; y += loop[i + 1]; }
     x /= loop.length / 2; y /= loop.length / 2;

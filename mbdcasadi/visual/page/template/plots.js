@@ -7,14 +7,16 @@ const plots = DATA.plots.map(function (plot) {
   canvas.title = plot.label;
   document.getElementById("plots").appendChild(canvas);
   let low = Infinity, high = -Infinity;
-  for (const line of plot.lines) for (let k = 0; k < DATA.count; k++) {
-    const value = sampleAt(DATA.columns[line.column], k);
-    low = Math.min(low, value); high = Math.max(high, value);
-  }
+  const lines = plot.lines.map(function (line) {
+    const points = timesOf([line.column]).map(function (time) { return [time, valueAt(line.column, time)]; });
+    for (const point of points) { low = Math.min(low, point[1]); high = Math.max(high, point[1]); }
+    return { name: line.name, column: line.column, d: line.d, points: points };
+  });
   const size = Math.max(Math.abs(low), Math.abs(high));
   if (high - low < 1e-9 * Math.max(size, 1e-3)) { const room = size > 1e-9 ? 0.1 * size : 1; low -= room; high += room; }
   const room = 0.06 * (high - low);
-  return { canvas: canvas, label: plot.label, lines: plot.lines, low: low - room, high: high + room, width: 0, height: 0 };
+  return { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
+           low: low - room, high: high + room, width: 0, height: 0 };
 });
 
 function fitPlots() {
@@ -32,33 +34,56 @@ function across(plot, time) {
   return MARGIN.left + (time - DATA.t0) / (DATA.t1 - DATA.t0) * (plot.width - MARGIN.left - MARGIN.right);
 }
 
+function heightOf(plot, value) {
+  const bottom = plot.height - MARGIN.bottom;
+  return bottom - (value - plot.low) / (plot.high - plot.low) * (bottom - MARGIN.top);
+}
+
+// Axes and lines, which stay while the time goes on: drawn once, with every knot, so that no peak is missing.
+function drawStill(plot, theme, series) {
+  const draw = plot.still.getContext("2d"), ratio = window.devicePixelRatio || 1;
+  plot.still.width = plot.canvas.width;
+  plot.still.height = plot.canvas.height;
+  draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+  drawAxes(draw, plot, theme);
+  plot.lines.forEach(function (line, number) {
+    draw.strokeStyle = series[number % series.length];
+    draw.lineWidth = 1.7;
+    draw.lineJoin = "round";
+    draw.beginPath();
+    line.points.forEach(function (point, k) {
+      const x = across(plot, point[0]), y = heightOf(plot, point[1]);
+      if (k === 0) draw.moveTo(x, y); else draw.lineTo(x, y);
+    });
+    draw.stroke();
+  });
+}
+
 function drawPlots(time, dark) {
   const theme = dark ? DATA.dark : DATA.light, series = dark ? DATA.seriesDark : DATA.seriesLight;
   for (const plot of plots) {
     const draw = plot.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
-    const bottom = plot.height - MARGIN.bottom, tall = bottom - MARGIN.top;
-    const up = function (value) { return bottom - (value - plot.low) / (plot.high - plot.low) * tall; };
+    const wanted = [dark, ratio, plot.canvas.width, plot.canvas.height].join();
+    if (plot.stillFor !== wanted) { drawStill(plot, theme, series); plot.stillFor = wanted; }
+    draw.setTransform(1, 0, 0, 1, 0, 0);
+    draw.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
+    if (plot.still.width && plot.still.height) draw.drawImage(plot.still, 0, 0);
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
-    draw.clearRect(0, 0, plot.width, plot.height);
-    drawAxes(draw, plot, theme, up, bottom);
+    draw.font = "12px system-ui, sans-serif";
     let left = MARGIN.left + plot.wide + 12;
     plot.lines.forEach(function (line, number) {
-      draw.strokeStyle = draw.fillStyle = series[number % series.length];
-      draw.lineWidth = 1.7;
-      draw.beginPath();
-      for (let k = 0; k < DATA.count; k++) {
-        const x = across(plot, timeOf(k)), y = up(sampleAt(DATA.columns[line.column], k));
-        if (k === 0) draw.moveTo(x, y); else draw.lineTo(x, y);
-      }
-      draw.stroke();
-      const value = numberAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value);
+      const value = valueAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value, line.d);
+      draw.fillStyle = series[number % series.length];
       draw.fillText(text, left, 14);
       left += draw.measureText(text).width + 12;
-      draw.beginPath(); draw.arc(across(plot, time), up(value), 3.5, 0, 7); draw.fill();
+      draw.beginPath(); draw.arc(across(plot, time), heightOf(plot, value), 3.5, 0, 7); draw.fill();
     });
     draw.strokeStyle = theme.motion;
     draw.lineWidth = 1.2;
-    draw.beginPath(); draw.moveTo(across(plot, time), MARGIN.top); draw.lineTo(across(plot, time), bottom); draw.stroke();
+    draw.beginPath();
+    draw.moveTo(across(plot, time), MARGIN.top);
+    draw.lineTo(across(plot, time), plot.height - MARGIN.bottom);
+    draw.stroke();
   }
 }
 
@@ -71,7 +96,8 @@ function fitted(draw, plot) {
   return draw.measureText(plot.label).width <= room ? plot.label : text.trimEnd() + "\u2026";
 }
 
-function drawAxes(draw, plot, theme, up, bottom) {
+function drawAxes(draw, plot, theme) {
+  const bottom = plot.height - MARGIN.bottom;
   draw.font = "11px system-ui, sans-serif";
   draw.strokeStyle = theme.soil;
   draw.fillStyle = theme.muted;
@@ -79,8 +105,8 @@ function drawAxes(draw, plot, theme, up, bottom) {
   const step = roundStep((plot.high - plot.low) * 28 / (bottom - MARGIN.top));
   draw.textAlign = "right";
   for (let value = Math.ceil(plot.low / step) * step; value <= plot.high; value += step) {
-    draw.beginPath(); draw.moveTo(MARGIN.left, up(value)); draw.lineTo(plot.width - MARGIN.right, up(value)); draw.stroke();
-    draw.fillText(written(Math.abs(value) < 1e-9 * step ? 0 : value), MARGIN.left - 5, up(value) + 4);
+    draw.beginPath(); draw.moveTo(MARGIN.left, heightOf(plot, value)); draw.lineTo(plot.width - MARGIN.right, heightOf(plot, value)); draw.stroke();
+    draw.fillText(written(Math.abs(value) < 1e-9 * step ? 0 : value), MARGIN.left - 5, heightOf(plot, value) + 4);
   }
   draw.textAlign = "center";
   const pace = roundStep((DATA.t1 - DATA.t0) * 60 / Math.max(plot.width - MARGIN.left - MARGIN.right, 1));

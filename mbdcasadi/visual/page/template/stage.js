@@ -25,7 +25,7 @@ function toScreen(x, y) {
 
 // Path of a mark in pixels, for the pose of its frame.
 function trace(mark, pose) {
-  const c = Math.cos(pose[2]), s = Math.sin(pose[2]), length = pose[3], k = mark.k;
+  const c = pose[2], s = pose[3], length = pose[4], k = mark.k;
   pen.beginPath();
   for (const loop of DATA.shapes[mark.p]) {
     for (let i = 0; i < loop.length; i += k) {
@@ -71,7 +71,7 @@ function drawStage(time, options) {
 }
 
 function drawLabel(label, pose, theme) {
-  const c = Math.cos(pose[2]), s = Math.sin(pose[2]);
+  const c = pose[2], s = pose[3];
   const at = toScreen(pose[0] + c * label.x - s * label.y, pose[1] + s * label.x + c * label.y);
   pen.font = (label.b ? "italic " : "") + "12px system-ui, sans-serif";
   pen.textAlign = "center";
@@ -88,30 +88,22 @@ function drawLabel(label, pose, theme) {
   pen.textBaseline = "alphabetic";
 }
 
-// Traces, with points between the frames: a fast motion has corners otherwise.
-const FINER = DATA.count > 3000 ? 1 : 5;
-const WAYS = DATA.traces.map(function (way) {
-  const points = [];
-  for (let k = 0; k <= FINER * (DATA.count - 1); k++) {
-    const time = timeOf(k / FINER);
-    points.push([smoothAt(way[0], time), smoothAt(way[1], time)]);
-  }
-  return points;
+const PATHS = DATA.traces.map(function (frame) {
+  const times = timesOf(columnsOf(frame));
+  return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
 });
 
 function drawTraces(time, theme) {
-  const last = frameOf(time);
-  DATA.traces.forEach(function (way, number) {
+  for (const path of PATHS) {
     for (const past of [false, true]) {
       pen.beginPath();
-      const points = WAYS[number];
-      for (let k = 0; k < points.length; k++) {
-        if (past && k > last * FINER) break;
-        const at = toScreen(points[k][0], points[k][1]);
+      for (let k = 0; k < path.points.length; k++) {
+        if (past && path.times[k] > time) break;
+        const at = toScreen(path.points[k][0], path.points[k][1]);
         if (k === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
       }
       if (past) {
-        const at = toScreen(smoothAt(way[0], time), smoothAt(way[1], time));
+        const pose = poseOf(path.frame, time), at = toScreen(pose[0], pose[1]);
         pen.lineTo(at[0], at[1]);
       }
       pen.strokeStyle = theme.trace;
@@ -120,7 +112,7 @@ function drawTraces(time, theme) {
       pen.stroke();
       pen.globalAlpha = 1;
     }
-  });
+  }
 }
 
 // Round distances for ticks: 1, 2 or 5 times a power of ten.

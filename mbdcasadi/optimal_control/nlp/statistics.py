@@ -1,4 +1,4 @@
-"""How a solution was found, and what the solver said of it."""
+"""Records of how a solution was found."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class Start:
     Attributes
     ----------
     guess : str
-        Where it came from.
+        Origin of the guess.
     cost : float
-        What it led to; nan where it led nowhere.
+        Minimum that it led to; nan if it did not lead to one.
     iterations : int
-        Of the solver.
+        Iterations of the solver.
     status : str
-        The solver's own word.
+        Message of the solver.
     """
 
     guess: str
@@ -36,15 +36,15 @@ class Pass:
     Attributes
     ----------
     intervals : int
-        Of the mesh.
+        Number of intervals.
     error : float
         Largest local error of an interval, as :attr:`Solution.mesh_error`.
     cost : float
         Minimum on this mesh.
     iterations : int
-        Of the solver.
+        Iterations of the solver.
     seconds : float
-        Building and solving, s.
+        Time of building and solving, s.
     """
 
     intervals: int
@@ -65,9 +65,9 @@ class Step:
     cost : float
         Minimum there.
     iterations : int
-        Of the solver.
+        Iterations of the solver.
     seconds : float
-        Building and solving, s.
+        Time of building and solving, s.
     """
 
     values: dict[str, float]
@@ -78,24 +78,24 @@ class Step:
 
 @dataclass(frozen=True)
 class SolveStatistics:
-    """How a solution was found.
+    """Record of how a solution was found.
 
     Attributes
     ----------
     iterations : int
-        Of the solver.
+        Iterations of the solver.
     status : str
-        Its own word.
+        Message of the solver.
     seconds, build_seconds : float
-        Building and solving, and the building of it, s.
+        Time of building and solving, and of building alone, s.
     variables, rows : int
         Size of the program.
     starts : list of Start
-        What each start led to, where there were several.
+        Results of the starts if there were several.
     passes : list of Pass
         Meshes of the refinement.
     steps : list of Step
-        Values of a continuation, those between that were found necessary included.
+        Values of a continuation, including those inserted in between.
     """
 
     iterations: int
@@ -111,7 +111,7 @@ class SolveStatistics:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the solver returns besides the variables, scaled: multipliers of the bounds and the rows, and the rows."""
+    """Result of the solver besides the variables, scaled: multipliers of the bounds and of the rows, and the rows."""
 
     lam_x: np.ndarray
     lam_g: np.ndarray

@@ -8,36 +8,37 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.values import pairs_of
-from ..errors import ModelError
-from ..model.symbols import Parameter
-from .checks.failure import OptimizationError
-from .problem import OptimalControlProblem
-from .solution import Solution
-from .solve_statistics import Step
+from ...arguments.values import pairs_of
+from ...errors import ModelError
+from ...model.symbols import Parameter
+from ..checks.failure import OptimizationError
+from ..nlp.statistics import Step
+from ..problem import OptimalControlProblem
+from ..solution import Solution
 
-#: Values put between two of the user's where the solver fails at the second one, at the most.
-BETWEEN = 8
+#: Largest number of values that are inserted between those of the user if the solver fails.
+INSERTED = 8
 
 
 def read_continuation(problem: OptimalControlProblem, continuation: Any, parameters: Any) -> list[dict[Any, float]]:
-    """Parameter to value for each step.
+    """Return the parameter values of each step.
 
     Raises
     ------
     ModelError
-        For what is no parameter of the mechanism, values that do not go together, and a parameter that is also
-        given or sought.
+        For what is not a parameter of the mechanism, values that do not go together, and a parameter that is also
+        given or free.
     """
     what = "optimize: continuation="
+    known = [p for phase in problem.phases for p in phase.mechanism.parameters]
     given = [key for key, _ in pairs_of(parameters, "parameters=")]
     columns: dict[Any, np.ndarray] = {}
     for key, values in pairs_of(continuation, "continuation="):
-        if not isinstance(key, Parameter) or not any(key is p for p in problem.mechanism.parameters):
-            raise ModelError(f"{what} {key} is no parameter of the mechanism")
-        for others, word in ((given, "given by parameters="), (problem.free_parameters, "sought")):
+        if not isinstance(key, Parameter) or not any(key is p for p in known):
+            raise ModelError(f"{what} {key} is not a parameter of the mechanism")
+        for others, how in ((given, "given by parameters="), (problem.free_parameters, "free")):
             if any(key is other for other in others):
-                raise ModelError(f"{what} parameter '{key.label}' is also {word}")
+                raise ModelError(f"{what} parameter '{key.label}' is also {how}")
         try:
             columns[key] = np.asarray(values, float).ravel()
         except (TypeError, ValueError):
@@ -45,16 +46,16 @@ def read_continuation(problem: OptimalControlProblem, continuation: Any, paramet
         if not columns[key].size or not np.all(np.isfinite(columns[key])):
             raise ModelError(f"{what} the values of '{key.label}' must be finite numbers, got {values!r}")
     if not columns:
-        raise ModelError(f"{what} is empty; leave it out where nothing is to change")
+        raise ModelError(f"{what} is empty; leave it out if nothing is to change")
     if len({column.size for column in columns.values()}) > 1:
         counts = ", ".join(f"'{key.label}' {column.size}" for key, column in columns.items())
-        raise ModelError(f"{what} its parameters change together and want equally many values; there are {counts}")
+        raise ModelError(f"{what} its parameters change together and must have the same number of values; got {counts}")
     count = next(iter(columns.values())).size
     return [{key: float(column[k]) for key, column in columns.items()} for k in range(count)]
 
 
 def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution], guess: Any) -> Solution:
-    """Solve step after step, with values between where one is too long.
+    """Solve step after step, with values in between if one is too long.
 
     Parameters
     ----------
@@ -63,39 +64,40 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
     solve : callable
         ``solve(values, guess, first=..., last=...)`` returns a solution.
     guess : Solution, Trajectory or None
-        Of the first step.
+        Guess of the first step.
 
     Raises
     ------
     OptimizationError
         Naming the values that could not be reached; ``.reached`` is the last solution, if there is one.
     """
-    left, done, between = list(steps), [], 0
-    found: Solution | None = None
+    remaining, done, inserted = list(steps), [], 0
+    solution: Solution | None = None
     reached: dict[Any, float] = {}
-    while left:
-        values = left[0]
+    while remaining:
+        values, last = remaining[0], len(remaining) == 1
+        near = guess if solution is None else solution
         try:
-            solution = solve(values, guess if found is None else found, first=found is None, last=len(left) == 1)
+            following = solve(values, near, first=solution is None, last=last)
         except OptimizationError as error:
             for_the_mesh = error.reached is not None or error.partial.statistics.passes  # solved, but not refined
-            if found is None or between >= BETWEEN or for_the_mesh:
-                said = ", ".join(f"{key.label} = {value:.6g}" for key, value in values.items())
-                error.args = (f"continuation stopped at {said}: {error}",)
-                error.reached = error.reached or found
+            if solution is None or inserted >= INSERTED or for_the_mesh:
+                where = ", ".join(f"{key.label} = {value:.6g}" for key, value in values.items())
+                error.args = (f"continuation stopped at {where}: {error}",)
+                error.reached = error.reached or solution
                 raise
-            between += 1
-            left.insert(0, {key: _between(reached[key], value) for key, value in values.items()})
+            inserted += 1
+            remaining.insert(0, {key: _between(reached[key], value) for key, value in values.items()})
             continue
-        found, reached = solution, left.pop(0)
+        solution, reached = following, remaining.pop(0)
         s = solution.statistics
         labels = {key.label: value for key, value in reached.items()}
         done.append(Step(labels, solution.cost, s.iterations, s.seconds))
-    assert found is not None
-    found.statistics = replace(found.statistics, steps=done)
-    return found
+        solution.statistics = replace(s, steps=list(done))
+    assert solution is not None
+    return solution
 
 
 def _between(first: float, second: float) -> float:
-    """The geometric mean of two values of one sign, the arithmetic one of others."""
+    """The geometric mean of two values of one sign, the arithmetic mean of others."""
     return float(np.sign(first) * np.sqrt(first * second)) if first * second > 0 else (first + second) / 2

@@ -1,0 +1,242 @@
+"""Switches over which an expression is continuous all the same: the knots of splines, the touch of a contact.
+
+Where a switch passes its border the expression must have the same value on
+both sides. That is looked at in points of the border, found on random lines
+and by Newton's method: a difference that is analytic and not zero everywhere is
+not zero in a random point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from .switches import Switch, sides_of
+
+#: Random lines, points of each, points of a border that are looked at, and starts of Newton's method towards one.
+LINES, POINTS, HITS, STARTS = 24, 33, 8, 24
+#: Steps of Newton's method towards a border, and of the search for it in a bracket.
+NEWTON_STEPS, BRACKET_STEPS = 12, 100
+#: Width of a bracket, relative to the first one, that is rounding.
+NARROW = 1e-13
+#: Jump that is rounding: relative to the values on the border, to those at the ends of the first bracket, and to the
+#: jump a little way off the border. Over a continuous border the difference grows from nothing.
+SAME_VALUE, NOISE, GROWN = 1e-9, 1e-13, 1e-4
+#: That little way, relative to the first bracket.
+OFFSET = 1e-7
+#: Points of a border without which nothing is concluded.
+FEWEST_HITS = 4
+#: Difference from one of the cosine between gradients that are parallel: two borders are then copies of each other.
+PARALLEL = 1e-9
+
+
+def continuous_switches(
+    held: Sequence[ca.SX],
+    switches: Sequence[Switch],
+    symbols: ca.SX,
+    centre: np.ndarray,
+    size: np.ndarray,
+    known: ca.SX,
+    values: np.ndarray,
+) -> set[int]:
+    """Find the switches over which expressions are continuous.
+
+    Parameters
+    ----------
+    held : sequence of casadi.SX
+        Expressions with all their switches held.
+    switches : sequence of Switch
+        These switches.
+    symbols : casadi.SX
+        What varies (k,).
+    centre, size : numpy.ndarray
+        Typical values, and sizes of their changes (k,).
+    known : casadi.SX
+        Symbols whose values are known.
+    values : numpy.ndarray
+        Their values.
+
+    Returns
+    -------
+    set of int
+        Nodes of the switches that were seen to be continuous. Of others it is not known.
+    """
+    if not switches:
+        return set()
+    return _Trial(held, switches, symbols, centre, size, known, values).continuous()
+
+
+class _Trial:
+    """Points on the borders of the switches of some expressions."""
+
+    def __init__(
+        self,
+        held: Sequence[ca.SX],
+        switches: Sequence[Switch],
+        symbols: ca.SX,
+        centre: np.ndarray,
+        size: np.ndarray,
+        known: ca.SX,
+        values: np.ndarray,
+    ):
+        column = ca.densify(ca.veccat(*held))
+        quantities = ca.densify(ca.vertcat(*[s.natural for s in switches]))
+        sides = ca.vertcat(*[s.side for s in switches])
+        used = np.flatnonzero(ca.which_depends(ca.vertcat(column, quantities), symbols)).tolist()
+        free = symbols[used]
+        self._switches, self._values = switches, values
+        self._whole = np.array([s.whole for s in switches])
+        self._centre, self._size = centre[used][:, None], size[used][:, None]
+        self._quantities = ca.Function("quantities", [free, known], [quantities])
+        self._slopes = ca.Function("slopes", [free, known], [ca.densify(ca.jacobian(quantities, free))])
+        self._held = ca.Function("held", [free, known, sides], [column])
+        self._random = np.random.default_rng(0)
+
+    def continuous(self) -> set[int]:
+        """Return the nodes of switches that are continuous."""
+        first, last = self._brackets()
+        owner = np.repeat(np.arange(len(self._switches)), [part.shape[1] for part in first])
+        low, high = self._narrowed(np.hstack(first), np.hstack(last), owner)
+        offset = OFFSET * (np.hstack(last) - np.hstack(first))
+        before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
+        crossed = before[owner, np.arange(owner.size)] != after[owner, np.arange(owner.size)]
+        agrees = self._agree(low, offset, before, after, owner)
+        found = set()
+        for k, switch in enumerate(self._switches):
+            own = np.flatnonzero(owner == k)
+            if np.sum(crossed[own]) >= FEWEST_HITS and np.all(agrees[own]):
+                place = low[:, own], offset[:, own], before[:, own], after[:, own]
+                if self._holds_beyond_others(k, *place):
+                    found.add(switch.node)
+        return found
+
+    # --- points on the borders -------------------------------------------------------------
+    def _points(self, count: int) -> np.ndarray:
+        """Random points at all distances from the typical one (k, count)."""
+        shape = (self._size.size, count)
+        reach = 10 ** self._random.uniform(-1.5, 1.5, shape)
+        return self._centre + self._size * reach * self._random.standard_normal(shape)
+
+    def _at(self, points: np.ndarray) -> np.ndarray:
+        """Quantities of all switches at points."""
+        return self._quantities(points, self._values).full()
+
+    def _slopes_at(self, points: np.ndarray) -> np.ndarray:
+        """Gradients of all quantities at points (switches, points, k)."""
+        size, count = points.shape
+        return self._slopes(points, self._values).full().reshape(-1, count, size)
+
+    def _brackets(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """By switch, pairs of points with its border between them."""
+        share = np.linspace(0, 1, POINTS)
+        begin, end = self._points(LINES), self._points(LINES)
+        lines = begin[:, :, None] + (end - begin)[:, :, None] * share
+        values = self._at(lines.reshape(len(begin), -1)).reshape(-1, LINES, POINTS)
+        known = np.isfinite(values)
+        with np.errstate(invalid="ignore"):
+            sides = sides_of(values, self._whole)
+        passed = (sides[:, :, 1:] != sides[:, :, :-1]) & known[:, :, 1:] & known[:, :, :-1]
+        low, high = [], []
+        for k in range(len(self._switches)):
+            chosen = self._random.permutation(np.argwhere(passed[k]))[:HITS]
+            if len(chosen) >= FEWEST_HITS:
+                low.append(lines[:, chosen[:, 0], chosen[:, 1]])
+                high.append(lines[:, chosen[:, 0], chosen[:, 1] + 1])
+            else:
+                before, after = self._across(k)
+                low.append(before)
+                high.append(after)
+        return low, high
+
+    def _across(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of points on both sides of a border that random lines do not meet, by Newton's method."""
+        points = self._points(STARTS)
+        border = np.round(self._at(points)[k]) if self._whole[k] else np.zeros(STARTS)
+        with np.errstate(all="ignore"):
+            for _ in range(NEWTON_STEPS):
+                away, slope = self._at(points)[k] - border, self._slopes_at(points)[k].T * self._size
+                step = self._size * slope * away / np.sum(slope**2, axis=0)
+                points = points - np.where(np.isfinite(step), step, 0.0)
+            slope = self._slopes_at(points)[k].T * self._size
+            out = 1e-3 * self._size * slope / np.sqrt(np.sum(slope**2, axis=0))
+            out = np.where(np.isfinite(out), out, 0.0)
+            low, high = points - out, points + out
+            chosen = np.flatnonzero((self._at(low)[k] < border) & (self._at(high)[k] > border))[:HITS]
+        return low[:, chosen], high[:, chosen]
+
+    def _narrowed(self, first: np.ndarray, last: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Brackets of the borders of some switches, made as narrow as rounding by regula falsi and halving in turn."""
+        begin, way = first, last - first
+
+        def value_at(share: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+            points = begin[:, chosen] + way[:, chosen] * share
+            return self._at(points)[owner[chosen], np.arange(chosen.size)]
+
+        everywhere = np.arange(owner.size)
+        low, high = np.zeros(owner.size), np.ones(owner.size)
+        at_low, at_high = value_at(low, everywhere), value_at(high, everywhere)
+        border = np.where(self._whole[owner], np.floor(np.fmax(at_low, at_high)), 0.0)
+        at_low, at_high = at_low - border, at_high - border
+        open_ = everywhere
+        for step in range(BRACKET_STEPS):
+            open_ = open_[high[open_] - low[open_] > NARROW]
+            if not open_.size:
+                break
+            a, b, fa, fb = low[open_], high[open_], at_low[open_], at_high[open_]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                middle = (a * fb - b * fa) / (fb - fa)
+            # a little beyond the root, so that both ends come near to it
+            middle += np.where(np.abs(fa) < np.abs(fb), 1.0, -1.0) * NARROW / 2
+            middle = np.where((middle > a) & (middle < b) & (step % 3 < 2), middle, (a + b) / 2)
+            value = value_at(middle, open_) - border[open_]
+            # a whole number belongs to the side above it
+            same = np.where(self._whole[owner[open_]], (value >= 0) == (fa >= 0), (value > 0) == (fa > 0))
+            low[open_], high[open_] = np.where(same, middle, a), np.where(same, b, middle)
+            at_low[open_], at_high[open_] = np.where(same, value, fa), np.where(same, fb, value)
+        return begin + way * low, begin + way * high
+
+    # --- both sides ---------------------------------------------------------------------------
+    def _holds_beyond_others(
+        self, k: int, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> bool:
+        """Whether other switches, on their sides that were not seen in points of the border, change nothing."""
+        seen = np.any(before != before[:, :1], axis=1) | np.any(after != before, axis=1)
+        seen[k] = True
+        unseen = np.flatnonzero(~seen)
+        if unseen.size:  # a copy of this one cannot be on its other side
+            slopes = self._slopes_at(points)
+            with np.errstate(invalid="ignore", divide="ignore"):
+                slopes /= np.linalg.norm(slopes, axis=2, keepdims=True)
+            cosines = np.abs(np.einsum("jck,ck->jc", slopes[unseen], slopes[k]))
+            unseen = unseen[~np.all(cosines > 1 - PARALLEL, axis=1)]
+        owner = np.full(points.shape[1], k)
+        for other in unseen:
+            moved = before.copy(), after.copy()
+            for sides in moved:
+                sides[other] = sides[other] + 1 if self._whole[other] else 1 - sides[other]
+            if not np.all(self._agree(points, offset, *moved, owner)):
+                return False
+        return True
+
+    def _agree(
+        self, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray, owner: np.ndarray
+    ) -> np.ndarray:
+        """Whether the values for both sides are the same in points of borders, by rounding (points,)."""
+        if not owner.size:
+            return np.zeros(0, bool)
+        one, two = (self._held(points, self._values, sides).full() for sides in (before, after))
+        grown, sizes = np.zeros(one.shape), SAME_VALUE * np.where(np.isfinite(one), np.abs(one), 0.0)
+        with np.errstate(invalid="ignore"):
+            for near in (points - offset, points + offset):
+                away = [self._held(near, self._values, sides).full() for sides in (before, after)]
+                grown = np.fmax(grown, np.abs(away[1] - away[0]))
+            for end, sides in ((points - offset / OFFSET, before), (points + offset / OFFSET, after)):
+                value = np.abs(self._held(end, self._values, sides).full())
+                sizes = np.fmax(sizes, NOISE * np.where(np.isfinite(value), value, 0.0))
+            firsts = np.flatnonzero(np.diff(owner, prepend=-1))
+            rounding = np.maximum.reduceat(sizes, firsts, axis=1)[:, np.searchsorted(owner[firsts], owner)]
+            same = np.abs(two - one) <= rounding + GROWN * grown
+            found: np.ndarray = np.all(same | ~np.isfinite(one) | ~np.isfinite(two), axis=0)
+            return found

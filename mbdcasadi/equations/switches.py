@@ -1,0 +1,198 @@
+"""Operations at which the value of an expression jumps, and expressions in which they are held.
+
+A comparison, a sign, a whole number below … has the same value on either side
+of a surface ``w = 0`` and another one beyond. With a symbol in its place the
+expression is smooth: the side on which a motion is becomes an argument, which
+the motion may change at an instant that has a derivative.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+#: Operations whose value jumps where a quantity passes zero, or a whole number. Of equalities nothing remains but
+#: instants; absolute values, minima and maxima bend without a jump.
+JUMPING = frozenset(
+    (ca.OP_LT, ca.OP_LE, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2)
+)
+#: Those that jump at whole numbers.
+_AT_WHOLE_NUMBERS = frozenset((ca.OP_FLOOR, ca.OP_CEIL, ca.OP_FMOD, ca.OP_REMAINDER))
+
+
+@dataclass(frozen=True, eq=False)
+class Switch:
+    """An operation whose value jumps.
+
+    Attributes
+    ----------
+    node : int
+        Hash of the operation in the graph that it was found in.
+    side : casadi.SX
+        Symbol of the side: 1 where the quantity is positive, else 0; of a `whole` one the largest whole number that
+        is not above the quantity.
+    quantity : casadi.SX
+        What passes zero, or whole numbers, with the switches inside it held.
+    natural : casadi.SX
+        The same with nothing held.
+    whole : bool
+        Whether whole numbers count.
+    description : str
+        The element, state or input to which it belongs, in words.
+    """
+
+    node: int
+    side: ca.SX
+    quantity: ca.SX
+    natural: ca.SX
+    whole: bool
+    description: str = ""
+
+
+def jumps_anywhere(expressions: Sequence[ca.SX]) -> bool:
+    """Whether expressions contain an operation whose value jumps."""
+    function = _function(expressions)
+    return any(function.instruction_id(k) in JUMPING for k in range(function.n_instructions()))
+
+
+def hold(
+    expressions: Sequence[ca.SX],
+    description: str = "",
+    *,
+    free: Collection[int] = (),
+    symbol: Callable[[str], ca.SX] = ca.SX.sym,
+) -> tuple[list[ca.SX], list[Switch]]:
+    """Put symbols in the place of operations whose value jumps.
+
+    Parameters
+    ----------
+    expressions : sequence of casadi.SX
+        Of any shape.
+    description : str
+        To whom they belong, in words.
+    free : collection of int
+        Hashes of operations that are left as they are.
+    symbol : callable
+        Makes the symbol of a side from its name.
+
+    Returns
+    -------
+    held : list of casadi.SX
+        The expressions, smooth for given sides.
+    switches : list of Switch
+        What was held; one that is inside another comes before it.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> held, switches = hold([ca.if_else(x > 2, 5.0, 1.0)])
+    >>> ca.symvar(held[0]), switches[0].quantity
+    ([SX(side 0)], SX((x-2)))
+    """
+    function = _function(expressions)
+    nodes, symbols = function.instructions_sx(), ca.symvar(ca.veccat(*expressions))
+    work: dict[int, ca.SX] = {}
+    changed: dict[int, bool] = {}
+    results = [[ca.SX(0)] * e.nnz() for e in expressions]
+    switches: list[Switch] = []
+    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
+        places, to = function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            results[to[0]][to[1]] = work[places[0]]
+            continue
+        if op == ca.OP_INPUT:
+            value, new = symbols[places[1]], False
+        elif op == ca.OP_CONST:
+            value, new = ca.SX(function.instruction_constant(k)), False
+        else:
+            operands = [work[place] for place in places]
+            node, new = nodes[k], any(changed[place] for place in places)
+            if op in JUMPING and node.element_hash() not in free:
+                inside = [node.dep(i) for i in range(node.n_dep())]
+                side = symbol(f"side {len(switches)}")
+                switches.append(
+                    Switch(
+                        node.element_hash(),
+                        side,
+                        _quantity(op, operands),
+                        _quantity(op, inside),
+                        op in _AT_WHOLE_NUMBERS,
+                        description,
+                    )
+                )
+                value, new = _held(op, operands, side), True
+            elif new:
+                value = _operation(op, operands)
+            else:
+                value = node
+        work[to[0]], changed[to[0]] = value, new
+    held = [ca.SX(e.sparsity(), ca.vertcat(ca.SX(0, 1), *r)) for e, r in zip(expressions, results, strict=True)]
+    return held, switches
+
+
+def sides_of(values: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Sides of switches at values of their quantities, by row."""
+    whole = whole.reshape(-1, *[1] * (values.ndim - 1))
+    return np.where(whole, np.floor(values), values > 0).astype(float)
+
+
+def margins_of(values: np.ndarray, sides: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Distances of quantities from the borders of their sides, by row; negative beyond."""
+    shape = (-1, *[1] * (values.ndim - 1))
+    sides, whole = sides.reshape(shape), whole.reshape(shape)
+    return np.where(whole, np.minimum(values - sides, sides + 1 - values), np.where(sides > 0, values, -values))
+
+
+def margin_rates_of(values: np.ndarray, rates: np.ndarray, sides: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    """Rates of the distances from the nearest borders, by row."""
+    shape = (-1, *[1] * (values.ndim - 1))
+    sides, whole = sides.reshape(shape), whole.reshape(shape)
+    towards_above = np.where(whole, values - sides < 0.5, sides > 0)
+    return np.where(towards_above, rates, -rates)
+
+
+def _function(expressions: Sequence[ca.SX]) -> ca.Function:
+    return ca.Function("expressions", [ca.vertcat(ca.SX(0, 1), *ca.symvar(ca.veccat(*expressions)))], list(expressions))
+
+
+def _quantity(op: int, operands: Sequence[ca.SX]) -> ca.SX:
+    """What passes zero, or whole numbers, where an operation jumps."""
+    a, b = operands[0], operands[-1]
+    if op in (ca.OP_LT, ca.OP_LE):
+        return b - a
+    if op == ca.OP_CEIL:
+        return -a
+    if op == ca.OP_COPYSIGN:
+        return b
+    if op == ca.OP_FMOD:
+        return a / b
+    if op == ca.OP_REMAINDER:
+        return a / b + 0.5
+    return a
+
+
+def _held(op: int, operands: Sequence[ca.SX], side: ca.SX) -> ca.SX:
+    """The value of an operation on a side, smooth in its operands beyond the border too."""
+    a, b = operands[0], operands[-1]
+    sign = 2 * side - 1
+    if op in (ca.OP_LT, ca.OP_LE, ca.OP_FLOOR):
+        return side
+    if op == ca.OP_SIGN:
+        return sign
+    if op == ca.OP_CEIL:
+        return -side
+    if op == ca.OP_COPYSIGN:
+        return ca.fabs(a) * sign
+    if op == ca.OP_FMOD:  # rounds towards zero
+        return a - b * (side + (side < 0))
+    if op == ca.OP_REMAINDER:
+        return a - b * side
+    # the angle from the axis of its half plane, ±π/2
+    return sign * np.pi / 2 + ca.atan2(-sign * b, sign * a)
+
+
+def _operation(op: int, operands: Sequence[ca.SX]) -> ca.SX:
+    return ca.SX.unary(op, operands[0]) if len(operands) == 1 else ca.SX.binary(op, *operands)

@@ -1,0 +1,33 @@
+"""Mechanisms with exact dry friction in one mode: each friction sticks, slides one way or the other, or is free."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ...mechanism import Mechanism
+
+#: Sense in which each friction of a mechanism slides ("forth", "back"), that it "sticks", or that it is "free".
+Senses = tuple[str, ...]
+
+
+def switching(mechanism: Mechanism) -> list[Any]:
+    """Elements with exact dry friction."""
+    elements = getattr(mechanism, "elements", ())  # anything but a mechanism is refused by the caller
+    return [element for element in elements if getattr(element, "modes", ())]
+
+
+def variant_in(mechanism: Mechanism, senses: Senses) -> Mechanism:
+    """The mechanism with every exact friction in a mode; made once."""
+    frictions = switching(mechanism)
+
+    def make() -> Mechanism:
+        place = {f: f.in_mode(one) for f, one in zip(frictions, senses, strict=True)}
+        return mechanism.replace(forces=[place.get(f, f) for f in mechanism.forces])
+
+    return mechanism.cache.get_or_create(("stick and slip", senses), make)
+
+
+def without_exact_friction(mechanism: Mechanism) -> Mechanism:
+    """The mechanism with nothing that sticks or slides; itself if there is no exact friction."""
+    frictions = switching(mechanism)
+    return variant_in(mechanism, ("free",) * len(frictions)) if frictions else mechanism

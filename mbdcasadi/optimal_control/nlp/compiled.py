@@ -1,0 +1,71 @@
+"""Programs and solvers of a problem, kept for the next solve and shared among threads."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from ...model.cache import Cache
+from ...numerics.symbolic import LOCK
+
+if TYPE_CHECKING:
+    from .solver_callback import SolverCallback
+
+#: Programs of a problem that are kept: those of the meshes of a refinement, and some more.
+PROGRAMS = 24
+#: Setups and ranks of conditions that are kept: one for each set of parameter values.
+SETUPS = 4
+#: Sets of options for which the idle solvers of a program are kept.
+OPTION_SETS = 8
+
+
+class CompiledProblem:
+    """Programs of a problem and what they are made of, each made once and used by all solves.
+
+    It belongs to the problem and is released with it; only the most recent entries are kept.
+    Any number of threads may use it.
+    """
+
+    def __init__(self) -> None:
+        #: programs by what decides them besides the problem
+        self.programs = Cache(PROGRAMS)
+        #: setups of phases whose start is a state, by settings and parameter values
+        self.setups = Cache(SETUPS)
+        #: ranks of conditions, by phase and parameter values
+        self.ranks = Cache(SETUPS)
+
+
+class SolverPool:
+    """IPOPT functions of one program, each lent to one solve at a time.
+
+    An IPOPT function holds the statistics of its last solve and calls back to Python: no two threads share one.
+    """
+
+    def __init__(self) -> None:
+        self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverCallback]]] = OrderedDict()
+
+    @property
+    def idle(self) -> int:
+        """Number of solvers that are kept and not in use."""
+        with LOCK:
+            return sum(map(len, self._idle.values()))
+
+    @contextmanager
+    def lent(
+        self, key: Hashable, make: Callable[[], tuple[ca.Function, SolverCallback]]
+    ) -> Iterator[tuple[ca.Function, SolverCallback]]:
+        """Lend the solver of a key and its callback, made if none is idle; leaving the context returns it."""
+        with LOCK:
+            idle = self._idle.setdefault(key, [])
+            self._idle.move_to_end(key)
+            while len(self._idle) > OPTION_SETS:
+                self._idle.popitem(last=False)
+            solver = idle.pop() if idle else make()
+        try:
+            yield solver
+        finally:
+            idle.append(solver)

@@ -1,0 +1,185 @@
+"""Conditions at the start and at the end of a phase that are independent of the constraints and of each other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...equations.numeric import LARGE, NumericEquations
+from ...equations.reduced import reduced_equations
+from ...model.conditions import Condition, stacked
+from ...results.state import State
+from ..checks.condition_rank import ConditionRank, Place, ranks_of
+from ..checks.consistency import at_end_alone
+from ..guess.kinematic_guess import KinematicPath
+from ..phase import Phase, contains_any, on_states, with_rates
+from ..problem import OptimalControlProblem
+
+#: Share of its typical change within which an implied condition must stay while the solver runs.
+WINDOW = 0.05
+
+
+class EndConditions:
+    """Independent conditions at the ends of a phase, in place of those that the user stated.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem to which the phase belongs.
+    phase : Phase
+        Phase whose ends are meant.
+    numeric : NumericEquations
+        Equations at the given parameters.
+    start : State
+        First state, as far as the initial conditions decide it.
+    initial : State or sequence of Condition
+        Conditions at the start.
+    path : KinematicPath
+        Poses from the start to the end.
+
+    Attributes
+    ----------
+    initial : list of Condition or None
+        Independent conditions at the start; None if they give the whole state.
+    final : list of Condition
+        Independent conditions at the end.
+    implied : dict of Condition to float
+        Conditions that others imply on one branch, with half the width of the window that is left to them;
+        they are checked in the solution.
+    key : tuple
+        Key of a program with these conditions: the stated ones, and which of them are kept.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        phase: Phase,
+        numeric: NumericEquations,
+        start: State,
+        initial: State | Sequence[Condition],
+        path: KinematicPath,
+    ):
+        self._phase, self._numeric, self._start, self._path = phase, numeric, start, path
+        self._free, self._at_end = problem.free_parameters, at_end_alone(problem)
+        self._ranks = ranks_of(problem, phase, numeric, timed=True)
+        self._ranks_at_start = ranks_of(problem, phase, numeric, timed=False)
+        self._prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
+        self._few_rows = phase.equations.q.numel() * phase.equations.lam.numel() <= LARGE
+        self.implied: dict[Condition, float] = {}
+        self._final_key: tuple[Any, ...] = ()
+        self._initial_key: tuple[Any, ...] = ()
+        self.final = self._final()
+        self.initial = self._initial(initial)
+        self.key = (self._final_key, self._initial_key)
+
+    @property
+    def _duration(self) -> float:
+        return float(self._path.segment_times[-1])
+
+    def _final(self) -> list[Condition]:
+        """Independent conditions at the end."""
+        end = self._phase.final
+        if isinstance(end, State):
+            state = (self._duration, end.q, end.v, end.z)
+            final = _as_conditions(self._phase, end)
+        else:
+            state = (self._duration, self._path.poses[-1], np.zeros(self._start.q.size), self._start.z)
+            final = list(end)
+        rows = [c for c in on_states(final) if c.equality]
+        if not rows or (not self._few_rows and not isinstance(end, State)):
+            return final
+        ranks = self._ranks
+        independent = ranks.independent(rows, state, self._prescribed)
+        stationary = {c: self._stationary(c) for c in independent if ranks.meets_singular([c], state)}
+        kept = [c for c in independent if not stationary.get(c)]
+        self._final_key = tuple(map(rows.index, independent)), tuple(map(rows.index, kept))
+        others = [c for c in final if c in kept or c not in rows]
+        return [*others, *itertools.chain(*stationary.values()), *self._windows(rows, kept, ranks)]
+
+    def _stationary(self, condition: Condition) -> list[Condition]:
+        """Conditions to first order in place of one that is met at an extremum: its slopes vanish.
+
+        The height of a pendulum is that of its top where its slope by the angle is zero; the condition itself has
+        no slope there, and no multiplier. None if constraints are left in which slopes would have to be taken.
+        """
+        eom = reduced_equations(self._phase.equations)
+        if eom.rows or condition.depends_on("velocity"):
+            return []
+        (expression,) = eom.of(condition.expression)
+        slopes = ca.jacobian(expression, eom.q)
+        bent = [k for k in range(eom.q.numel()) if ca.depends_on(slopes[k], eom.q)]
+        return [
+            Condition(slopes[k], True, f"the slope of {condition.label} by {eom.coordinate_names[k]}") for k in bent
+        ]
+
+    def _windows(self, rows: list[Condition], kept: list[Condition], ranks: ConditionRank) -> list[Condition]:
+        """Limits about conditions that others imply: they are implied on one branch alone."""
+        windows = []
+        for condition in rows:
+            if condition not in kept:
+                width = self.implied[condition] = self._window(condition, ranks)
+                label = f"{condition.label} (on the same branch)"
+                windows += [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
+        return windows
+
+    def _window(self, condition: Condition, ranks: ConditionRank) -> float:
+        """Half the width of such a limit: a share of what the quantity changes by."""
+        eom, numeric = self._phase.equations, self._numeric
+        slopes = eom.function(ca.jacobian(condition.expression, ca.vertcat(eom.q, eom.v, eom.z)))
+        zero, m = np.zeros(eom.q.numel()), np.zeros(eom.lam.numel())
+        values = [
+            np.abs(slopes(t, q, v, zero, z, m, eom.input_values, numeric.p).full()) for t, q, v, z in ranks.states
+        ]
+        typical = np.r_[numeric.typical_step, numeric.typical_step / self._duration, np.ones(eom.z.numel())]
+        return WINDOW * max((float(np.max(x * typical, initial=0.0)) for x in values), default=1.0)
+
+    def _initial(self, initial: State | Sequence[Condition]) -> list[Condition] | None:
+        """Independent conditions at the start; None if they give the whole state."""
+        if isinstance(initial, State):
+            return None
+        eom = self._phase.equations
+        self._initial_key = tuple(initial)
+        if not self._few_rows:
+            return list(initial)
+        ranks = self._ranks_at_start
+        begin: Place = (0.0, self._start.q, self._start.v, self._start.z)
+        rows = [c for c in on_states(initial) if c.equality]
+        kept = ranks.independent(rows, begin, self._prescribed)
+        others = [c for c in initial if c not in rows]
+        fixed = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu, stacked([*self._prescribed, *kept]))
+        if not others and not contains_any(fixed, self._free):
+            if ranks.complete([*self._prescribed, *kept]):  # nothing that is free occurs in the rows
+                self._initial_key = ()
+                return None
+        self._initial_key = (*initial, *map(rows.index, kept))
+        return [*kept, *others, *self._windows(rows, kept, ranks)]
+
+    def are_singular(self) -> bool:
+        """Return True if conditions of a place say nothing to first order there, such as at the top of a circle."""
+        phase, ranks, times = self._phase, self._ranks, self._path.segment_times
+        if not self._few_rows:
+            return False
+        at_end = [] if isinstance(phase.final, State) else [*self.final, *self._at_end]
+        places = [(0.0, list(self.initial or [])), (self._duration, at_end)]
+        places += [(float(t), list(w.conditions)) for t, w in zip(times[1:-1], phase.waypoints, strict=True)]
+        for t, conditions in places:
+            rows = [c for c in on_states(conditions) if c.equality]
+            q = self._path.pose_at(t)
+            at: Place = (t, q, np.zeros(q.size), self._start.z)
+            if rows and ranks.meets_singular(ranks.independent(rows, at), at):
+                return True
+        return False
+
+
+def _as_conditions(phase: Phase, end: State) -> list[Condition]:
+    """Conditions that a state sets, by coordinate."""
+    eom = phase.equations
+    symbols, values = ca.vertsplit(ca.vertcat(eom.q, eom.v, eom.z)), np.r_[end.q, end.v, end.z]
+    return [
+        Condition(symbol - float(value), True, f"{symbol.name()} == {value:.6g}")
+        for symbol, value in zip(symbols, values, strict=True)
+    ]

@@ -1,0 +1,401 @@
+"""The part of a phase in the program: its variables, and its rows and cost."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...model.conditions import Condition, stacked
+from ...model.symbols import Symbol
+from ...results.state import State
+from ..checks.consistency import own_limits
+from ..placeholders import Placeholder
+from ..problem import OptimalControlProblem
+from ..refinement.mesh import Mesh
+from ..transcription.points import CollocationPoint, Interval
+from .rows import OWN_UNIT, Rows, stack
+from .scaling import Sizes, parameter_size
+from .setup import PhaseSetup
+from .sparse_program import Piece
+
+#: Shortest segment between free times, as a fraction of the typical duration.
+SHORTEST_SEGMENT = 1e-3
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Scaled variables and data of one interval, and what they stand for.
+
+    Attributes
+    ----------
+    variables, free, data : casadi.SX
+        Scaled variables without the free parameters, those, and the data.
+    interval : Interval
+        In physical units.
+    integrals, next_integrals : casadi.SX
+        Integrals up to the mesh points before and after.
+    extra : casadi.SX
+        Free parameters that the mechanism does not have.
+    """
+
+    variables: ca.SX
+    free: ca.SX
+    data: ca.SX
+    interval: Interval
+    integrals: ca.SX
+    next_integrals: ca.SX
+    extra: ca.SX
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows of one kind, and their part of the program.
+
+    Attributes
+    ----------
+    piece : Piece
+        Expressions and places of the variables.
+    groups : list of Rows
+        Rows of one copy.
+    copies : tuple
+        For each copy the intervals that it sees, as (phase, interval); its rows stand on the last one.
+    repeated : bool
+        Whether every interval has a copy.
+    """
+
+    piece: Piece
+    groups: list[Rows]
+    copies: tuple[tuple[tuple[int, int], ...], ...]
+    repeated: bool = False
+
+
+class PhaseProgram:
+    """Variables, rows and cost of a phase on a mesh of N intervals.
+
+    The variables are those of the mesh points and of the intervals in turn, then the times of start, waypoints
+    and end if a time of the problem is free; each divided by its typical size. The mesh fractions are data, so
+    that one compiled program serves every mesh with as many intervals in each segment.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem to which the phase belongs.
+    setup : PhaseSetup
+        Transcription, sizes, conditions at the ends.
+    mesh : Mesh
+        Intervals of each segment.
+    integrals : sequence of Placeholder
+        Integrals that are accumulated.
+    number : int
+        Index of the phase.
+    first : int
+        Number of variables of the phases before.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        setup: PhaseSetup,
+        mesh: Mesh,
+        integrals: Sequence[Placeholder],
+        number: int,
+        first: int,
+    ):
+        self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
+        # not the problem itself: it holds the program
+        self._free, self.extra_parameters = problem.free_parameters, problem.extra_parameters(setup.phase)
+        reduced = self.scheme.eom
+        #: sizes of what the transcription works in
+        self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=mesh.count)
+        self.number, self.count, self._segment, self._first = number, mesh.count, mesh.segment, first
+        eom, extra = self.phase.equations, self.extra_parameters
+        #: symbols that an expression of the problem may contain
+        self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, self.phase.input_rates, eom.p]
+        self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
+        self.sizes = Sizes(setup.numeric, self.scales, self.arguments, np.array([p.value for p in extra]))
+        self.integrals = list(integrals)
+        self.point_size = self.scheme.point_size + len(self.integrals)
+        point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
+        self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
+        self.time_count = len(self.phase.waypoints) + 2 if problem.has_free_times else 0
+        self.free_scale = np.array([parameter_size(p.value, p.lower, p.upper) for p in self._free])
+        self.size = self.count * self.stride + self.point_size + self.time_count
+        #: parameters of the mechanism, of which free ones are not used
+        self.p = ca.SX.sym("p", eom.p.numel())
+        self.initial, self.final = setup.ends.initial, setup.ends.final
+        self._functions: dict[tuple[Condition, ...], ca.Function] = {}
+
+    def typical_value(self, placeholder: Placeholder) -> float:
+        """Typical value of a placeholder."""
+        span = self.scales.time if placeholder.kind == "integral" else 1.0
+        return span * self.sizes.of_values(placeholder.expression)
+
+    # --- places of the variables ----------------------------------------------------------
+    @cached_property
+    def stride(self) -> int:
+        """Number of variables of a mesh point and the interval after it."""
+        return self.point_size + self.scheme.interval_size
+
+    def point_index(self, k: int) -> np.ndarray:
+        """Places of the variables of a mesh point."""
+        return self._first + np.arange(self.point_size) + k * self.stride
+
+    def inner_index(self, i: int) -> np.ndarray:
+        """Places of the variables of an interval alone."""
+        return self._first + np.arange(self.scheme.interval_size) + i * self.stride + self.point_size
+
+    @property
+    def time_index(self) -> np.ndarray:
+        """Places of the times of start, waypoints and end, if a time is free."""
+        end = self._first + self.size
+        return np.arange(end - self.time_count, end)
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Size of every variable."""
+        one = np.concatenate([self.point_scale, self.inner_scale])
+        times = np.full(self.time_count, self.scales.time)
+        return np.concatenate([np.tile(one, self.count), self.point_scale, times])
+
+    def interval_index(self, intervals: Sequence[int]) -> np.ndarray:
+        """Variables of intervals, each a column: mesh points and interval, and the times of its segment."""
+        places = np.arange(self.stride + self.point_size)[:, None] + self.stride * np.asarray(intervals, int)
+        if not self.time_count:
+            return self._first + places
+        return np.vstack([self._first + places, self.time_index[self._segment[intervals] + np.arange(2)[:, None]]])
+
+    # --- symbols of one interval ----------------------------------------------------------
+    def unknowns(self, free: ca.SX | None = None) -> Unknowns:
+        """New symbols for one interval; `free` are scaled parameters to be shared with another one."""
+        times_count = 2 if self.time_count else 0
+        sizes = [self.point_size, self.scheme.interval_size, self.point_size, times_count]
+        first, inner, last, times = (ca.SX.sym(x, size) for x, size in zip("wbxm", sizes, strict=True))
+        free = ca.SX.sym("f", self.free_scale.size) if free is None else free
+        data = ca.SX.sym("d", 2)
+        before, after = (ca.DM(self.point_scale) * x for x in (first, last))
+        p, extra = self._parameters(ca.DM(self.free_scale) * free)
+        start, length = data[0], data[1]
+        if times_count:
+            segment = self.scales.time * (times[1] - times[0])
+            start, length = self.scales.time * times[0] + data[0] * segment, data[1] * segment
+        plain = self.scheme.point_size
+        interval = Interval(before[:plain], ca.DM(self.inner_scale) * inner, after[:plain], start, length, p)
+        variables = ca.vertcat(first, inner, last, times)
+        return Unknowns(variables, free, data, interval, before[plain:], after[plain:], extra)
+
+    def _parameters(self, free: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Parameters of the mechanism with the free ones substituted, and free parameters that it does not have."""
+        p, extra = ca.SX(self.p), []
+        for k, symbol in enumerate(self._free):
+            place = next((i for i, x in enumerate(self.phase.mechanism.parameters) if x is symbol), None)
+            if place is None:
+                extra.append(free[k])
+            else:
+                p[place] = free[k]
+        return p, ca.vertcat(ca.SX(0, 1), *extra)
+
+    @cached_property
+    def limit_owners(self) -> dict[Condition, tuple[Symbol, int]]:
+        """Limits that inputs and first-order states carry themselves, with the symbol and the side."""
+        return own_limits(self.phase.mechanism)
+
+    # --- expressions ----------------------------------------------------------------------
+    def value(self, expression: ca.SX, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
+        """An expression of the problem at a point of an interval."""
+        return self._applied(ca.Function("e", self.arguments, [expression]), at, unknowns)
+
+    def _applied(self, function: ca.Function, at: CollocationPoint, unknowns: Unknowns) -> ca.SX:
+        at = self.scheme.expanded(at, unknowns.interval.p)
+        return function(*at.values, unknowns.interval.p, unknowns.extra)
+
+    def _integral(self, expression: ca.SX, points: Sequence[CollocationPoint], unknowns: Unknowns) -> ca.SX:
+        if expression.is_zero():
+            return ca.SX(0)
+        values = (self.value(expression, at, unknowns) for at in points)
+        weighted = (float(w) * value for w, value in zip(self.scheme.quadrature, values, strict=True))
+        return unknowns.interval.length * sum(weighted, ca.SX(0))
+
+    def _conditions(
+        self, conditions: Sequence[Condition], at: CollocationPoint, unknowns: Unknowns, tau: float, prefix: str = ""
+    ) -> list[Rows]:
+        """Conditions at a point."""
+        if not conditions:
+            return []
+        key = tuple(conditions)
+        if key not in self._functions:
+            self._functions[key] = ca.Function("c", self.arguments, [stacked(conditions)])
+        values = ca.vertsplit(self._applied(self._functions[key], at, unknowns))
+        return condition_rows(dict(zip(conditions, values, strict=True)), self._condition_sizes, tau, prefix)
+
+    @cached_property
+    def _condition_sizes(self) -> dict[Condition, float]:
+        waypoints = [c for w in self.phase.waypoints for c in w.conditions]
+        conditions = [*(self.initial or ()), *self.final, *self.phase.path, *waypoints, *self.limit_owners]
+        limits = [c for c in conditions if not c.equality]
+        equalities = [c for c in conditions if c.equality]
+        sizes = self.sizes.of_limits([c.expression for c in limits])
+        changes = self.sizes.of_changes([c.expression for c in equalities])
+        return dict(zip(limits, sizes, strict=True)) | dict(zip(equalities, changes, strict=True))
+
+    # --- blocks ---------------------------------------------------------------------------
+    def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:
+        """Intervals, then start, waypoints and end.
+
+        Parameters
+        ----------
+        free_index : numpy.ndarray
+            Places of the free parameters.
+        p : casadi.SX
+            Parameters of the mechanisms of all phases.
+        cost_scale : float
+            Size of the cost, by which it is divided.
+        """
+
+        def block(unknowns: Unknowns, groups: list[Rows], cost: ca.SX, intervals: Sequence[int], **more: Any) -> Block:
+            free = np.tile(free_index[:, None], (1, len(intervals)))
+            index = np.vstack([self.interval_index(intervals), free])
+            variables = ca.vertcat(unknowns.variables, unknowns.free)
+            piece = Piece(variables, unknowns.data, p, stack(groups), cost / cost_scale, index)
+            copies = tuple(((self.number, i),) for i in intervals)
+            return Block(piece, [g for g in groups if g.labels], copies, **more)
+
+        blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
+        for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
+            blocks.append(block(unknowns, groups, ca.SX(0), [interval]))
+        return blocks
+
+    def _interval_rows(self) -> tuple[Unknowns, list[Rows], ca.SX]:
+        """Rows of an interval, and its part of the running cost."""
+        unknowns = self.unknowns()
+        points = self.scheme.points(unknowns.interval)
+        groups = self.scheme.equations(unknowns.interval, self.reduced_scales)
+        for k, placeholder in enumerate(self.integrals):
+            gain = unknowns.next_integrals[k] - unknowns.integrals[k]
+            row = gain - self._integral(placeholder.expression, points, unknowns)
+            size = self.point_scale[self.scheme.point_size + k :][:1]
+            groups.append(Rows(row, (f"accumulation of {placeholder.label}",), 1.0, size, (OWN_UNIT,)))
+        groups += self._path_rows(unknowns, points)
+        return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
+
+    def _path_rows(self, unknowns: Unknowns, points: list[CollocationPoint]) -> list[Rows]:
+        """Path conditions at the stages and at the ends of the interval."""
+        scheme, groups = self.scheme, []
+        start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
+        conditions = [*self._path_at_stages, *self.limit_owners]
+        equalities = [c for c in conditions if c.equality]
+        limits = [c for c in conditions if not c.equality]
+
+        def place(some: list[Condition], at: CollocationPoint, tau: float) -> None:
+            here = [c for c in some if tau not in self._bounded_at.get(c, ())]
+            groups.extend(self._conditions(here, at, unknowns, tau))
+
+        jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
+        place(jumping, start, 0.0)
+        for tau, at in zip(scheme.stages.tolist(), points, strict=True):
+            # if inputs are joined, the end of the interval before has the row at the start
+            here = equalities if tau > 0 or not scheme.inputs.joined else []
+            place([*here, *(limits if 0 < tau < 1 else [])], at, tau)
+        place(limits, end, 1.0)
+        return groups
+
+    @property
+    def _path_at_stages(self) -> list[Condition]:
+        """Path conditions that are imposed at points: those that are not differentiated."""
+        differentiated = set(self.scheme.constraints.path_constraints)
+        return [c for c in self.phase.path if c not in differentiated]
+
+    @cached_property
+    def _bounded_at(self) -> dict[Condition, tuple[float, ...]]:
+        """Points at which a limit is a bound of a variable and needs no row."""
+        taus = tuple(self.scheme.inputs.taus.tolist())
+        return {c: taus if c.depends_on("input") else (1.0,) for c in self.limit_owners}
+
+    def _start_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
+        """Rows at the start, with the interval on which they stand."""
+        unknowns = self.unknowns()
+        interval, at = unknowns.interval, self.scheme.start(unknowns.interval)
+        groups = self.scheme.start_rows(interval, self.reduced_scales)
+        if self.scheme.inputs.joined and self.scheme.stages[0] == 0:
+            equalities = [c for c in self._path_at_stages if c.equality]
+            groups += self._conditions(equalities, at, unknowns, 0.0)
+        if self.initial is not None:
+            groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales)
+            groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
+        return [(unknowns, groups, 0)] if groups else []
+
+    def _place_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
+        """Conditions at waypoints and at the end, with the intervals that they end."""
+        points = [int(np.sum(self._segment <= k)) for k in range(len(self.phase.waypoints))]
+        places: list[tuple[str, Sequence[Condition], int]] = [
+            (f"waypoint {k + 1}", w.conditions, points[k]) for k, w in enumerate(self.phase.waypoints)
+        ]
+        result = []
+        for name, conditions, point in [*places, ("final", self.final, self.count)]:
+            if conditions:
+                unknowns = self.unknowns()
+                at = self.scheme.end(unknowns.interval)
+                result.append((unknowns, self._conditions(conditions, at, unknowns, 1.0, f"{name}: "), point - 1))
+        return result
+
+    def time_blocks(self, p: ca.SX) -> list[Block]:
+        """Order of the free times of waypoints."""
+        if self.time_count < 3:
+            return []
+        times = ca.SX.sym("m", self.time_count)
+        count = self.time_count - 1
+        names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
+        labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
+        gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
+        rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
+        piece = Piece(times, ca.SX(0, 1), p, stack([rows]), ca.SX(0), self.time_index[:, None])
+        return [Block(piece, [rows], ((),))]
+
+    # --- bounds of the variables ----------------------------------------------------------
+    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
+        scheme, mechanism = self.scheme, self.phase.mechanism
+        n, bounds = scheme.eom.q.numel(), []
+        for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
+            u, z = ([getattr(x, name) for x in symbols] for symbols in (mechanism.inputs, mechanism.states))
+            point = np.r_[np.full(2 * n, infinite), z, u if scheme.inputs.joined else []]
+            point = np.r_[point, np.full(self.point_size - point.size, infinite)]
+            inner = np.full(scheme.interval_size, infinite)
+            inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
+            times = [span[side] for span in self.phase.time_spans][: self.time_count]
+            bound = np.r_[np.tile(np.r_[point, inner], self.count), point, times] / self.scale
+            if self.initial is None:
+                state = np.r_[start.q[scheme.eom.independent], start.v[scheme.eom.independent], start.z]
+                bound[: state.size] = state / self.point_scale[: state.size]
+            bound[scheme.point_size : self.point_size] = 0.0
+            bounds.append(bound)
+        return bounds[0], bounds[1]
+
+
+def condition_rows(
+    values: dict[Condition, ca.SX], sizes: dict[Condition, float], tau: float, prefix: str = ""
+) -> list[Rows]:
+    """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
+    groups = []
+    lower_sides = {c.opposite for c in values if c.opposite in values}
+    for equality in (True, False):
+        chosen = [c for c in values if c.equality is equality and c not in lower_sides]
+        if chosen:
+            pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
+            group = Rows(
+                ca.vertcat(*[values[c] for c in chosen]),
+                tuple(prefix + c.label for c in chosen),
+                tau,
+                np.array([sizes[c] for c in chosen]),
+                (OWN_UNIT,) * len(chosen),
+                equality,
+                condition=True,
+                spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
+                opposites=tuple(prefix + other.label if other else "" for other in pairs),
+            )
+            groups.append(group)
+    return groups

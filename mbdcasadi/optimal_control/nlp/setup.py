@@ -1,0 +1,167 @@
+"""Everything that the solves of a phase on all meshes have in common: ends, sizes, transcription."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from ...equations.numeric import NumericEquations
+from ...equations.reduced import ReducedEquations, reduced_equations
+from ...errors import ModelError
+from ...model.conditions import Condition
+from ...model.quantities import whole, yes_or_no
+from ...numerics.rank import dependent_rows, unit_rows
+from ...results.state import State
+from ..guess.kinematic_guess import kinematic_path
+from ..guess.least_squares_loads import LeastSquaresLoads
+from ..phase import Phase
+from ..problem import OptimalControlProblem
+from ..transcription import TRANSCRIPTIONS, Transcription
+from ..transcription.constraints import MotionConstraints
+from ..transcription.controls import CONTROLS, input_basis
+from .end_conditions import EndConditions
+from .scaling import scales_of
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Choices of a user for a solve.
+
+    Attributes
+    ----------
+    transcription : Transcription
+        The scheme, not yet bound to a mechanism.
+    control : str
+        Course of the inputs in an interval.
+    options : dict
+        Options of the solver.
+    progress : bool
+        Whether progress is shown.
+    key : hashable
+        Key of the programs that are made by them.
+    """
+
+    transcription: Transcription
+    control: str
+    options: dict[str, Any]
+    progress: bool
+    key: Hashable
+
+    @classmethod
+    def read(cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
+        """Check what ``optimize`` is given."""
+        scheme = _scheme(transcription, degree)
+        if control not in CONTROLS:
+            raise ModelError(f"optimize: control must be one of {', '.join(CONTROLS)}, got {control!r}")
+        shown = yes_or_no(progress, "optimize", "progress")
+        chosen = {} if options is None else options
+        if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
+            raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
+        return cls(scheme, control, dict(chosen), shown, (transcription, scheme.degree, control))
+
+
+def _scheme(transcription: Any, degree: Any) -> Transcription:
+    """The scheme that is given by its name, its class or itself."""
+    stages = whole(degree, "optimize", "degree", 1, 5)
+    if isinstance(transcription, Transcription):
+        return transcription
+    scheme = TRANSCRIPTIONS.get(transcription) if isinstance(transcription, str) else transcription
+    if not (isinstance(scheme, type) and issubclass(scheme, Transcription)) or inspect.isabstract(scheme):
+        raise ModelError(
+            f"optimize: transcription must be one of {', '.join(TRANSCRIPTIONS)} or a subclass of Transcription, "
+            f"or an object of one, got {transcription!r}"
+        )
+    try:
+        return scheme(stages)
+    except TypeError as error:
+        raise ModelError(
+            f"optimize: transcription {scheme.__name__} does not take the degree ({error}); give an object of it"
+        ) from None
+
+
+class PhaseSetup:
+    """Ends, sizes and transcription of a phase.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem to which the phase belongs.
+    phase : Phase
+        Phase that is set up.
+    settings : Settings
+        Choices of the user.
+    numeric : NumericEquations
+        Equations at the parameters that are given.
+    start : State
+        First state, as far as the initial conditions decide it.
+    initial : State or sequence of Condition
+        Conditions at the start.
+
+    Attributes
+    ----------
+    path : KinematicPath
+        Poses on the way from the start to the end, and the times of start, waypoints and end to begin with.
+    ends : EndConditions
+        Independent conditions at both ends.
+    scales : Scales
+        Typical sizes.
+    scheme : Transcription
+        The transcription.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        phase: Phase,
+        settings: Settings,
+        numeric: NumericEquations,
+        start: State,
+        initial: State | Sequence[Condition],
+    ):
+        self.phase, self.numeric, self.start = phase, numeric, start
+        low, high = phase.duration
+        times = phase.segment_times(high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
+        self.path = kinematic_path(problem, phase, numeric, start, times)
+        self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
+        self.scales = scales_of(numeric, float(times[-1]), self.path.poses)
+        self.scheme = self._bound_scheme(problem, settings, initial)
+
+    @property
+    def key(self) -> Hashable:
+        """Key of a program of the phase, besides the problem, the settings and the mesh."""
+        return self.ends.key, tuple(self.scheme.eom.independent), tuple(self.scheme.rows)
+
+    @cached_property
+    def loads(self) -> LeastSquaresLoads:
+        """Loads and inputs for guesses."""
+        return LeastSquaresLoads(self.numeric, self.scheme.eom, self.scales)
+
+    def _bound_scheme(
+        self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]
+    ) -> Transcription:
+        eom = reduced_equations(self.phase.equations, curved=not self.ends.are_singular())
+        path_constraints = self.phase.differentiated_path_constraints(problem.free_parameters)
+        constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
+        # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
+        drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
+        inner, joined = settings.transcription.input_points(lower_degree=drives)
+        basis = input_basis(settings.control, inner, joined, rates=problem.has_input_rates(initial))
+        return settings.transcription.bound_to(constraints, self.numeric.weights[eom.independent], basis)
+
+    def _independent_rows(self, eom: ReducedEquations) -> list[int]:
+        """Remaining rows without those that others imply; of the poses passed the one with the most counts."""
+        rows: list[int] = []
+        if not eom.rows:
+            return rows
+        order, explicit, poses = [*eom.explicit, *eom.rows], len(eom.explicit), self.path.poses
+        for q in (poses[0], poses[len(poses) // 2], poses[-1]):
+            jacobian = unit_rows(self.numeric.velocity(0.0, q)[0] * self.numeric.column_scale)
+            dependent = set(dependent_rows(jacobian[order]))
+            here = [k for k in range(len(eom.rows)) if k + explicit not in dependent]
+            rows = here if len(here) > len(rows) else rows
+        return rows

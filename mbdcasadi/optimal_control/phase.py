@@ -1,0 +1,245 @@
+"""A phase of a motion: one mechanism, and what it must do from a start to an end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations import Equations, equations
+from ..errors import ExpressionError, ModelError
+from ..model.conditions import Condition, read_conditions
+from ..model.immutable import Immutable
+from ..model.mechanism import Mechanism
+from ..model.quantities import entries, is_relation, quantity
+from ..model.rates import time_derivative
+from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
+from ..printing import to_text
+from ..results.state import State
+
+#: Kinds of symbols whose values positions, velocities and first-order states do not decide.
+BEYOND_STATES = ("acceleration", "multiplier", "input", "input rate")
+
+
+class Waypoint(Immutable):
+    """Conditions that a motion meets on its way.
+
+    Parameters
+    ----------
+    time : float or (float, float)
+        Time, s; two numbers: free between them.
+    conditions : sequence of relations, default ()
+        In any expression of the model; accelerations, reactions and inputs are
+        those just before that time. Without conditions, a waypoint puts a mesh
+        point at its time, for instance where an input jumps.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> cart = mbd.Body("cart", mass=1, inertia=1)
+    >>> mbd.Waypoint((0.2, 0.8), [cart.x == 0.5, cart.y >= 0.1])
+    Waypoint(0.2 … 0.8 s: cart.x == 0.5, 0.1 <= cart.y)
+    """
+
+    _symbolic = True
+
+    def __init__(self, time: Any, conditions: Any = ()):
+        self.time = _time_span(time, "Waypoint", "time")
+        self.conditions: tuple[Condition, ...] = read_conditions(conditions)
+
+    def __repr__(self) -> str:
+        low, high = self.time
+        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
+        return f"Waypoint({time}{': ' if self.conditions else ''}{', '.join(c.label for c in self.conditions)})"
+
+
+class Phase(Immutable):
+    """A mechanism, and what it must do from the start to the end of a phase of the motion.
+
+    Parameters
+    ----------
+    name : str
+        Name in messages.
+    mechanism : Mechanism
+        Model; its inputs are free.
+    duration : float or (float, float)
+        Time of the phase, s; two numbers: free between them.
+    initial, final : sequence of relations, or State
+        Conditions at the start and at the end; a state fixes everything, anything not stated is free.
+    path : sequence of relations
+        Conditions that hold throughout the phase.
+    running_cost : expression
+        Integrand of the cost.
+    waypoints : sequence of Waypoint
+        Conditions at times in between, in the order of time. They divide the phase into segments.
+
+    Attributes
+    ----------
+    equations : Equations
+        Equations of motion of the mechanism.
+    """
+
+    _symbolic = True
+
+    def __init__(
+        self,
+        name: str,
+        mechanism: Mechanism,
+        duration: Any,
+        initial: Any = (),
+        final: Any = (),
+        path: Any = (),
+        running_cost: Any = 0,
+        waypoints: Any = (),
+    ):
+        self.name = check_name(name, "Phase")
+        what = f"phase '{name}'"
+        self.mechanism = mechanism
+        self.equations: Equations = equations(mechanism)
+        self.duration = _time_span(duration, what, "duration")
+        self.initial = read_state_or_conditions(initial, mechanism)
+        self.final = read_state_or_conditions(final, mechanism)
+        self.path = read_conditions(path)
+        self.running_cost = read_cost(running_cost, "running_cost")
+        self.waypoints = _read_waypoints(waypoints, self.duration)
+
+    @property
+    def input_rates(self) -> ca.SX:
+        """Rates of the inputs (n_u,)."""
+        return ca.vertcat(ca.SX(0, 1), *[u.rate for u in self.mechanism.inputs])
+
+    @property
+    def time_spans(self) -> list[tuple[float, float]]:
+        """Limits of the times of start, waypoints and end, s."""
+        return [(0.0, 0.0), *[w.time for w in self.waypoints], self.duration]
+
+    @property
+    def has_free_times(self) -> bool:
+        """True if the duration or the time of a waypoint is free."""
+        return any(low < high for low, high in self.time_spans)
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """All conditions but those at the start, those of a final state left out."""
+        end = [] if isinstance(self.final, State) else self.final
+        return [*self.path, *(c for w in self.waypoints for c in w.conditions), *end]
+
+    def differentiated_path_constraints(self, free_parameters: Sequence[Parameter]) -> list[Condition]:
+        """Path conditions that prescribe the motion; those with free parameters stay conditions at the stages."""
+        return [c for c in self.path if _prescribes_motion(c) and not contains_any(c.expression, free_parameters)]
+
+    def segment_times(self, duration: float) -> np.ndarray:
+        """Return times of start, waypoints and end to begin with: free ones in the middle of their range."""
+        times = [0.0]
+        spans = [w.time for w in self.waypoints]
+        for k, (low, high) in enumerate(spans):
+            latest = min([duration, *[s[1] for s in spans[k + 1 :]]])
+            high, low = min(high, latest), max(low, times[-1])
+            remaining = len(spans) - k + 1  # segments that are still to come
+            even = times[-1] + (latest - times[-1]) / remaining
+            times.append(low if low == high else float(np.clip(even, low, high)))
+        times.append(duration)
+        if np.any(np.diff(times) <= 0):
+            raise ModelError(f"the times of the waypoints {times[1:-1]} leave no motion between them")
+        return np.array(times)
+
+    def __repr__(self) -> str:
+        low, high = self.duration
+        time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
+        return f"Phase({self.name!r}, {self.mechanism!r}, duration {time})"
+
+
+def on_states(conditions: Sequence[Condition]) -> list[Condition]:
+    """Conditions that positions, velocities and first-order states decide."""
+    return [c for c in conditions if not c.depends_on(*BEYOND_STATES)]
+
+
+def with_rates(conditions: Sequence[Condition]) -> list[Condition]:
+    """Conditions that prescribe the motion, and the rates of those in positions, as a state must meet them."""
+    rates = [
+        Condition(time_derivative(c.expression), True, f"the rate of {c.label}")
+        for c in conditions
+        if not c.depends_on("velocity")
+    ]
+    return [*conditions, *rates]
+
+
+def contains_any(expression: ca.SX, symbols: Sequence[ca.SX]) -> bool:
+    """Return True if one of the symbols occurs in an expression."""
+    known = {s.element_hash() for s in symbols}
+    return bool(known) and any(s.element_hash() in known for s in symbols_of(expression))
+
+
+def _prescribes_motion(condition: Condition) -> bool:
+    """Return True if an equality is one in positions, or linear in velocities, and so can be differentiated.
+
+    Imposed at stages alone such a condition would be a differential-algebraic
+    equation of higher index, for which collocation at Gauss points is unstable:
+    it is treated like a constraint whose multipliers are the inputs.
+    """
+    if not condition.equality or not condition.kinds <= {"time", "position", "velocity", "parameter"}:
+        return False
+    if not condition.depends_on("position", "velocity"):
+        return False
+    velocities = [s for s in condition.symbols if (role := role_of(s)) is not None and role.kind == "velocity"]
+    slopes = ca.jacobian(condition.expression, ca.vertcat(ca.SX(0, 1), *velocities))
+    return not velocities or not ca.depends_on(slopes, ca.vertcat(*velocities))
+
+
+# --- arguments -----------------------------------------------------------------------------
+def read_cost(cost: Any, name: str) -> ca.SX:
+    """Return a cost as an expression; a relation is refused."""
+    value = ca.SX(quantity(cost, "OptimalControlProblem", name))
+    if is_relation(value):
+        raise ExpressionError(
+            f"{name} is the relation {to_text(value)}; a cost is an expression, conditions go to path="
+        )
+    return value
+
+
+def read_state_or_conditions(end: Any, mechanism: Mechanism) -> State | tuple[Condition, ...]:
+    """Return conditions at the start or at the end, or a state of the mechanism, which fixes everything."""
+    if not isinstance(end, State):
+        return read_conditions(end)
+    theirs, ours = equations(end.mechanism), equations(mechanism)
+    for one, other in ((theirs.q, ours.q), (theirs.z, ours.z)):
+        hashes = ([s.element_hash() for s in ca.vertsplit(x)] for x in (one, other))
+        if next(hashes) != next(hashes):
+            raise ModelError(f"OptimalControlProblem: the state belongs to {end.mechanism!r}, not to {mechanism!r}")
+    return end
+
+
+def _time_span(value: Any, what: str, name: str) -> tuple[float, float]:
+    """A time or a range of times as ``(lower, upper)``."""
+    if isinstance(value, ca.SX):
+        raise ModelError(
+            f"{what}: {name} is a number or a pair (lower, upper), not an expression; a pair is free between"
+        )
+    try:
+        low, high = value
+    except TypeError:
+        low = high = value
+    except ValueError:
+        raise ModelError(f"{what}: {name} is a number or a pair (lower, upper), got {value!r}") from None
+    low, high = number(low, what, name), number(high, what, name)
+    if low < 0 or high < low or high == 0:
+        raise ModelError(f"{what}: {name} must be positive and the limits in order, got {value!r}")
+    return low, high
+
+
+def _read_waypoints(waypoints: Any, duration: tuple[float, float]) -> tuple[Waypoint, ...]:
+    """Waypoints, whose times must follow each other within the duration."""
+    before = (0.0, 0.0)
+    result = entries(waypoints, "waypoints=")
+    for k, waypoint in enumerate(result, start=1):
+        if not isinstance(waypoint, Waypoint):
+            raise ModelError(f"waypoints= takes Waypoint objects, got {waypoint!r}")
+        low, high = waypoint.time
+        if high <= before[0] or (low == high and before[0] == before[1] and low <= before[0]):
+            raise ModelError(f"waypoint {k} at {high:g} s does not come after what is before it, at {before[0]:g} s")
+        if low >= duration[1]:
+            raise ModelError(f"waypoint {k} at {low:g} s does not come before the end at {duration[1]:g} s")
+        before = waypoint.time
+    return result

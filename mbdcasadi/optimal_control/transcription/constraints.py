@@ -1,0 +1,118 @@
+"""Rows that hold throughout a motion: those of the joints, and path conditions that prescribe the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from ...equations.reduced import ReducedEquations
+from ...model.conditions import Condition, stacked
+from ..nlp.rows import OWN_UNIT, Rows
+from ..nlp.scaling import Scales
+
+
+class MotionConstraints:
+    """Constraints of a motion at the levels of position, velocity and acceleration.
+
+    Parameters
+    ----------
+    eom : ReducedEquations
+        Equations in the independent coordinates.
+    p : numpy.ndarray
+        Parameters, for the sizes of the rows.
+    rows : sequence of int
+        Independent rows of the joints, of those that `eom` has.
+    path_constraints : sequence of Condition
+        Path conditions that prescribe the motion, see :meth:`Phase.differentiated_path_constraints`;
+        their parameters are those of the mechanism.
+
+    Attributes
+    ----------
+    rows : list of int
+        Rows of the joints.
+    position_count, velocity_count : int
+        Number of rows at the level of positions, and of velocities and accelerations.
+    function : casadi.Function
+        ``(t, q, p) -> (Phi, its Jacobian, Phi_q, nu)``: position rows, then all rows.
+    """
+
+    def __init__(
+        self, eom: ReducedEquations, p: np.ndarray, rows: Sequence[int], path_constraints: Sequence[Condition]
+    ):
+        self.eom, self.rows = eom, [int(k) for k in rows]
+        place = {int(k): i for i, k in enumerate(eom.position_rows)}
+        positions = [c for c in path_constraints if not c.depends_on("velocity")]
+        velocities = [c for c in path_constraints if c.depends_on("velocity")]
+        self._joint_positions = [k for k in self.rows if k in place]
+        self.path_constraints = [*positions, *velocities]
+        prescribed, speeds = eom.of(stacked(positions), stacked(velocities))
+        position_jacobian = ca.jacobian(prescribed, eom.q)
+        speed_rows = ca.vertcat(ca.jtimes(prescribed, eom.q, eom.v) + ca.jacobian(prescribed, eom.t), speeds)
+        self.jacobian = ca.vertcat(eom.Phi_q[self.rows, :], position_jacobian, ca.jacobian(speeds, eom.v))
+        at_rest = ca.substitute(speeds, eom.v, ca.SX.zeros(eom.v.numel()))
+        nu = ca.vertcat(eom.nu[self.rows], -ca.jacobian(prescribed, eom.t), -at_rest)
+        bend = -(ca.jtimes(speed_rows, eom.q, eom.v) + ca.jacobian(speed_rows, eom.t))
+        self.gamma = ca.vertcat(eom.gamma[self.rows], bend)
+        self.position_count = len(self._joint_positions) + len(positions)
+        self.velocity_count = len(self.rows) + len(self.path_constraints)
+        self.function = ca.Function(
+            "constraints",
+            [eom.t, eom.q, eom.p],
+            [
+                ca.vertcat(eom.Phi[[place[k] for k in self._joint_positions]], prescribed),
+                ca.vertcat(eom.Phi_q[self._joint_positions, :], position_jacobian),
+                self.jacobian,
+                nu,
+            ],
+        )
+        slopes = self.function(0.0, eom.estimate, p)
+        self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
+
+    def _sizes(self, scales: Scales) -> np.ndarray:
+        """Sizes of the rows as they change over typical coordinates."""
+        slopes = np.max(self._slopes[len(self.rows) :] * scales.q, axis=1, initial=0.0)
+        return np.r_[scales.rows[self.rows], np.where(slopes > 0, slopes, 1.0)]
+
+    def corrections(self, scales: Scales, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Sizes of the multipliers that move positions, and velocities, by typical amounts in the metric W."""
+        sizes = []
+        for slopes in (self._position_slopes, self._slopes):
+            needed = np.where(slopes > 0, scales.q * weights / np.where(slopes > 0, slopes, 1.0), np.inf)
+            least = np.min(needed, axis=1, initial=np.inf)
+            sizes.append(np.where(np.isfinite(least), least, 1.0))
+        return sizes[0], sizes[1] / scales.time
+
+    def _names_and_units(self, per: str) -> tuple[list[str], list[str]]:
+        names = [self.eom.row_names[k] for k in self.rows]
+        names += [f"path condition {c.label}" for c in self.path_constraints]
+        units = [("rad" if self.eom.angular_rows[k] else "m") + per for k in self.rows]
+        return names, units + [OWN_UNIT] * len(self.path_constraints)
+
+    def position_rows(self, q: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
+        """``Phi = 0``."""
+        names, units = self._names_and_units("")
+        at_position = [self.rows.index(k) for k in self._joint_positions]
+        at_position += range(len(self.rows), len(self.rows) + self.position_count - len(at_position))
+        return Rows(
+            self.function(t, q, p)[0],
+            tuple(names[k] if k >= len(self.rows) else f"constraint {names[k]}" for k in at_position),
+            tau,
+            self._sizes(scales)[at_position],
+            tuple(units[k] for k in at_position),
+        )
+
+    def velocity_rows(self, q: ca.SX, v: ca.SX, t: ca.SX, p: ca.SX, tau: float, scales: Scales) -> Rows:
+        """``Phi_q v - nu = 0``."""
+        _, _, jacobian, nu = self.function(t, q, p)
+        names, units = self._names_and_units("/s")
+        labels = tuple(f"velocity equation of {name}" for name in names)
+        size = self._sizes(scales) * scales.steps / scales.time
+        return Rows(jacobian @ v - nu, labels, tau, size, tuple(units))
+
+    def acceleration_rows(self, residual: ca.SX, tau: float, scales: Scales) -> Rows:
+        """``Phi_q a - gamma = 0`` from its residual."""
+        names, units = self._names_and_units("/s²")
+        labels = tuple(f"acceleration equation of {name}" for name in names)
+        return Rows(residual, labels, tau, self._sizes(scales) * (scales.steps / scales.time) ** 2, tuple(units))

@@ -1,0 +1,166 @@
+"""The motion of a phase in a solution: the polynomials of the transcription, brought onto the constraints."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...arguments.piecewise_polynomial import PiecewisePolynomial
+from ...equations.numeric import NumericEquations
+from ...equations.recovery import Recovery
+from ...model.symbols import Parameter
+from ...numerics.symbolic import symbolic
+from ...results.trajectory import Statistics, Trajectory
+from ..phase import Phase
+from .base import Transcription
+
+
+class OptimalMotion(Trajectory):
+    """A trajectory that follows the polynomials of a transcription between the mesh points.
+
+    It evaluates what a trajectory does, and rates of inputs (``tau.rate``) and
+    free parameters that the mechanism does not have besides.
+
+    Parameters
+    ----------
+    phase : Phase
+        Phase of the motion.
+    polynomials : Polynomials
+        The motion between the mesh points.
+    extra : dict of Parameter to float
+        Values of the free parameters that the mechanism does not have.
+    t, arrays, p, more
+        Those of :class:`Trajectory`.
+    """
+
+    def __init__(
+        self,
+        phase: Phase,
+        polynomials: Polynomials,
+        extra: dict[Parameter, float],
+        t: np.ndarray,
+        arrays: tuple[np.ndarray, ...],
+        p: np.ndarray,
+        **more: Any,
+    ):
+        q, v, a, z, lam, u = arrays
+        super().__init__(phase.mechanism, t, q, v, a, z, lam, u, p, **more)
+        self._phase, self._polynomials, self._extra = phase, polynomials, extra
+
+    @symbolic
+    def _compiled(self, expression: ca.SX) -> tuple[ca.Function, tuple[np.ndarray, ...]]:
+        if self._extra:
+            symbols, values = ca.vertcat(*self._extra), ca.DM(list(self._extra.values()))
+            expression = ca.substitute(expression, symbols, values)
+        rates = self._phase.input_rates
+        if not rates.numel() or not ca.depends_on(ca.vec(expression), rates):
+            return super()._compiled(expression)
+        eom = self.equations
+        eom.function(ca.substitute(expression, rates, ca.SX.zeros(rates.numel())))  # refuses unknown symbols
+        arguments = super()._compiled(ca.SX(0))[1]
+        function = ca.Function("expression", [*eom.symbols, rates], [ca.densify(expression)])
+        return function, (*arguments, self._polynomials.input_rates(self.t))
+
+    def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
+        return self._polynomials.states(wanted)
+
+    def _at(self, t: np.ndarray, *arrays: np.ndarray) -> OptimalMotion:
+        return OptimalMotion(
+            self._phase, self._polynomials, self._extra, t, arrays, self.parameters, refine=self._refine
+        )
+
+
+class Polynomials:
+    """The polynomials of a transcription on a mesh, with numbers.
+
+    Parameters
+    ----------
+    scheme : Transcription
+        The transcription.
+    times : numpy.ndarray
+        Mesh points (N + 1,), s.
+    points, intervals : numpy.ndarray
+        Unknowns of the mesh points (N + 1, …) and of the intervals (N, …), in physical units.
+    numeric : NumericEquations
+        Equations at the parameters of the solution.
+    """
+
+    def __init__(
+        self,
+        scheme: Transcription,
+        times: np.ndarray,
+        points: np.ndarray,
+        intervals: np.ndarray,
+        numeric: NumericEquations,
+    ):
+        self.scheme, self.times, self.points, self.intervals, self.numeric = scheme, times, points, intervals, numeric
+
+    def at(self, k: np.ndarray, tau: np.ndarray) -> list[np.ndarray]:
+        """``t, q, v, a, z, lam, u, u̇`` at points of intervals, each (k, size)."""
+        values = self.scheme.motion(
+            self.points[k].T,
+            self.intervals[k].T,
+            self.points[k + 1].T,
+            self.times[k][None, :],
+            np.diff(self.times)[k][None, :],
+            tau[None, :],
+            self.numeric.p,
+        )
+        return [part.full().T for part in values]
+
+    @cached_property
+    def at_mesh_points(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``q, v, z`` at the mesh points, each (N + 1, size)."""
+        parts = self.scheme.split_point(self.points.T)
+        q, v = self.scheme.eom.states(self.times, parts["q"].T, parts["v"].T, self.numeric.p)
+        return q, v, parts["z"].T
+
+    def _located(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Intervals in which times lie, and the points in these."""
+        slack = 1e-12 * max(1.0, abs(self.times[-1]))
+        k = np.clip(np.searchsorted(self.times, times + slack, side="right") - 1, 0, self.times.size - 2)
+        return k, np.clip((times - self.times[k]) / np.diff(self.times)[k], 0, 1)
+
+    def states(self, times: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Coordinates, velocities, first-order states and inputs at times."""
+        _, q, v, _, z, _, u, _ = self.at(*self._located(times))
+        return q, v, z, u
+
+    def input_rates(self, times: np.ndarray) -> np.ndarray:
+        """Rates of the inputs at times (k, n_u)."""
+        return self.at(*self._located(times))[7]
+
+    @cached_property
+    def inputs(self) -> dict[Any, PiecewisePolynomial]:
+        """The inputs as ``simulate(inputs=…)`` takes them."""
+        basis = self.scheme.inputs
+        symbols = self.scheme.eom.mechanism.inputs
+        if not symbols:
+            return {}
+        part, count = self.scheme.interval_slice("u"), len(self.intervals)
+        values = self.intervals[:, part].reshape(count, len(basis.inner), len(symbols))
+        if basis.joined:
+            ends = self.scheme.split_point(self.points.T)["u"].T
+            values = np.concatenate([ends[:-1, None], values, ends[1:, None]], axis=1)
+        by_power = np.einsum("kj,ikn->ijn", basis.coefficients, values)
+        lengths = np.diff(self.times)[:, None] ** np.arange(basis.taus.size)
+        return {u: PiecewisePolynomial(self.times, by_power[:, :, k] / lengths) for k, u in enumerate(symbols)}
+
+    def trajectory(
+        self, phase: Phase, extra: dict[Parameter, float], statistics: Statistics, *, redundant: bool
+    ) -> OptimalMotion:
+        """The motion at mesh points and stages, on the constraints to rounding."""
+        stages, count = self.scheme.stages, len(self.intervals)
+        taus = np.r_[0.0, stages[(stages > 0) & (stages < 1)]]
+        k = np.repeat(np.arange(count), taus.size)
+        t, q, v, _, z, _, u, _ = self.at(np.r_[k, count - 1], np.r_[np.tile(taus, count), 1.0])
+        t = t.ravel()
+        t[:: taus.size] = self.times
+        q[-1], v[-1], z[-1] = (values[-1] for values in self.at_mesh_points)
+        refine = Recovery(self.numeric, redundant=redundant).refine()
+        q, v, a, lam, u = refine(t, q, v, z, u)
+        arrays = (q, v, a, z, lam, u)
+        return OptimalMotion(phase, self, extra, t, arrays, self.numeric.p, statistics=statistics, refine=refine)

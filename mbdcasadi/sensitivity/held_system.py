@@ -1,0 +1,207 @@
+"""A motion under equations whose switches are held: its rates, and the quantities that pass the borders."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.inputs import Signals
+from ..equations import Equations
+from ..equations.held import HeldEquations, JumpingPart, jumping_parts, part_of
+from ..equations.numeric import NumericEquations
+from ..equations.recovery import Recovery
+from ..equations.switches import Switch, hold, sides_of
+
+#: Steps of projection after an integration, whose drift is of the size of its tolerance.
+PROJECTIONS = 3
+
+
+def parts_of_motion(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> tuple[JumpingPart, ...]:
+    """Return the parts of the equations, of inputs and of integrands in which something jumps."""
+    found = list(jumping_parts(numeric))
+    for k, kind in enumerate(signals.structure):
+        if isinstance(kind, tuple) and kind[0] == "expression":
+            description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
+            found += part_of(numeric, "input", k, (signals.parametrised[k],), description)
+    for k in range(integrands.numel()):
+        found += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
+    return tuple(found)
+
+
+class SwitchesInTime:
+    """Switches that depend on time and parameters alone.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations of motion.
+    signals : Signals
+        Inputs.
+    parts : sequence of JumpingPart
+        Where something jumps.
+
+    Attributes
+    ----------
+    nodes : tuple of int
+        Operations that jump in time alone.
+    """
+
+    def __init__(self, numeric: NumericEquations, signals: Signals, parts: Collection[JumpingPart]):
+        eom = numeric.eom
+        switches = [switch for part in parts for switch in hold(part.expressions)[1]]
+        natural = ca.substitute(ca.vertcat(ca.SX(0, 1), *[s.natural for s in switches]), eom.u, signals.parametrised)
+        timed = _in_time_alone(natural, eom)
+        self.nodes = tuple(switches[k].node for k in timed)
+        self._whole = np.array([switches[k].whole for k in timed], bool)
+        self._by_parameter = ca.jacobian_sparsity(natural[timed], eom.p) if timed and eom.p.numel() else None
+        self._quantities = ca.Function("quantities", [eom.t, eom.p], [natural[timed]])
+
+    def sides(self, times: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Sides of the switches at times (switches, k)."""
+        if not self.nodes:
+            return np.zeros((0, times.size))
+        values = self._quantities(times[None, :], p).full()
+        return sides_of(np.broadcast_to(values, (len(self.nodes), times.size)), self._whole)
+
+    def depend_on(self, parameters: Collection[int]) -> np.ndarray:
+        """Which of the switches depend on some of the parameters, by their positions (switches,)."""
+        found = np.zeros(len(self.nodes), bool)
+        if self._by_parameter is not None:
+            rows, columns = (np.array(part, int) for part in self._by_parameter.get_triplet())
+            found[rows[np.isin(columns, list(parameters))]] = True
+        return found
+
+
+def _in_time_alone(quantities: ca.SX, eom: Equations) -> list[int]:
+    """Positions of the quantities that contain time and parameters alone."""
+    known = {symbol.element_hash() for symbol in ca.vertsplit(ca.vertcat(eom.t, eom.p))}
+    return [
+        k
+        for k, quantity in enumerate(ca.vertsplit(quantities))
+        if all(symbol.element_hash() in known for symbol in ca.symvar(quantity))
+    ]
+
+
+class HeldSystem:
+    """Equations of motion, inputs and integrands with their switches held.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations of motion.
+    signals : Signals
+        Inputs.
+    integrands : casadi.SX
+        What is integrated along the motion.
+    redundant : bool
+        Whether rows are dependent.
+    parts : sequence of JumpingPart
+        Where something jumps.
+    free : collection of int
+        Operations that are left as they are.
+    in_time : collection of int
+        Operations that jump in time alone.
+
+    Attributes
+    ----------
+    numeric, signals, integrands
+        The same with the switches held; the sides are the last parameters.
+    switches : tuple of Switch
+        What is held.
+    whole : numpy.ndarray of bool
+        Whether a switch has its borders at whole numbers.
+    in_time : numpy.ndarray of bool
+        Whether it jumps in time alone.
+    quantities, switching, rates : casadi.Function
+        Of ``(t, x, p, levels, channel)``: the quantities; quantities, their rates, and the rates of the state; the
+        rates of the state alone. x is ``(q, v, z)`` and the integrals.
+    slopes : casadi.Function
+        Derivatives of the quantities by ``(t, x, p)``, of the same arguments.
+    slopes_in_time : casadi.Function
+        Derivatives of the quantities in time by ``(t, p)``, of these; zero for others.
+    """
+
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        signals: Signals,
+        integrands: ca.SX,
+        *,
+        redundant: bool,
+        parts: Collection[JumpingPart],
+        free: Collection[int],
+        in_time: Collection[int],
+    ):
+        held = [part for part in parts if part.nodes - part.continuous - set(free)]
+        self.integrands, self.signals = ca.SX(integrands), signals
+        self.numeric = numeric
+        self.switches: tuple[Switch, ...] = self._hold(held, free) if held else ()
+        self.whole = np.array([switch.whole for switch in self.switches], dtype=bool)
+        self.in_time = np.array([switch.node in in_time for switch in self.switches], dtype=bool)
+        self.recovery = Recovery(self.numeric, redundant=redundant)
+        if self.size:
+            self._compile(redundant)
+
+    def _hold(self, parts: Collection[JumpingPart], free: Collection[int]) -> tuple[Switch, ...]:
+        """Put held expressions in the place of natural ones; what is held."""
+        eom = HeldEquations(self.numeric.eom, tuple(parts), free)
+        self.numeric = NumericEquations(eom, np.r_[self.numeric.p, np.zeros(len(eom.switches))])
+        parametrised = ca.SX(self.signals.parametrised)
+        for (kind, place), held in eom.held.items():
+            if kind == "input":
+                parametrised[place] = held[0]
+            elif kind == "integrand":
+                self.integrands[place] = held[0]
+        self.signals = replace(self.signals, parametrised=parametrised)
+        return eom.switches
+
+    @property
+    def size(self) -> int:
+        """Number of switches."""
+        return len(self.switches)
+
+    def _compile(self, redundant: bool) -> None:
+        eom, signals = self.numeric.eom, self.signals
+        kind = ca.MX if eom.Q_depends_on_lam else ca.SX
+        n, k = eom.q.numel(), eom.z.numel()
+        quantities = ca.vertcat(ca.SX(0, 1), *[switch.quantity for switch in self.switches])
+        substituted = ca.substitute(quantities, eom.u, signals.parametrised)
+        sizes = [1, 2 * n + k + self.integrands.numel(), eom.p.numel()]
+        sizes += [signals.levels.numel(), signals.channel.numel()]
+        t, x, p, levels, channel = given = [kind.sym(f"argument {i}", size) for i, size in enumerate(sizes)]
+        q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
+        inputs = ca.Function(
+            "inputs", [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel], [signals.parametrised]
+        )
+        u = inputs(t, q, v, z, p, levels, channel)
+        a, lam = self.numeric.forward_dynamics(redundant=redundant)(t, q, v, z, u, p)
+        of_all = [*eom.symbols, signals.levels, signals.channel]
+        rest = ca.Function(
+            "rest", of_all, [ca.densify(ca.vertcat(eom.z_rate, self.integrands)), ca.densify(quantities)]
+        )
+        z_rate, w = rest(t, q, v, a, z, lam, u, p, levels, channel)
+        rates = ca.vertcat(v, a, z_rate)
+        everything = ca.vertcat(t, x)
+        w_rates = ca.jtimes(w, everything, ca.vertcat(1, rates))
+        self.quantities = ca.Function("quantities", given, [w])
+        self.rates = ca.Function("rates", given, [rates])
+        self.switching = ca.Function("switching", given, [w, w_rates, rates])
+        slopes = ca.horzcat(*[ca.jacobian(w, part) for part in (t, x, p)])
+        self.slopes = ca.Function("slopes", given, [ca.densify(slopes)])
+        timed = ca.diag(ca.DM(self.in_time.astype(float))) @ substituted
+        by_time = ca.densify(ca.jacobian(ca.sparsify(timed), ca.vertcat(eom.t, eom.p)))
+        self.slopes_in_time = ca.Function("slopes_in_time", [eom.t, eom.p], [by_time])
+
+    def projected(self, time: float, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Return a state on the constraints, for parameters with the sides."""
+        eom, weights = self.numeric.eom, self.numeric.projection_weights
+        n = eom.q.numel()
+        q, v = x[:n], x[n : 2 * n]
+        for _ in range(PROJECTIONS if eom.Phi.numel() else 0):
+            q = self.recovery.position_step(time, q, p, weights)[0].full().ravel()
+        for _ in range(2 if eom.lam.numel() else 0):
+            v = self.recovery.velocity_step(time, q, v, p, weights).full().ravel()
+        return np.r_[q, v, x[2 * n :]]

@@ -1,0 +1,474 @@
+"""Instants at which a motion passes from one side of a switch to another.
+
+Between two such instants the equations are smooth. They are found by integration with all switches held, at the
+border of the first one that is left; then its side is changed, and the integration begins anew.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..equations.switches import margin_rates_of, margins_of, sides_of
+from ..errors import MechanismWarning, SimulationError
+from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
+from ..numerics.console import interruptible
+from ..numerics.roots import bracketed_root
+from ..simulation.impacts import INSTANT, velocity_after
+from .held_system import HeldSystem
+
+#: Value of a quantity at its border that is rounding, relative to the coordinates; its rate, relative to velocities.
+ROUNDING, REST = 1e-12, 1e-9
+#: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
+GRAZING = 1e-4
+#: Rate that is none, relative to the largest one: nothing passes, and the instant has no derivative.
+STANDSTILL = 1e-9
+#: States of a motion that are looked at, at least.
+FEWEST_POINTS = 16
+#: Switches in one motion, at most.
+MOST_SWITCHES = 500
+#: Points within an interval in which a quantity may pass its border, the first ones near to its start.
+CLOSER = np.r_[2.0 ** -np.arange(12, 3, -2), np.linspace(0, 1, 11)[1:]]
+#: Distance from the border, relative to the larger one at the ends of an interval, to which a cubic must come for a
+#: closer look.
+NEAR = 0.1
+#: Length of the stretch that is integrated after a switch, in lengths of the one before it.
+AHEAD = 4.0
+#: Jump of velocities, relative to their size, that is rounding.
+NO_IMPULSE = 1e-9
+#: Difference of the derivatives of two instants, relative to their size, that is rounding.
+SAME_DERIVATIVE = 1e-6
+
+
+@dataclass(frozen=True)
+class Cut:
+    """An instant at which a motion is cut.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    interval : int
+        Output interval in which it lies, the end of it included.
+    at_output : bool
+        Whether it is the time of the output that ends the interval, which comes before it.
+    joined : bool
+        Whether it is at the instant of the cut before.
+    switches : tuple of int
+        Switches that change their sides, by whose first one its derivative is found; none of a mere stop.
+    border : float
+        Value of the quantity of that one at its border.
+    sides : tuple of float
+        Sides of all switches afterwards.
+    impulse : bool
+        Whether velocities jump.
+    """
+
+    time: float
+    interval: int
+    at_output: bool
+    joined: bool
+    switches: tuple[int, ...]
+    border: float
+    sides: tuple[float, ...]
+    impulse: bool = False
+
+
+class Passage:
+    """A motion that is followed from cut to cut.
+
+    Parameters
+    ----------
+    system : HeldSystem
+        Equations with their switches held.
+    compiled : CompiledIntegrator
+        Their integrator.
+    grid : numpy.ndarray
+        Output times, s.
+    x : numpy.ndarray or None
+        The start (n_x,); None if all switches are switches in time, and nothing need be integrated.
+    p, levels : numpy.ndarray
+        Values of the parameters and of the inputs that are numbers.
+    channel : numpy.ndarray
+        Values of sampled inputs by output interval (rows, k).
+    stops : numpy.ndarray
+        Times over which no step may go, s.
+    max_step : float, optional
+        Longest step, s.
+    watch_step : float
+        Time between states that are looked at, s.
+    unknowns : numpy.ndarray
+        Estimate of the algebraic unknowns.
+    rate : float
+        Rate at which drift decays.
+    in_time : numpy.ndarray
+        Sides just after the start of the switches in time; of others it does not matter (switches,).
+
+    Attributes
+    ----------
+    first_sides : numpy.ndarray
+        Sides at the start.
+    cuts : list of Cut
+        What was found up to now.
+    """
+
+    def __init__(
+        self,
+        system: HeldSystem,
+        compiled: CompiledIntegrator,
+        grid: np.ndarray,
+        x: np.ndarray | None,
+        *,
+        p: np.ndarray,
+        levels: np.ndarray,
+        channel: np.ndarray,
+        stops: np.ndarray,
+        max_step: float | None,
+        watch_step: float,
+        unknowns: np.ndarray,
+        rate: float,
+        in_time: np.ndarray,
+    ):
+        self._system, self._compiled, self._grid = system, compiled, grid
+        self._p, self._levels, self._channel = p, levels, channel
+        self._stops, self._max_step, self._unknowns, self._rate = stops, max_step, unknowns, rate
+        self._follows = x is not None
+        self._watched = np.flatnonzero(np.logical_not(system.in_time)) if self._follows else np.zeros(0, int)
+        span = float(grid[-1] - grid[0])
+        self._instant = max(INSTANT * span, 4 * float(np.spacing(np.max(np.abs(grid[[0, -1]])))))
+        self._watch_step, self._stretch = min(watch_step, span / FEWEST_POINTS), span
+        self._grazed: set[int] = set()
+        self._time, self._x = float(grid[0]), np.zeros(0) if x is None else x
+        self.cuts: list[Cut] = []
+        self.sides = np.where(system.in_time, in_time, 0.0)
+        if self._watched.size:
+            self.sides = self._settled(self.sides, everything=True)
+            self._leave_borders(at_start=True)
+        self.first_sides = self.sides.copy()
+
+    # --- from cut to cut ------------------------------------------------------------------
+    def advance(self, target: float) -> None:
+        """Go on to a time, from cut to cut."""
+        while self._follows and self._time < target:
+            end = self._time + self._stretch
+            self._advance_once(end if end < target - self._watch_step else target)
+        self._time = target
+
+    def change(self, flipped: Sequence[int], sides: np.ndarray, *, impulse: bool) -> None:
+        """Change the sides of switches in time at the present time.
+
+        Parameters
+        ----------
+        flipped : sequence of int
+            Switches that change.
+        sides : numpy.ndarray
+            Sides of all switches in time afterwards.
+        impulse : bool
+            Whether a prescribed velocity jumps.
+        """
+        left = list(flipped)
+        slopes = self._system.slopes_in_time(self._time, np.r_[self._p, self.sides]).full()
+        while left:
+            group = [k for k in left if _same_derivative(slopes[k], slopes[k, 0], slopes[left[0]], slopes[left[0], 0])]
+            left = [k for k in left if k not in group]
+            after = self.sides.copy()
+            after[group] = sides[group]
+            self._cut(group, self._settled(after) if self._follows else after, impulse=impulse)
+        if self._follows:
+            self._leave_borders()
+
+    # --- one stretch ---------------------------------------------------------------------------
+    def _advance_once(self, end: float) -> None:
+        """Go on to a time, or to the first switch before it."""
+        start = self._time
+        count = 2 ** int(np.ceil(np.log2(max((end - start) / self._watch_step, FEWEST_POINTS / 4))))
+        times = start + (end - start) * np.r_[np.arange(1, count) / count, 1.0]
+        times[-1] = end
+        stops = self._stops[(self._stops > start + self._instant) & (self._stops < end - self._instant)]
+        times = np.union1d(times, stops)
+        try:
+            x = self._integrated(start, self._x, times, np.isin(times, stops))
+        except SimulationError:
+            # beyond a border the equations of its inner side may have no solution
+            if end - start <= 2 * self._watch_step:
+                raise
+            self._stretch = (end - start) / AHEAD
+            return
+        crossing = self._first_crossing(np.r_[start, times], np.vstack([self._x, x])) if self._watched.size else None
+        if crossing is None:
+            self._time, self._x = end, self._projected(end, x[-1])
+            self._stretch *= 2
+            return
+        k, self._time, x_there, fastest = crossing
+        self._x = self._projected(self._time, x_there)
+        self._stretch = max(AHEAD * (self._time - start), 8 * self._watch_step)
+        self._pass(k, fastest)
+
+    def _first_crossing(self, times: np.ndarray, x: np.ndarray) -> tuple[int, float, np.ndarray, float] | None:
+        """First switch whose border is passed between states, its time, the state there, and its largest rate."""
+        whole, watched = self._system.whole, self._watched
+        w, rates, _ = self._call(self._system.switching, times, x, self.sides)
+        margins = margins_of(w, self.sides, whole)[watched]
+        slopes = margin_rates_of(w, rates, self.sides, whole)[watched]
+        # what stands at its border at the start goes inside from there
+        margins[:, 0] = np.maximum(margins[:, 0], 0.0)
+        rounding = ROUNDING * (1 + np.max(np.abs(x)))
+        left, visits = margins[:, 1:] < -rounding, _may_visit(margins, slopes, np.diff(times))
+        for k in np.flatnonzero(np.any(left | visits, axis=0)):
+            candidates = np.flatnonzero(left[:, k] | visits[:, k])
+            found = self._crossing_in(times[k], x[k], times[k + 1], candidates, rounding)
+            if found is not None:
+                switch = int(watched[found[0]])
+                return switch, found[1], found[2], float(np.max(np.abs(rates[switch])))
+        return None
+
+    def _crossing_in(
+        self, start: float, x: np.ndarray, end: float, candidates: np.ndarray, rounding: float
+    ) -> tuple[int, float, np.ndarray] | None:
+        """First of the watched switches that leave their sides within an interval, its time and the state there."""
+        times = np.r_[start, start + (end - start) * CLOSER]
+        states = np.vstack([x, self._integrated(start, x, times[1:], np.zeros(CLOSER.size, bool))])
+        margins = self._margins(times, states)
+        margins[:, 0] = np.maximum(margins[:, 0], 0.0)
+        way, best = self._way(start, x), None
+        for i in candidates:
+            beyond = np.flatnonzero(margins[i] < -rounding)
+            if not beyond.size:
+                continue
+            low, high = times[beyond[0] - 1], times[beyond[0]]
+            at_low, at_high = margins[i, beyond[0] - 1], margins[i, beyond[0]]
+            accuracy = 4e-16 * max(abs(low), abs(high)) + 1e-13 * (high - low)
+
+            def margin(time: float, i: int = int(i)) -> float:
+                return float(self._margins(np.array([time]), way(time)[None, :])[i, 0])
+
+            time = low if at_low == 0 else bracketed_root(margin, low, high, float(at_low), float(at_high), accuracy)
+            if best is None or time < best[1]:
+                best = int(i), time
+        return None if best is None else (best[0], best[1], way(best[1]))
+
+    # --- at a border ----------------------------------------------------------------------------
+    def _pass(self, k: int, fastest: float) -> None:
+        """Change the side of a switch at its border, and of those that depend on it."""
+        rate = float(self._switching(self.sides)[1][k])
+        if abs(rate) <= STANDSTILL * fastest:
+            raise SimulationError(
+                f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion only touches the border of the "
+                "jump: that instant has no derivative",
+                time=self._time,
+            )
+        if abs(rate) <= GRAZING * fastest and k not in self._grazed:
+            self._grazed.add(k)
+            warnings.warn(
+                f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion nearly only touches the border of "
+                "the jump: derivatives beyond are large, and hold for small changes alone",
+                MechanismWarning,
+                stacklevel=2,
+            )
+        self._flip(k, rate)
+        self._leave_borders(passed=k)
+
+    def _flip(self, k: int, rate: float, *, at_start: bool = False) -> None:
+        """Change the side of a switch that stands at its border, with its copies."""
+        system = self._system
+        w, rates, _ = self._switching(self.sides)
+        near = np.abs(margins_of(w, self.sides, system.whole)) <= self._near(rates)
+        slopes = self._call(system.slopes, np.array([self._time]), self._x[None, :], self.sides, columns=True)[0]
+        copies = [
+            int(j)
+            for j in self._watched
+            if j != k and near[j] and rate != 0 and _same_derivative(slopes[j], rates[j], slopes[k], rate)
+        ]
+        after = self.sides.copy()
+        for j in (k, *copies):
+            after[j] = after[j] + np.sign(rates[j]) if system.whole[j] else 1 - after[j]
+        self._refuse_to_stay(k, rate, after)
+        after = self._settled(after)
+        if at_start:
+            self.sides = after
+        else:
+            moved = np.flatnonzero(after != self.sides).tolist()
+            self._cut([k, *[j for j in moved if j != k]], after)
+
+    def _refuse_to_stay(self, k: int, rate: float, after: np.ndarray) -> None:
+        """Raise if both sides drive the motion back to the border: it would stay there."""
+        beyond = self._switching(after)[1][k]
+        if beyond * rate < 0 and abs(beyond) > STANDSTILL * abs(rate):
+            raise SimulationError(
+                f"{self._name(k)} jumps at t = {self._time:.6g} s and holds the motion at the border of the jump, as "
+                "the sign of a velocity does if a body comes to rest: such a motion cannot be differentiated; take a "
+                "smooth law (mbd.Coulomb, mbd.tanh, mbd.step)",
+                time=self._time,
+            )
+
+    def _settled(self, sides: np.ndarray, *, everything: bool = False) -> np.ndarray:
+        """Sides after some of them changed, on which others may depend; what stands at its border stays."""
+        system, sides = self._system, sides.copy()
+        for _ in range(system.size + 1):
+            w, rates, _ = self._switching(sides)
+            beyond = margins_of(w, sides, system.whole) < (0 if everything else -self._near(rates))
+            change = [k for k in self._watched if beyond[k]]
+            if not change:
+                break
+            sides[change] = sides_of(w, system.whole)[change]
+        return sides
+
+    def _leave_borders(self, *, at_start: bool = False, passed: int | None = None) -> None:
+        """Change the sides of switches that stand at their borders and are about to leave."""
+        for _ in range(2 * self._watched.size):
+            w, rates, _ = self._switching(self.sides)
+            margins = margins_of(w, self.sides, self._system.whole)
+            outwards = margin_rates_of(w, rates, self.sides, self._system.whole) < 0
+            near = np.abs(margins) <= self._near(rates)
+            moving = np.abs(rates) > REST * (1 + self._speed)
+            if at_start:
+                outwards = np.where(moving, outwards, self._leaves_from_rest(near & ~moving))
+                moving = near
+            leaving = [int(k) for k in self._watched if near[k] and moving[k] and outwards[k] and k != passed]
+            if not leaving:
+                return
+            self._flip(leaving[0], float(rates[leaving[0]]), at_start=at_start)
+        raise SimulationError(
+            f"{self._name(leaving[0])} jumps to and fro at t = {self._time:.6g} s, where the motion stands at the "
+            "border of the jump; take a smooth law (mbd.tanh, mbd.step)",
+            time=self._time,
+        )
+
+    def _leaves_from_rest(self, at_rest: np.ndarray) -> np.ndarray:
+        """Which of the switches that stand still at their borders are beyond these a little later."""
+        if not np.any(at_rest[self._watched]):
+            return np.zeros(at_rest.size, bool)
+        soon = self._time + 1e-2 * self._watch_step
+        x = self._integrated(self._time, self._x, np.array([soon]), np.zeros(1, bool))
+        w = self._call(self._system.quantities, np.array([soon]), x, self.sides)[0]
+        rounding = ROUNDING * (1 + np.max(np.abs(self._x)))
+        found: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
+        return found
+
+    def _cut(self, switches: Sequence[int], sides: np.ndarray, *, impulse: bool = False) -> None:
+        """Change sides at the present time; the derivative of the instant is that of the first switch."""
+        k = switches[0]
+        border = float(max(self.sides[k], sides[k])) if self._system.whole[k] else 0.0
+        if self._follows:
+            impulse = self._strike(sides)
+        self._append(tuple(switches), border, sides, impulse)
+
+    def _strike(self, sides: np.ndarray) -> bool:
+        """Let velocities jump as the constraints ask for; whether they did."""
+        numeric = self._system.numeric
+        if not numeric.eom.lam.numel():
+            return False
+        n = numeric.eom.q.numel()
+        q, v = self._x[:n], self._x[n : 2 * n]
+        jacobian, nu = (part.full() for part in numeric.velocity_function(self._time, q, np.r_[self._p, sides]))
+        missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
+        if missed <= NO_IMPULSE * (1 + self._speed):
+            return False
+        self._x = np.r_[q, velocity_after(numeric.mass, jacobian, nu.ravel(), v), self._x[2 * n :]]
+        return True
+
+    def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:
+        grid, time = self._grid, self._time
+        place = int(np.clip(np.searchsorted(grid, time - self._instant), 1, grid.size - 1))
+        at_output = bool(abs(grid[place] - time) <= self._instant)
+        time = float(grid[place]) if at_output else time
+        joined = bool(self.cuts) and abs(time - self.cuts[-1].time) <= self._instant
+        time = self.cuts[-1].time if joined else time
+        self.cuts.append(Cut(time, place - 1, at_output, joined, switches, border, tuple(sides.tolist()), impulse))
+        self.sides = sides.copy()
+        if sum(bool(cut.switches) for cut in self.cuts) > MOST_SWITCHES:
+            raise SimulationError(
+                f"{self._name(switches[0])} jumps again at t = {time:.6g} s, after {MOST_SWITCHES} jumps, more "
+                "than derivatives are carried through; take a smooth law (mbd.tanh, mbd.step)",
+                time=time,
+            )
+
+    # --- values -----------------------------------------------------------------------------------
+    def _name(self, k: int) -> str:
+        return self._system.switches[k].description
+
+    @property
+    def _speed(self) -> float:
+        n = self._system.numeric.eom.q.numel()
+        return float(np.max(np.abs(self._x[n : 2 * n]), initial=0.0))
+
+    def _near(self, rates: np.ndarray) -> np.ndarray:
+        """Distances from the borders that are rounding."""
+        return np.maximum(self._instant * np.abs(rates), ROUNDING * (1 + np.max(np.abs(self._x))))
+
+    def _columns(self, times: np.ndarray) -> np.ndarray:
+        """Values of the channel in the intervals that end at times (rows, k)."""
+        place = np.clip(np.searchsorted(self._grid, times, side="left") - 1, 0, self._grid.size - 2)
+        return self._channel[:, place] if self._channel.shape[0] else np.zeros((0, times.size))
+
+    def _switching(self, sides: np.ndarray) -> list[np.ndarray]:
+        """Quantities, their rates, and rates of the state, at the present state."""
+        found = self._call(self._system.switching, np.array([self._time]), self._x[None, :], sides)
+        return [part[:, 0] for part in found]
+
+    def _margins(self, times: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Distances of the watched quantities from their borders (watched, k)."""
+        w = self._call(self._system.quantities, times, x, self.sides)[0]
+        found: np.ndarray = margins_of(w, self.sides, self._system.whole)[self._watched]
+        return found
+
+    def _call(
+        self, function: ca.Function, times: np.ndarray, x: np.ndarray, sides: np.ndarray, *, columns: bool = False
+    ) -> list[np.ndarray]:
+        """Results of a function at states; with `columns` as they are, of one state."""
+        found = function(times[None, :], x.T, np.r_[self._p, sides], self._levels, self._columns(times))
+        parts = [part.full() for part in (found if isinstance(found, tuple) else (found,))]
+        return parts if columns else [np.array(np.broadcast_to(part, (part.shape[0], times.size))) for part in parts]
+
+    def _integrated(self, start: float, x: np.ndarray, times: np.ndarray, stops: np.ndarray) -> np.ndarray:
+        """States at times after another, under the present sides (k, n_x)."""
+        columns = self._columns(times) if self._channel.shape[0] else None
+        p = np.r_[self._p, self.sides, self._levels, self._rate]
+        with interruptible() as interruption:
+            try:
+                return self._compiled.advance(
+                    x, self._unknowns, start, times, p, columns, stops=stops, max_step=self._max_step
+                )[0]
+            except IntegrationFailure as failure:
+                if interruption.requested:
+                    raise KeyboardInterrupt from None
+                raise SimulationError(
+                    f"the integrator stopped between t = {start:.6g} s and {times[-1]:.6g} s: {failure.flag}",
+                    time=start,
+                ) from None
+
+    def _way(self, start: float, x: np.ndarray) -> Callable[[float], np.ndarray]:
+        """Return the function from a later time to the state there."""
+
+        def state_at(time: float) -> np.ndarray:
+            return x if time <= start else self._integrated(start, x, np.array([time]), np.zeros(1, bool))[0]
+
+        return state_at
+
+    def _projected(self, time: float, x: np.ndarray) -> np.ndarray:
+        return self._system.projected(time, x, np.r_[self._p, self.sides])
+
+
+def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Which margins may be negative for a while between two knots, by cubic interpolation (rows, k)."""
+    begin, end, down, up = margins[:, :-1], margins[:, 1:], slopes[:, :-1], slopes[:, 1:]
+    dips = (begin >= 0) & (end >= 0) & (down < 0) & (up > 0)
+    found = np.zeros(dips.shape, bool)
+    s = np.linspace(0, 1, 11)[1:-1]
+    for i, k in np.argwhere(dips):
+        cubic = (1 + 2 * s) * (1 - s) ** 2 * begin[i, k] + s**2 * (3 - 2 * s) * end[i, k]
+        cubic += lengths[k] * (s * (1 - s) ** 2 * down[i, k] - s**2 * (1 - s) * up[i, k])
+        found[i, k] = np.min(cubic) < NEAR * max(begin[i, k], end[i, k])
+    return found
+
+
+def _same_derivative(one: np.ndarray, one_rate: float, other: np.ndarray, other_rate: float) -> bool:
+    """Whether two instants have the same derivative: ``slope / rate`` of the quantities that pass their borders."""
+    if one_rate == 0 or other_rate == 0:
+        return False
+    a, b = one / one_rate, other / other_rate
+    return bool(np.max(np.abs(a - b)) <= SAME_DERIVATIVE * np.max(np.abs(b)))

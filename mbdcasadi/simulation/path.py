@@ -1,0 +1,53 @@
+"""The path of an integrator over a piece of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Path:
+    """States that an integrator found over a piece, as its steps have them.
+
+    Attributes
+    ----------
+    times, x : numpy.ndarray
+        Start and outputs (k + 1,), (k + 1, n_x).
+    integrals : numpy.ndarray
+        What was integrated along, by interval (k, n).
+    on_constraints : bool
+        Whether the states are on the constraints.
+    is_regular : bool
+        Whether the integrator has seen that no pose on it is near to a singular one.
+    """
+
+    times: np.ndarray
+    x: np.ndarray
+    integrals: np.ndarray
+    on_constraints: bool = False
+    is_regular: bool = False
+
+    def until(self, time: float) -> Path:
+        """The part of it up to a time."""
+        count = int(np.searchsorted(self.times, time, side="right"))
+        return replace(self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)])
+
+
+def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
+    """States of a path at other times (k, n_x): coordinates by cubic Hermite polynomials, velocities as their rates.
+
+    Parameters
+    ----------
+    n : int
+        Number of coordinates.
+    """
+    k = np.clip(np.searchsorted(path.times, times, side="right") - 1, 0, path.times.size - 2)
+    h = (path.times[k + 1] - path.times[k])[:, None]
+    s, begin, end = (times - path.times[k])[:, None] / h, path.x[k], path.x[k + 1]
+    q0, q1, v0, v1 = begin[:, :n], end[:, :n], h * begin[:, n : 2 * n], h * end[:, n : 2 * n]
+    second, third = 3 * (q1 - q0) - 2 * v0 - v1, v0 + v1 - 2 * (q1 - q0)
+    q = q0 + s * (v0 + s * (second + s * third))
+    v = (v0 + s * (2 * second + 3 * s * third)) / h
+    return np.hstack([q, v, begin[:, 2 * n :] + s * (end - begin)[:, 2 * n :]])

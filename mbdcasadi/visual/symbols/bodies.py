@@ -1,0 +1,66 @@
+"""Bodies: the outline of their shape, else a plate through the places where their elements sit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import casadi as ca
+import numpy as np
+
+from ...model.bodies import Body
+from ..drawing import lines
+from ..drawing.outlines import HALF_WIDTH, points_on, shape_loops
+from .base import Glyph
+
+
+class BodyGlyph(Glyph, of=Body):
+    """Outline of a body in its colour, and its position and velocity."""
+
+    def draw(self) -> None:
+        """Draw the outline of a body.
+
+        From its shape, if it has one. Else a bar or a plate through the places
+        where joints and forces sit; with a single one, a bar to the centre of mass
+        with a disc on it. Nothing, if the symbol of an element draws the body.
+        Points of which the path is traced belong to it.
+        """
+        body, pen = self.element, self.pen
+        mechanism, u, frame = pen.sample.mechanism, pen.unit, pen.of_body(body)
+        traced = SimpleNamespace(markers=pen.traced)
+        if body.shape is not None:
+            if not pen.covers(body):
+                frame.area("body", *self._shape(points_on(body, [*mechanism.joints, traced], pen)))
+            return
+        points = points_on(body, [*mechanism.joints, *mechanism.forces, traced], pen)
+        drawn = pen.replaced.get(body, 0.0)
+        if len(points) == 1 and np.hypot(*points[0]) > 1e-9 and not drawn:
+            frame.area("body", lines.plate(np.vstack([points, [[0, 0]]]), 0.5 * HALF_WIDTH * u))
+            frame.area("body", lines.circle((0, 0), 1.5 * u))
+        elif len(points) > 1 and np.max(np.hypot(*points.T)) > drawn:
+            frame.area("body", lines.plate(points, HALF_WIDTH * u))
+        elif not drawn:
+            frame.area("body", lines.circle((0, 0), 1.5 * u))
+
+    def _shape(self, points: np.ndarray) -> list[np.ndarray]:
+        """Outline of the shape; of a single rod a plate, if elements sit beside it."""
+        body, u = self.element, self.pen.unit
+        outlines = body.shape.outlines()
+        if not body.shape.is_line or len(outlines) > 1 or not len(points):
+            return shape_loops(body, u)
+        ends = np.asarray(outlines[0].points, float) + body.shape_frame
+        length = np.hypot(*(ends[1] - ends[0]))
+        direction = (ends[1] - ends[0]) / length
+        off = np.abs((points - ends[0]) @ np.array([-direction[1], direction[0]])) > 1e-6 * length
+        return [lines.plate(np.vstack([ends, points[off]]), HALF_WIDTH * u)]
+
+    def loads(self) -> list:
+        """Return none: the elements exert them."""
+        return []
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return coordinates and velocities."""
+        body = self.element
+        return {
+            "x, m": body.x, "y, m": body.y, "phi, rad": body.phi,
+            "vx, m/s": body.vx, "vy, m/s": body.vy, "omega, rad/s": body.omega,
+        }  # fmt: skip

@@ -1,0 +1,200 @@
+"""Springs, dampers, cylinders and bushings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...model.bodies import Marker
+from ...model.expressions import norm
+from ...model.forces.cylinders import Cylinder, GasSpring
+from ...model.forces.springs import RSDA, TSDA, Bushing
+from ...model.forces.stops import Rope
+from ..drawing import lines, scene
+from ..drawing.loads import Load
+from ..drawing.pen import Frame, Pen
+from .base import Glyph
+
+
+# --- between two points --------------------------------------------------------------------
+def _there(value: Any) -> bool:
+    return isinstance(value, ca.SX) or value != 0
+
+
+class SpringDamperGlyph(Glyph, of=TSDA):
+    """A zigzag, a damper, or both side by side; a cylinder if there is an actuator alone."""
+
+    def draw(self) -> None:
+        """Draw it between its ends."""
+        element, u, pen = self.element, self.pen.unit, self.pen
+        frame = self.beside_others()
+        spring = element.law is not None or _there(element.stiffness)
+        damper = _there(element.damping)
+        if not (spring or damper):
+            _cylinder(pen, frame, element.length, 0.75)
+        elif spring and damper:
+            for side in (0.06, 0.94):
+                frame.draw("spring", lines.along([side, side], [-1.0 * u, 1.0 * u]))
+            frame.draw("spring", lines.along([0, 0.06], 0), lines.along([0.94, 1], 0))
+            frame.draw("spring", _inner(lines.zigzag(0.6 * u, shift=1.0 * u)))
+            _damper(pen, frame, -1.0 * u, 0.06)
+        elif spring:
+            frame.draw("spring", lines.zigzag(0.85 * u))
+        else:
+            _damper(pen, frame, 0.0, 0.0)
+
+    def beside_others(self) -> Frame:
+        """Return the frame from end to end, to the side if several elements connect the same points; with anchors."""
+        element, pen = self.element, self.pen
+        _anchors(element, pen)
+        frame = pen.between(element.a.position, element.b.position)
+        springs = [f for f in pen.sample.mechanism.forces if isinstance(f, TSDA)]
+        same = [f for f in springs if all(pen.at_one_place(*ends) for ends in ((f.a, element.a), (f.b, element.b)))]
+        height = 2.3 * pen.unit * (same.index(element) - (len(same) - 1) / 2)
+        if height:
+            for end in (0, 1):
+                frame.draw("spring", lines.along([end, end], [0, height]))
+            frame.shift = np.array([0.0, height])
+        return frame
+
+    def loads(self) -> list[Load]:
+        """Return the force on each end that is not on the ground."""
+        return _tension(self.element)
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return length and tension."""
+        return {"length, m": self.element.length, "tension, N": ca.SX(self.element.force)}
+
+
+class RopeGlyph(Glyph, of=Rope):
+    """A straight line."""
+
+    def draw(self) -> None:
+        """Draw it between its ends."""
+        element, pen = self.element, self.pen
+        _anchors(element, pen)
+        pen.between(element.a.position, element.b.position).draw("link", lines.along([0, 1], 0))
+
+    def loads(self) -> list[Load]:
+        """Return the force on each end that is not on the ground."""
+        return _tension(self.element)
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return slack and tension."""
+        return {"slack, m": self.element.gap, "tension, N": self.element.tension}
+
+
+class CylinderGlyph(SpringDamperGlyph, of=Cylinder):
+    """A barrel with a piston rod."""
+
+    thickness = 0.9
+
+    def draw(self) -> None:
+        """Draw it between its ends."""
+        _cylinder(self.pen, self.beside_others(), self.element.length, self.thickness)
+
+
+class GasSpringGlyph(CylinderGlyph, of=GasSpring):
+    """A slender barrel with a piston rod."""
+
+    thickness = 0.6
+
+
+def _tension(element: TSDA | Rope) -> list[Load]:
+    """Forces on the ends that are not on the ground."""
+    span = element.b.position - element.a.position
+    tension = element.force * span / norm(span)
+    ends = ((element.a, tension), (element.b, -tension))
+    return [Load(marker, force, "force") for marker, force in ends if not marker.body.is_ground]
+
+
+def _inner(points: np.ndarray) -> np.ndarray:
+    """The same between the two cross bars that a spring and a damper share."""
+    points = points.copy()
+    points[:, 1] = 0.06 + 0.88 * points[:, 1]
+    return points
+
+
+def _damper(pen: Pen, frame: Frame, height: float, margin: float) -> None:
+    """A cup, open towards b, with a piston in it."""
+    u = pen.unit
+    h = 0.55 * u
+    frame.draw(
+        "damper",
+        lines.along([margin, 0.34], height),
+        lines.along([0.68, 0.34, 0.34, 0.68], np.array([h, h, -h, -h]) + height),
+        lines.along([0.52, 0.52], np.array([0.7 * h, -0.7 * h]) + height),
+        lines.along([0.52, 1 - margin], height),
+    )
+
+
+def _cylinder(pen: Pen, frame: Frame, length: Any, height: float) -> None:
+    """Barrel at a, rod at b: both of one size while the length changes, if the stroke leaves room for that."""
+    u = pen.unit
+    low, high = pen.span(length)
+    barrel, h = 0.62 * low, height * u
+    piston = min(max(0.15 * low, high - low), 0.92 * barrel)  # from a at the largest length
+    frame.area("barrel", np.column_stack([np.array([0.02 * low, barrel, barrel, 0.02 * low]), np.zeros(4),
+                                          np.array([-h, -h, h, h]), np.zeros(4)]))  # fmt: skip
+    rod = piston - high if high - low > 1e-9 * high else 0.35 * low - high
+    ends = np.array([[rod, 1, 0, 0], [0, 1, 0, 0]])
+    frame.draw("link", ends)
+    frame.draw("link", np.array([[rod, 1, -0.8 * h, 0], [rod, 1, 0.8 * h, 0]]))
+
+
+def _anchors(element: Any, pen: Pen) -> None:
+    """Points at both ends, on a wall if an end is on the ground and nothing else is drawn there."""
+    for marker, other in ((element.a, element.b), (element.b, element.a)):
+        pen.dot(pen.on(marker), 0.3)
+        if marker.body.is_ground:
+            _wall_behind(pen, marker, other)
+
+
+def _wall_behind(pen: Pen, marker: Marker, other: Marker) -> None:
+    u, frame = pen.unit, pen.on(marker)
+    if not pen.is_new(pen.first(marker.position), pen.stands):
+        return
+    x, y = np.mean(pen.over(other.position - marker.position), axis=0)
+    wall = Frame(pen, frame.number, frame.shift, float(np.arctan2(y, x)))
+    pen.hatched(wall, (0, 1.7 * u), (0, -1.7 * u))
+
+
+# --- about a point -----------------------------------------------------------------------------
+class TorsionSpringGlyph(Glyph, of=RSDA):
+    """A spiral about the pin."""
+
+    def draw(self) -> None:
+        """Draw the spiral."""
+        u = self.pen.unit
+        points = lines.spiral(0.8 * u, 2.3 * u, 2.25)
+        frame = self.pen.on(self.element.a)
+        frame.draw("spring", np.vstack([points, points[-1:] + np.array([[0, -0.8 * u]])]))
+
+    def loads(self) -> list[Load]:
+        """Return the couple on one end that is not on the ground."""
+        element = self.element
+        marker, sign = (element.a, 1) if element.b.body.is_ground else (element.b, -1)
+        return [Load(marker, sign * ca.SX(element.torque), "force")]
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return angle and couple."""
+        return {"angle, rad": self.element.angle, "couple, N m": ca.SX(self.element.torque)}
+
+
+class BushingGlyph(Glyph, of=Bushing):
+    """A ring of rubber about a pin."""
+
+    def draw(self) -> None:
+        """Draw the ring."""
+        u, pen = self.pen.unit, self.pen
+        frame = pen.on(self.element.a)
+        frame.area("rubber", lines.circle((0, 0), 1.25 * u), lines.circle((0, 0), 0.5 * u, 32)[::-1], layer=scene.SLOT)
+        if self.element.a.body.is_ground:
+            pen.stand(frame)
+        pen.dot(pen.on(self.element.b))
+
+    def loads(self) -> list[Load]:
+        """Return the force on the second body."""
+        return [Load(self.element.b, self.element.a.axes @ self.element.force, "force")]

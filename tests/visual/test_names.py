@@ -1,0 +1,100 @@
+"""Names of a model harm no picture, and are shown as they are."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+from mbdcasadi.visual.plots.plot import overview
+
+NAMES = ["a$\\frac{x$", "cost $5 to $10", "_hidden", "<!--<script>", "a & b < c", "{brace}", "%s", "ä → 漢"]
+
+
+def named(name):
+    """A pendulum of which everything has the name."""
+    torque, gain = mbd.Input(f"u {name}"), mbd.Parameter(f"p {name}", 1.0)
+    arm = mbd.Body(name, mass=1, inertia=1 / 12, pose=(0.5, 0, 0))
+    second = mbd.Body(f"{name} 2", mass=1, inertia=1 / 12, pose=(1.5, 0, 0))
+    joints = [
+        mbd.Revolute(f"h {name}", mbd.ground.at(0, 0), arm.at(-0.5, 0)),
+        mbd.Revolute(f"k {name}", arm.at(0.5, 0), second.at(-0.5, 0)),
+    ]
+    forces = [mbd.Gravity(), mbd.Torque(f"m {name}", arm, gain * torque)]
+    return arm, mbd.Mechanism([arm, second], joints, forces=forces, inputs=[torque], parameters=[gain], name=name)
+
+
+def texts(figure):
+    """All texts of a figure."""
+    from matplotlib.text import Text
+
+    return [text.get_text() for text in figure.findobj(Text)]
+
+
+def moved(name):
+    """A name, the body that has it, and a motion with an event."""
+    arm, mechanism = named(name)
+    return name, arm, mbd.simulate(mechanism, np.linspace(0, 0.3, 7), events=[mbd.Event(f"e {name}", arm.phi + 0.1)])
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def model(request):
+    """The motion of a model of each name."""
+    return moved(request.param)
+
+
+@pytest.mark.filterwarnings("ignore:Glyph .* missing from font")
+def test_in_figures(model):
+    """Names of bodies, joints, inputs, events, parameters and of the mechanism, in drawings, plots and legends."""
+    name, arm, motion = model
+    assert motion.events
+    for figure, shown in (
+        (mbd.draw(motion, names=True).figure, [name, f"h {name}"]),
+        (overview(motion), [name, f"{name} 2", f"h {name}", f"e {name}"]),
+        (mbd.plot(motion, {name: {name: arm.x, "other": arm.y}}), [name, f"e {name}"]),
+        (mbd.plot_phase({name: motion, "other": motion}, {name: arm.x, f"{name} y": arm.y}), [name, f"{name} y"]),
+        (mbd.plot_energy(motion), []),
+    ):
+        figure.draw_without_rendering()
+        assert set(shown) <= set(texts(figure)), shown
+
+
+@pytest.mark.parametrize("name", NAMES[:1])
+def test_in_films(tmp_path, name):
+    """As the title, and as the label of a plot."""
+    name, arm, motion = moved(name)
+    mbd.animate(motion, tmp_path / "motion.gif", plots={name: {name: arm.x, "y": arm.y}}, fps=2, names=True, title=name)
+    assert (tmp_path / "motion.gif").stat().st_size > 1000
+
+
+def test_in_the_page(model):
+    """In the data as they are; nothing in the page's text begins or ends a script."""
+    name, arm, motion = model
+    text = mbd.animate(motion, plots={name: arm.x}, names=True).html
+    assert text.count("<script>") == text.count("</script>") == 1 and "<!--" not in text
+    data = json.loads(re.search(r"const DATA = (.*);\n", text).group(1))
+    assert name in [item["name"] for item in data["items"]] and data["plots"][0]["label"] == name
+    assert [name] in [label["t"] for label in data["labels"]]
+
+
+def test_of_a_solution():
+    """Labels of inputs, limits and the title."""
+    name = NAMES[0]
+    _, mechanism = named(name)
+    (torque,) = mechanism.inputs
+    problem = mbd.OptimalControlProblem(
+        mechanism, 0.2, initial=mbd.assemble(mechanism), path=[mbd.bounded(-1, torque, 1)], running_cost=torque**2
+    )
+    figure = mbd.plot_solution(mbd.optimize(problem, intervals=4))
+    figure.draw_without_rendering()
+    assert f"u {name}" in texts(figure)
+
+
+def test_formulas_in_labels_of_ones_own():
+    """A label may hold a formula; one that cannot be read is shown as it is."""
+    _, arm, motion = moved("arm")
+    figure = mbd.plot(motion, {r"$\dot\varphi$, rad/s": arm.omega, r"$\frac{$, m": arm.x})
+    figure.draw_without_rendering()
+    formula, broken = (axes.yaxis.label for axes in figure.axes)
+    assert formula.get_parse_math() and not broken.get_parse_math()
