@@ -223,7 +223,8 @@ class WholeStepper(Stepper):
             found, count = np.tile(x, (times.size, 1)), int(np.sum(later))
             if not count:
                 return found
-            state, now, rows = x, start, []
+            state, now = x, start
+            rows: list[np.ndarray] = []
             wanted = times[later]
             while len(rows) < count:
                 left = wanted[len(rows) :]

@@ -2,8 +2,8 @@
 
    Above this file stand, written by coefficients.py and c_code.py: the coefficients
    (STAGES, NODES, combine_1 ... combine_11, combine_step, combine_fifth, combine_third,
-   combine_13 ... combine_15, combine_dense_3 ... combine_dense_6) and OPERATIONS, the cases of the
-   interpreter of tapes.
+   combine_13 ... combine_15, combine_dense_3 ... combine_dense_6), OPERATIONS, the cases of the
+   interpreter of tapes, and the constants of stretch.py.
 
    A state is y = (q, v, z, integrals); the integrals take no part in the error test. Every accepted step
    is projected onto the constraints at position and velocity level. Nothing is allocated in a step, and all
@@ -81,17 +81,6 @@ typedef struct {
 /* --- a run ------------------------------------------------------------------------------------------- */
 
 #define ROWS 16
-#define SAFETY 0.9
-#define LEAST 0.2
-#define MOST 10.0
-#define PROJECTIONS 10
-#define LOOSE 1e-9          /* |Phi| relative to 1 + |q| with which a step is accepted where no iteration reduces it */
-#define DRIFT 10.0          /* correction by the projection, in tolerances, from which a step is repeated */
-#define SLIGHT 1e-9         /* correction, relative to 1 + |x|, that counts for none: rounding over a singular value */
-#define STABILITY 6.1       /* limit of h |lambda| */
-#define TOUCHES 0.1
-#define MOST_SAMPLES 1000 /* samples inside one step, at most */
-#define NEAR_STEPS 200      /* steps near to a singular pose after which this is reported at the latest */
 
 typedef struct {
   const system_t* system;
@@ -486,7 +475,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
       if (stability(run, h) > STABILITY) {
         task->not_stiff = 0;
         if (++task->stiff >= task->stiff_after) task->status = STIFF;
-      } else if (++task->not_stiff == 6) task->stiff = 0;
+      } else if (++task->not_stiff == FORGOTTEN) task->stiff = 0;
     }
     integer samples = 0;
     int found = 0;

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...equations.c_code import Tape, interpreter_in_c
-from . import build
+from . import build, stretch
 from .code import Code, package_version
 from .coefficients import coefficients_in_c
 from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
@@ -25,6 +25,21 @@ OPTIMISATION = "-O3"
 EXTRA_ROWS = 2048
 #: Bytes that one call may return beyond the outputs.
 EXTRA_BYTES = 4_000_000
+#: Constants that the engine takes from ``stretch``.
+CONSTANTS = (
+    "SAFETY",
+    "LEAST",
+    "MOST",
+    "PROJECTIONS",
+    "LOOSE",
+    "DRIFT",
+    "SLIGHT",
+    "STABILITY",
+    "FORGOTTEN",
+    "TOUCHES",
+    "MOST_SAMPLES",
+    "NEAR_STEPS",
+)
 
 _HEAD = """\
 #define _POSIX_C_SOURCE 200809L
@@ -113,7 +128,8 @@ def engine_source() -> str:
     own = (Path(__file__).parent / "engine.c").read_text(encoding="utf-8")
     own = own.replace("typedef long long integer;\n", "", 1)
     cases = interpreter_in_c().replace("\n", " \\\n")
-    return f"{_HEAD}\n#define OPERATIONS \\\n{cases}\n\n{coefficients_in_c()}\n{own}"
+    constants = "".join(f"#define {name} {getattr(stretch, name)!r}\n" for name in CONSTANTS)
+    return f"{_HEAD}\n{constants}\n#define OPERATIONS \\\n{cases}\n\n{coefficients_in_c()}\n{own}"
 
 
 _lock = threading.Lock()

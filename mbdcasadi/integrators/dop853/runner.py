@@ -22,6 +22,9 @@ SLICE, FIRST_SLICE = 0.2, 0.02
 
 
 class _Run(Protocol):
+    @property
+    def is_current(self) -> bool: ...
+
     def advance(self, s: Stretch, progress: Progress) -> Reached: ...
 
     def complete(
@@ -56,42 +59,41 @@ class Runner:
         self._interpreted = 0.0
         self._using = build.compiler()
         self.said = ""
-        self._run = self._made()
+        self._run: _Run = self._made(self._using)
 
     # --- what runs ---------------------------------------------------------------------------
-    def _made(self) -> _Run:
-        if self._using is None:
+    def _made(self, using: build.Compiler | None) -> _Run:
+        if using is None:
             return self._stepwise("no C compiler is on the path")
         try:
-            library = engine(self._using)
-            self._codes = self._code()
+            self._library = engine(using)
+            self._codes = self._code(using)
         except (build.CompilationError, UnsupportedOperation) as error:
             return self._stepwise(str(error))
         if self._compiles:
-            self._compile(np.inf)
-        run = NativeRun(library, self.system, self._codes, self.watched)
+            self._compile(using, np.inf)
         self._describe()
-        return run
+        return NativeRun(self._library, self.system, self._codes, self.watched)
 
     def _stepwise(self, reason: str) -> _Run:
         self.said = f"dop853 ran step by step, without C: {reason}"
-        return StepwiseRun(self.system, self.watched)
+        return StepwiseRun(self.system, self.watched, self._cache)
 
-    def _code(self) -> tuple[Code, ...]:
+    def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
         parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature), (s.input,)]
         parts += [] if self.watched is None else [(self.watched.function,)]
         found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts]
         for code in found:
-            code.look_for_library(self._using)
+            code.look_for_library(using)
         return tuple(found)
 
-    def _compile(self, coming: float) -> None:
+    def _compile(self, using: build.Compiler, coming: float) -> None:
         """Compile what pays before interpreting for so many seconds more."""
         total = sum(code.size for code in self._codes) or 1
         for code in self._codes:
             if code.size and code.pays(coming * code.size / total):
-                code.compile(self._using)
+                code.compile(using)
 
     def _describe(self) -> None:
         said = self._codes[0].said
@@ -107,7 +109,7 @@ class Runner:
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch, or a part of it."""
-        if not self.is_interpreted:
+        if self._using is None or not self.is_interpreted:
             return self._run.advance(s, progress)
         began = time.perf_counter()
         reached = self._run.advance(s, progress)
@@ -117,9 +119,9 @@ class Runner:
             code.spent += seconds * code.size / total
         end = float(s.times[-1])
         done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
-        self._compile(seconds * (1 - done) / done if done > 0 else 0.0)
+        self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
         if not self._run.is_current:
-            self._run = NativeRun(self._run.library, self.system, self._codes, self.watched)
+            self._run = NativeRun(self._library, self.system, self._codes, self.watched)
         self._describe()
         return reached
 

@@ -16,6 +16,8 @@ ACCURACY = 1e-13
 LOOSE = 1e-9
 #: Correction by the projection, in tolerances, from which a step is repeated.
 DRIFT = 10.0
+#: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.
+SLIGHT = 1e-9
 #: Iterations of the projection, at most.
 PROJECTIONS = 10
 #: Factors of the step size: of the estimate, smallest and largest.
