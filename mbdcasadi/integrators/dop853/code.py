@@ -6,6 +6,7 @@ import ctypes
 import threading
 import time
 from collections.abc import Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
@@ -23,6 +24,7 @@ COMPILING, COMPILING_BY_INSTRUCTION = 0.08, 1.4e-4
 SAVED = 0.7
 
 
+@cache
 def package_version() -> str:
     """Version of this package."""
     try:

@@ -93,7 +93,7 @@ class _StepFunctions:
         self._channel = ca.MX.sym("channel", system.channel)
         self._held = [self._p, self._levels, self._channel]
         self.rate, self.complete = self._make_rate(), self._make_complete()
-        self.attempt, self.dense = self._make_attempt(), self._make_dense()
+        self.attempt, self.arrive, self.dense = self._make_attempt(), self._make_arrive(), self._make_dense()
 
     def _forces(self, t: ca.MX, x: ca.MX) -> tuple[ca.MX, ...]:
         """``u, a, rate of z, lam, regularity`` at a state."""
@@ -143,6 +143,32 @@ class _StepFunctions:
         given = [t, h, y, k0, reltol, abstol, *self._held]
         return ca.Function("attempt", given, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))])
 
+    def _make_arrive(self) -> ca.Function:
+        """``(t, h, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, stability)``.
+
+        The end is brought onto the constraints by one step; the correction is in tolerances.
+        """
+        n, n_x = self.n, self.n_x
+        t, h, end, stage, early = (ca.MX.sym(*g) for g in _symbols("t h end stage early", self.n_y))
+        scale, weights = ca.MX.sym("scale", n_x), ca.MX.sym("weights", n)
+        y, left, size, correction = end, ca.MX(0), ca.MX(1), ca.MX(0)
+        if self.system.multipliers:
+            q, v, left = self.projection(t, end[:n], end[n : 2 * n], self._p, weights)
+            y = ca.vertcat(q, v, end[2 * n :])
+            size = 1.0 + ca.norm_inf(q)
+            moved = ca.fabs(y[:n_x] - end[:n_x])
+            moved = ca.if_else(moved > SLIGHT * (1.0 + ca.fabs(y[:n_x])), moved, 0.0)
+            correction = self._norm(moved / scale)
+        rate, hint = self._rate(t, y)
+        change, distance = (self._norm(d[:n_x] / scale) for d in (rate - early, y - stage))
+        stability = ca.if_else(distance > 0, h * change / (distance + (distance == 0)), 0.0)
+        given = [t, h, end, stage, early, scale, weights, *self._held]
+        return ca.Function("arrive", given, [y, left, size, correction, rate, hint, stability])
+
+    def _norm(self, x: ca.MX) -> ca.MX:
+        """Root of the mean square."""
+        return ca.sqrt(ca.sumsqr(x) / max(self.n_x, 1))
+
     def _make_dense(self) -> ca.Function:
         """``(t, h, y, end, derivatives with that at the end, …) -> (n_y, 7)``: coefficients of the dense output."""
         c = coefficients()
@@ -159,7 +185,7 @@ class _StepFunctions:
 
 def _symbols(names: str, size: int) -> list[tuple[str, int]]:
     """Names with sizes: states and derivatives have a row by component, all else is a number."""
-    return [(name, size if name in ("y", "k0", "end") else 1) for name in names.split()]
+    return [(name, size if name in ("y", "k0", "end", "stage", "early") else 1) for name in names.split()]
 
 
 class _Call:
@@ -191,7 +217,7 @@ class _Steps:
         self.functions = functions
         self.rate, self.attempt = _Call(functions.rate), _Call(functions.attempt)
         self.dense, self.projection = _Call(functions.dense), _Call(functions.projection)
-        self.complete = _Call(functions.complete)
+        self.arrive, self.complete = _Call(functions.arrive), _Call(functions.complete)
 
 
 class _StretchRun:
@@ -233,13 +259,19 @@ class _StretchRun:
         if hint < self._hint:
             self._hint = hint
 
-    def _projected(self, t: float, x: np.ndarray) -> np.ndarray | None:
-        """A state on the constraints; None if it cannot be brought there."""
-        if not self._system.multipliers:
-            return x
-        n, s, before, left, size = self.n, self.s, np.inf, np.inf, 1.0
+    def _projected(self, t: float, x: np.ndarray, most: int, before: float) -> np.ndarray | None:
+        """A state on the constraints; None if it cannot be brought there.
+
+        Parameters
+        ----------
+        most : int
+            Iterations at most.
+        before : float
+            Largest constraint residual so far.
+        """
+        n, s, left, size = self.n, self.s, before, 1.0
         x = x.copy()
-        for _ in range(PROJECTIONS):
+        for _ in range(most):
             q, v, rest = self._f.projection(t, x[:n], x[n : 2 * n], s.p, s.weights)
             left = float(rest[0])
             if not np.isfinite(left):
@@ -276,26 +308,27 @@ class _StretchRun:
         self.evaluations += STAGES - 1
         return float(found[4][0])
 
-    def _arrive(self, t: float) -> bool:
+    def _arrive(self, t: float, h: float) -> bool:
         """Bring the end of a step onto the constraints, and find the rate there; False if it must be repeated."""
-        if self._system.multipliers:
-            x = self._projected(t, self._next[: self.n_x])
+        given, early = self._next, self._k[(STAGES - 1) * self.n_y :]
+        found = self._f.arrive(t, h, given, self._stage, early, self._scale, self.s.weights, *self._held)
+        left, size, correction = (float(part[0]) for part in found[1:4])
+        self._next, self._k12 = found[0].copy(), found[4].copy()
+        self._stability = float(found[6][0])
+        self._note_regularity(float(found[5][0]))
+        self.evaluations += 1
+        if not np.isfinite(left):
+            return False
+        if left > ACCURACY * size:
+            x = self._projected(t, self._next[: self.n_x], PROJECTIONS - 1, left)
             if x is None:
                 return False
-            moved = np.abs(x - self._next[: self.n_x])
-            self._next[: self.n_x] = x
+            moved = np.abs(x - given[: self.n_x])
             moved[moved <= SLIGHT * (1.0 + np.abs(x))] = 0.0
-            if not self._norm(moved, self._scale) <= DRIFT:
-                return False
-        self._k12 = self._rate(t, self._next)
-        return bool(np.all(np.isfinite(self._k12[: self.n_x])))
-
-    def _stability(self, h: float) -> float:
-        """``h |lambda|`` by the two last stages, which are at the same time."""
-        early = self._k[(STAGES - 1) * self.n_y :][: self.n_x]
-        change = self._norm(self._k12[: self.n_x] - early, self._scale)
-        distance = self._norm((self._next - self._stage)[: self.n_x], self._scale)
-        return h * change / distance if distance > 0.0 else 0.0
+            correction = self._norm(moved, self._scale)
+            self._next[: self.n_x] = x
+            self._k12 = self._rate(t, self._next)
+        return bool(correction <= DRIFT and np.all(np.isfinite(self._k12[: self.n_x])))
 
     def _prepare_dense(self, t: float, h: float) -> None:
         known = np.concatenate([self._k, self._k12])
@@ -360,37 +393,57 @@ class _StretchRun:
         self._index.append(index)
         self._inside.append(inside)
 
-    def _record_step(self, t: float, h: float, end: float, samples: int) -> bool:
-        """Outputs inside a step, in order of time; False where one cannot be brought onto the constraints."""
+    def _record_step(self, t: float, h: float, end: float, samples: int) -> None:
+        """Outputs inside a step, in order of time, not yet on the constraints."""
         s, sample, last = self.s, 1, t
         while True:
             due = float(s.times[self.reached]) if self.reached < s.times.size else np.inf
             between = t + h * sample / (samples + 1) if sample <= samples else np.inf
             if min(due, between) >= end:
-                return True
+                return
             wanted = due <= between
             time = due if wanted else between
             if wanted or last < time < due:
-                y = self._dense_output((time - t) / h)
-                x = self._projected(time, y[: self.n_x])
-                if x is None:
-                    return False
-                y[: self.n_x] = x
-                self._record(time, y, self.reached if wanted else -1)
+                self._record(time, self._dense_output((time - t) / h), self.reached if wanted else -1, inside=True)
                 last = time
             if wanted:
                 self.reached += 1
             if between <= time:
                 sample += 1
 
+    def _brought_onto_constraints(self, times: np.ndarray, rows: np.ndarray) -> int:
+        """Project the outputs inside steps, in place; the number of rows up to the first that cannot be."""
+        n, s, most = self.n, self.s, len(rows)
+        waiting = np.flatnonzero(self._inside) if self._system.multipliers else np.zeros(0, int)
+        before = np.full(most, np.inf)
+        for _ in range(PROJECTIONS):
+            if not waiting.size:
+                break
+            given = times[waiting][None, :], rows[waiting, :n].T, rows[waiting, n : 2 * n].T
+            found = self._f.functions.projection(*given, s.p, s.weights)
+            q, v, left = (part.full().T for part in found)
+            rest = np.where(np.isfinite(left[:, 0]), left[:, 0], np.inf)
+            finite = np.isfinite(rest)
+            rows[waiting[finite], :n], rows[waiting[finite], n : 2 * n] = q[finite], v[finite]
+            size = 1.0 + np.max(np.abs(rows[waiting, :n]), axis=1, initial=0.0)
+            done = rest <= ACCURACY * size
+            stuck = ~done & (rest >= before[waiting] / 2)
+            failed = ~finite | (stuck & (rest > LOOSE * size))
+            most = min([most, *waiting[failed].tolist()])
+            before[waiting] = rest
+            waiting = waiting[~(done | stuck | failed)]
+        return min([most, *waiting[before[waiting] > LOOSE].tolist()])
+
     def _returned(self) -> Reached:
         rows = np.array(self._rows) if self._rows else np.zeros((0, self.n_y))
+        times, index = np.array(self._times), np.array(self._index, dtype=np.int64)
+        count = self._brought_onto_constraints(times, rows)
         return Reached(
-            np.array(self._times),
-            rows[:, : self.n_x].copy(),
-            rows[:, self.n_x :].copy(),
-            np.array(self._index, dtype=np.int64),
-            self.status,
+            times[:count],
+            rows[:count, : self.n_x].copy(),
+            rows[:count, self.n_x :].copy(),
+            index[:count],
+            self.status if count == len(rows) else Status.APART,
             self.steps,
             self.rejected,
             self.evaluations,
@@ -420,8 +473,7 @@ class _StretchRun:
             if taken is None:
                 break
             h, arrival, step = taken
-            if not self._look_back(t, h, arrival):
-                break
+            self._look_back(t, h, arrival)
             if self.status == Status.DONE and s.seconds > 0.0 and clock.perf_counter() - began > s.seconds:
                 self.status = Status.PAUSED
             due = self.reached < count and s.times[self.reached] == arrival
@@ -457,7 +509,7 @@ class _StretchRun:
         while True:
             self._hint = np.inf
             error = self._attempt(t, h)
-            if error < 1.0 and self._arrive(arrival):
+            if error < 1.0 and self._arrive(arrival, h):
                 break
             self.rejected += 1
             repeated, clipped = True, False
@@ -473,10 +525,10 @@ class _StretchRun:
         following = h * (min(factor, 1.0) if repeated else factor)
         return h, arrival, max(following, step) if clipped else following
 
-    def _look_back(self, t: float, h: float, arrival: float) -> bool:
-        """Stiffness, events and singular poses of a step, and the outputs inside it; False where one fails."""
+    def _look_back(self, t: float, h: float, arrival: float) -> None:
+        """Stiffness, events and singular poses of a step, and the outputs inside it."""
         s = self.s
-        self._note_stiffness(h)
+        self._note_stiffness()
         samples = found = 0
         if self._event is not None or s.keep_samples:
             samples = SAMPLES
@@ -494,16 +546,14 @@ class _StretchRun:
             self._prepare_dense(t, h)
         if found & 2:
             self.status = Status.EVENT
-        if (inside or kept) and not self._record_step(t, h, arrival, kept):
-            self.status = Status.APART
-            return False
-        return True
+        if inside or kept:
+            self._record_step(t, h, arrival, kept)
 
-    def _note_stiffness(self, h: float) -> None:
+    def _note_stiffness(self) -> None:
         s, progress = self.s, self.progress
         if not s.stiff_after:
             return
-        if self._stability(h) > STABILITY:
+        if self._stability > STABILITY:
             progress.not_stiff = 0
             progress.stiff += 1
             if progress.stiff >= s.stiff_after:

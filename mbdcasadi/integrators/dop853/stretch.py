@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -77,37 +78,37 @@ class ExplicitSystem:
     quadrature: ca.Function
     projection: ca.Function
 
-    @property
+    @cached_property
     def coordinates(self) -> int:
         """Number of coordinates."""
         return int(self.dynamics.numel_out(0))
 
-    @property
+    @cached_property
     def states(self) -> int:
         """Number of first-order states."""
         return int(self.dynamics.numel_out(1))
 
-    @property
+    @cached_property
     def multipliers(self) -> int:
         """Number of constraint rows."""
         return int(self.dynamics.numel_out(2))
 
-    @property
+    @cached_property
     def inputs(self) -> int:
         """Number of inputs."""
         return int(self.input.numel_out(0))
 
-    @property
+    @cached_property
     def channel(self) -> int:
         """Number of values that change by interval."""
         return int(self.input.numel_in(6))
 
-    @property
+    @cached_property
     def integrals(self) -> int:
         """Number of integrals."""
         return int(self.quadrature.numel_out(0))
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Length of x."""
         return 2 * self.coordinates + self.states
