@@ -144,7 +144,7 @@ class _StepFunctions:
         return ca.Function("attempt", given, [end, ca.horzcat(*k), stage, scale, error, ca.mmin(ca.vertcat(*hints))])
 
     def _make_arrive(self) -> ca.Function:
-        """``(t, h, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, stability)``.
+        """``(t, h, end, last stage, its rate, scale, …) -> (end, |Phi|, size, correction, rate, regularity, h λ)``.
 
         The end is brought onto the constraints by one step; the correction is in tolerances.
         """
