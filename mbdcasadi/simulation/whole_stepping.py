@@ -28,8 +28,11 @@ from .stepping import PRECISE, Stepper
 FALL = 0.1
 #: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
+#: Steps of the short way to an event or past a singular pose, at most.
+WAY_STEPS = 20_000
 #: In words, why the method stops.
 FLAGS = {
+    Status.PAUSED: f"the next {WAY_STEPS} steps lead no further",
     Status.TOO_SMALL: "the error test failed again and again at the smallest step",
     Status.NOT_FINITE: "the equations gave values that are not finite",
     Status.APART: "the constraints cannot be met together any more",
@@ -241,13 +244,14 @@ class WholeStepper(Stepper):
                         reltol,
                         abstol,
                         self._longest,
+                        most_steps=WAY_STEPS,
                         offset=offset,
                         band=np.full(band.size, np.inf),  # no event counts on this way
                         side=np.ones(side.size),
                     ),
                     Progress(),
                 )
-                if not reached.times.size or reached.status.is_failure:
+                if not reached.times.size or reached.status.is_failure or reached.status == Status.PAUSED:
                     raise IntegrationFailure(
                         FLAGS.get(reached.status, ""), np.zeros((0, x.size)), np.zeros((0, 0)), now, state
                     )

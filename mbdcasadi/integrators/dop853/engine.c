@@ -53,7 +53,8 @@ typedef struct {
   const double *p, *levels, *weights;
   double reltol, abstol, max_step;
   double accuracy;             /* |Phi| relative to 1 + |q| that is rounding */
-  double seconds;              /* time after which it pauses */
+  double seconds;              /* time after which it pauses, or 0 */
+  integer most_steps;          /* steps after which it pauses, or 0 */
   const volatile int* halt;
   integer every_step;          /* whether the ends of steps are recorded */
   integer samples;             /* points inside every step at which events are looked at */
@@ -514,6 +515,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     if (task->status == DONE) {
       if (*task->halt) task->status = HALTED;
       else if (task->capacity - task->recorded < margin + task->count - task->reached) task->status = FULL;
+      else if (task->most_steps && task->steps >= task->most_steps) task->status = PAUSED;
       else if (task->seconds > 0.0 && seconds_now() - began > task->seconds) task->status = PAUSED;
     }
     if (due) record(run, task, arrival, run->next, task->reached++);

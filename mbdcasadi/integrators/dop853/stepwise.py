@@ -474,7 +474,8 @@ class _StretchRun:
                 break
             h, arrival, step = taken
             self._look_back(t, h, arrival)
-            if self.status == Status.DONE and s.seconds > 0.0 and clock.perf_counter() - began > s.seconds:
+            late = s.seconds > 0.0 and clock.perf_counter() - began > s.seconds
+            if self.status == Status.DONE and (late or 0 < s.most_steps <= self.steps):
                 self.status = Status.PAUSED
             due = self.reached < count and s.times[self.reached] == arrival
             if due:

@@ -185,6 +185,8 @@ class Stretch:
         Longest step, s.
     seconds : float
         Time of computing after which it pauses, s; 0 for never.
+    most_steps : int
+        Steps after which it pauses; 0 for never.
     every_step : bool
         Whether the states at the ends of steps are returned too.
     keep_samples : bool
@@ -212,6 +214,7 @@ class Stretch:
     abstol: float
     max_step: float = np.inf
     seconds: float = 0.0
+    most_steps: int = 0
     every_step: bool = False
     keep_samples: bool = False
     spacing: float = np.inf
