@@ -17,10 +17,10 @@ def dynamics_of(numeric: NumericEquations) -> ca.Function:
     """``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``; made once for a mechanism.
 
     The regularity is the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to its
-    diagonal; 1 if no pose is singular.
+    diagonal (with light bodies, that of ``Phi_q Phi_q^T``); 1 if no pose is singular.
     """
     eom = numeric.eom
-    key = ("explicit dynamics", numeric.massless)
+    key = ("explicit dynamics", numeric.light_key)
     return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric))
 
 
@@ -34,9 +34,10 @@ def _dynamics(numeric: NumericEquations) -> ca.Function:
 
 def _regularity(numeric: NumericEquations) -> ca.SX:
     eom = numeric.eom
-    if numeric.massless or not eom.lam.numel() or not has_loops(eom):
+    if not eom.lam.numel() or not has_loops(eom):
         return ca.SX(1)
-    schur = eom.Phi_q @ ca.diag(1 / eom.mass_diagonal) @ eom.Phi_q.T
+    inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
+    schur = eom.Phi_q @ ca.diag(inverse) @ eom.Phi_q.T
     pivots, _, order = ca.ldl(schur)
     return ca.mmin(ca.densify(pivots) / ca.densify(ca.diag(schur))[list(order)])
 

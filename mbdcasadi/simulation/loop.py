@@ -33,7 +33,7 @@ from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
-from .whole_stepping import WholeStepper
+from .whole_stepping import WholeStepper, refuse_redundant_rows
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -173,6 +173,8 @@ class Run:
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
+            if self.integrator.runs_whole:
+                refuse_redundant_rows(self.integrator, free, state)
         self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
         self._time, self._index = begin, 0
         self._mode, state = modes.decided(state)

@@ -16,6 +16,7 @@ from ..integrators.dop853.runner import Runner
 from ..integrators.dop853.stretch import Progress, Reached, Status, Stretch
 from ..model.events import Event
 from ..numerics.console import Interruption
+from ..results.state import State
 from .events import EventWatch
 from .explicit_system import explicit_system
 from .outputs import Outputs
@@ -30,6 +31,8 @@ FALL = 0.1
 STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
 #: Steps of the short way to an event or past a singular pose, at most.
 WAY_STEPS = 20_000
+#: Coefficient of a row in a combination of rows that vanishes, from which it takes part.
+PART = 1e-3
 #: In words, why the method stops.
 FLAGS = {
     Status.PAUSED: f"the next {WAY_STEPS} steps lead no further",
@@ -37,6 +40,17 @@ FLAGS = {
     Status.NOT_FINITE: "the equations gave values that are not finite",
     Status.APART: "the constraints cannot be met together any more",
 }
+
+
+def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
+    """Raise with the names of the rows that depend on each other at a state."""
+    vanishing = np.abs(numeric.rank(state.t, state.q).null_rows)
+    names = [numeric.eom.row_names[k] for k in np.flatnonzero(np.any(vanishing > PART, axis=0))]
+    some = f"{', '.join(names[:6])}{' and others' if len(names) > 6 else ''}"
+    raise SimulationError(
+        f'method="{integrator.name}" needs constraints that do not depend on each other, and {some} do (see check); '
+        'use method="idas", or remove the redundant rows'
+    )
 
 
 class WholeStepper(Stepper):
@@ -72,11 +86,6 @@ class WholeStepper(Stepper):
         span: float,
         may_fold: bool,
     ):
-        if redundant:
-            raise SimulationError(
-                f'method="{integrator.name}" needs constraints that do not depend on each other, and rows here do (see '
-                'check); use method="idas", or remove the redundant rows'
-            )
         super().__init__(
             numeric, signals, levels, integrator, resolution, usual_length, redundant=redundant, max_step=max_step
         )
@@ -134,7 +143,7 @@ class WholeStepper(Stepper):
             self._columns(piece.begins),
             self.numeric.p,
             self.levels,
-            self.numeric.weights,
+            self.numeric.projection_weights,
             self.integrator.reltol,
             self.integrator.abstol,
             self._longest,
@@ -240,7 +249,7 @@ class WholeStepper(Stepper):
                         np.tile(column, (left.size, 1)),
                         self.numeric.p,
                         self.levels,
-                        self.numeric.weights,
+                        self.numeric.projection_weights,
                         reltol,
                         abstol,
                         self._longest,
