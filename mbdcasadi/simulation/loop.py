@@ -159,8 +159,7 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                builder.statistics.notes += self._passage_notes()
-                builder.statistics.notes += self._method_notes()
+                builder.statistics.notes += self._method_notes() + self._passage_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
         return builder.trajectory()
 

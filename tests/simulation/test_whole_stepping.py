@@ -70,8 +70,8 @@ def test_drift_of_constraints(way):
     """Every step is projected: outputs meet positions and velocities to rounding, energy hardly drifts."""
     f = four_bar(0.5, forces=[mbd.Gravity()])
     motion = mbd.simulate(f.mechanism, np.linspace(0, 10, 101), initial=[f.crank.omega == 20.0], method="dop853")
-    assert motion.drift.position.max() < 1e-12
-    assert motion.drift.velocity.max() < 1e-11
+    assert motion.drift.position < 1e-12
+    assert motion.drift.velocity < 1e-11
     assert np.ptp(motion.energy.total) < 1e-6 * np.abs(motion.energy.kinetic).max()
 
 
@@ -119,7 +119,7 @@ def compare(seed, monkeypatch):
     np.testing.assert_allclose(other.a, motion.a, atol=1e-8 * (1 + np.abs(motion.a).max()))
     np.testing.assert_allclose(other.lam, motion.lam, atol=1e-8 * (1 + np.abs(motion.lam).max()))
     np.testing.assert_allclose(motion.q, run(mbd.IDAS(1e-10, 1e-10)).q, atol=2e-6 * size)
-    assert motion.drift.position.max() < 1e-12 * size
+    assert motion.drift.position < 1e-12 * size
 
 
 @compiled_only
@@ -138,9 +138,8 @@ def test_more_random_mechanisms(seed, monkeypatch):
 @compiled_only
 def test_compiled_and_interpreted_equations_agree():
     """The compiler must not change the rounding of the interpreter."""
-    f = n_four_bar(3)
-    mechanism = f.mechanism if hasattr(f, "mechanism") else f
-    times = np.linspace(0, 1, 11)
+    mechanism = n_four_bar(3).mechanism
+    times = np.linspace(0, 0.5, 11)
     interpreted = mbd.simulate(mechanism, times, method=mbd.DOP853(jit=False))
     compiled = mbd.simulate(mechanism, times, method=mbd.DOP853(jit=True))
     assert "interpreted" in interpreted.statistics.notes[0]
@@ -204,7 +203,7 @@ def test_bounces(way):
     motion = mbd.simulate(mechanism, [0, 2.0], events=[bounce], method="dop853")
     fall = np.sqrt(2 / 9.81)
     expected = [fall, fall * (1 + 2 * 0.8), fall * (1 + 2 * (0.8 + 0.64))]
-    found = [event.time for event in motion.events]
+    found = [event.t for event in motion.events]
     np.testing.assert_allclose(found, [t for t in expected if t < 2.0], atol=1e-9)
 
 
@@ -217,8 +216,8 @@ def test_events_between_far_outputs(way):
     inertia = 0.25 + float(f.rod.inertia)
     period = 4 * np.sqrt(inertia / (9.81 * 0.5)) * ellipk(0.5)
     assert [event.name for event in motion.events] == ["below", "stop"]
-    assert motion.events[0].time == pytest.approx(period / 4, abs=1e-7)
-    assert motion.events[1].time == pytest.approx(period / 2, abs=1e-7)
+    assert motion.events[0].t == pytest.approx(period / 4, abs=1e-7)
+    assert motion.events[1].t == pytest.approx(period / 2, abs=1e-7)
     assert motion.t[-1] == pytest.approx(period / 2, abs=1e-7)
 
 
@@ -246,7 +245,7 @@ def test_stiff_motion_is_refused(way):
 def test_friction_by_reactions_is_refused_by_name(way):
     body = mbd.Body("block", mass=1.0, inertia=0.1)
     rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
-    friction = mbd.JointFriction("rub", rail, coefficient=0.2, velocity_tolerance=1e-3)
+    friction = mbd.JointFriction("rub", rail, mbd.Coulomb(0.2, 1e-3), length=0.2)
     mechanism = mbd.Mechanism(bodies=[body], joints=[rail], forces=[friction, mbd.Gravity()])
     with pytest.raises(mbd.SimulationError, match=r'dop853.*rub.*method="idas"'):
         mbd.simulate(mechanism, duration=0.1, method="dop853")
