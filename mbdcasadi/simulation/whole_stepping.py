@@ -98,7 +98,7 @@ class WholeStepper(Stepper):
             explicit_system(numeric, signals, resolution.rates),
             watch.watched(decides),
             numeric.eom.mechanism.cache,
-            getattr(integrator, "compiles", None),
+            compiles=integrator.jit,
         )
         self._own_outputs = WholeOutputs(numeric, signals, levels, self._runner)
         self._progress = Progress()

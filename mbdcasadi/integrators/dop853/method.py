@@ -32,8 +32,8 @@ class DOP853(Integrator):
         Relative and absolute tolerance of the local error.
     max_step : float, optional
         Longest step, s.
-    jit : bool, optional
-        Whether the equations are compiled before the run. By default they are once that pays.
+    jit : bool, default False
+        Compile the equations before the run, and not only once that pays.
 
     Raises
     ------
@@ -62,16 +62,12 @@ class DOP853(Integrator):
         abstol: float = ABSTOL,
         *,
         max_step: float | None = None,
-        jit: bool | None = None,
+        jit: bool = False,
         options: Mapping[str, Any] | None = None,
     ):
-        super().__init__(reltol, abstol, max_step=max_step, jit=bool(jit), options=options)
-        self.compiles: bool | None = jit
+        super().__init__(reltol, abstol, max_step=max_step, jit=jit, options=options)
         if self.options:
             raise SimulationError(f"DOP853 takes no options, got {', '.join(map(repr, self.options))}")
-
-    def replace(self, **changes: Any) -> Integrator:
-        return super().replace(**({"jit": self.compiles} | changes))
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
         raise SimulationError(

@@ -43,8 +43,8 @@ class Runner:
         Events.
     cache : Cache
         Of the mechanism: what is compiled serves later runs with the same functions.
-    compiles : bool or None
-        Whether the equations are compiled at once; None for once that pays.
+    compiles : bool
+        Whether the equations are compiled at once, and not only once that pays.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Runner:
         What runs, and why.
     """
 
-    def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, compiles: bool | None = None):
+    def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, *, compiles: bool = False):
         self.system, self.watched = system, watched
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
