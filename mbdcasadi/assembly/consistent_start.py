@@ -55,7 +55,7 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
         # the state may come from another mechanism on the same bodies
         q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
         z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-        _refuse_broken(numeric, time, q, v)
+        refuse_inconsistent(numeric, time, q, v)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
@@ -65,8 +65,8 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     return complete_state(numeric, signals, time, q, v, z)
 
 
-def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.ndarray) -> None:
-    """Raise for a state that breaks the constraints."""
+def refuse_inconsistent(numeric: NumericEquations, time: float, q: np.ndarray, v: np.ndarray) -> None:
+    """Raise for a pose and velocity, given as a state, that break the constraints."""
     eom, length = numeric.eom, numeric.scale.length
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)

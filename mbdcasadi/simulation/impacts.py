@@ -12,7 +12,8 @@ from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, SimulationError
 from ..model.events import Event
 from ..model.symbols import StateVariable
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, least_norm
+from ..numerics.tolerances import ACCURACY
 from ..results.state import State
 from .events import EventWatch
 
@@ -252,5 +253,5 @@ def velocity_after(mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v:
     n, k = v.size, right.size
     size = np.max(mass)
     system = np.block([[np.diag(mass / size), jacobian.T], [jacobian, np.zeros((k, k))]])
-    step = np.linalg.lstsq(system, np.r_[np.zeros(n), right - jacobian @ v], rcond=1e-13)[0]
+    step = least_norm(system, np.r_[np.zeros(n), right - jacobian @ v], threshold=ACCURACY)
     return v + step[:n]
