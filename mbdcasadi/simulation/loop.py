@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,12 @@ from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..kinematics.singular import describe_singularity
 from ..model.events import Event
+from ..model.forces.friction.modes import switching
 from ..numerics.console import interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
+from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
@@ -28,7 +31,7 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage, Regularity, SingularPassage, Trail
+from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
 from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
@@ -43,6 +46,8 @@ LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
+#: Steps times coordinates of a piece that nothing cuts: about a second of computing.
+WORK_PER_PIECE = 1_000_000
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
 #: Switches between modes in one run, at most.
@@ -120,7 +125,7 @@ class Run:
             stops=np.r_[setup.signals.breaks, timed.stops],
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
-            watch_points=0 if integrator.runs_whole else WATCH_POINTS,
+            watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
         )
         self.schedule_length = span / PIECES
         self.redundant = False
@@ -132,6 +137,16 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
+
+    def _is_watched(self, integrator: Integrator) -> bool:
+        """Whether something must be looked for between outputs."""
+        if integrator.runs_whole:
+            return False
+        eom = self.modes.numeric(self.modes.free).eom
+        mechanism = self.setup.mechanism
+        conditions = any(c.between_outputs for c in validity_conditions(mechanism))
+        smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
+        return bool(self.events or conditions or smoothed or switching(mechanism) or has_loops(eom))
 
     # --- the loop ------------------------------------------------------------------------
     def run(self) -> Trajectory:
@@ -161,6 +176,9 @@ class Run:
                 builder.statistics.seconds = clock.perf_counter() - began
                 builder.statistics.notes += self._method_notes() + self._passage_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
+                if not self._interruption.requested:  # what was stopped inside a step is not used again
+                    for arc in self._arcs.values():
+                        arc.stepper.release()
         return builder.trajectory()
 
     def _begin(self) -> None:
@@ -209,10 +227,14 @@ class Run:
 
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
-        steps, cuts = self._arc.stepper.steps, any(e.reset or e.terminal for e in self._arc.watch.events)
-        if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
+        arc = self._arc
+        steps, cuts = arc.stepper.steps, any(e.reset or e.terminal for e in arc.watch.events)
+        enough = STEPS_PER_PIECE
+        if not arc.watch.events and not arc.resolution.has_gaps:  # nothing ends a piece before its time
+            enough = max(enough, WORK_PER_PIECE // arc.numeric.eom.q.numel())
+        if not self.integrator.is_multistep or cuts or steps >= enough:
             return size
-        return size * -(-STEPS_PER_PIECE // max(steps, 1))
+        return size * -(-enough // max(steps, 1))
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:
@@ -257,14 +279,9 @@ class Run:
         """
         arc, times = self._arc, path.times[1:]
         outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        ready = path.on_constraints or not times.size
-        x = path.x[1:] if ready else outputs.projected(times, path.x[1:])
-        if not ready and outputs.recovery.left_over > APART:
-            x, failure = self._together(times, x)
-            times = times[: len(x)]
-        elif passage is None and (leap := self._leap(piece, path.x[1:], x)) is not None:
-            x, failure = leap
-            times = times[: len(x)]
+        x, apart = (path.x[1:], None) if path.on_constraints else self._projected(piece, path, outputs, passage)
+        if apart is not None:
+            failure, times = apart, times[: len(x)]
         arc.stepper.note_turning(x)
         crossings = self._crossings(piece.start, times, x, passage)
         deciding = [c for c in crossings if self._decides(c.event)]
@@ -292,6 +309,32 @@ class Run:
         else:
             self._trail.add(times, x)
         return False
+
+    def _projected(
+        self, piece: Piece, path: Path, outputs: Outputs, passage: Passage | None
+    ) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """States of a piece on the constraints, as many as can be brought there, and the failure of the next one.
+
+        Without events only those that are kept are projected, and the last one.
+        """
+        times, x = path.times[1:], path.x[1:]
+        rows = np.ones(times.size, bool)
+        if not self._arc.watch.events:
+            rows[:-1] = piece.wanted[: times.size][:-1]
+        for chosen in (rows, np.ones(times.size, bool)):
+            if not times.size:
+                break
+            moved = outputs.projected(times[chosen], x[chosen])
+            together = outputs.recovery.left_over <= APART
+            part = replace(piece, times=times[chosen])
+            leap = self._leap(part, x[chosen], moved) if together and passage is None else None
+            if together and leap is None:
+                found = x.copy()
+                found[chosen] = moved
+                return found, None
+            if np.all(chosen):
+                return leap if leap is not None else self._together(times, moved)
+        return x, None
 
     def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
         """Events of a piece, up to the instant of the first that decides how the run goes on."""

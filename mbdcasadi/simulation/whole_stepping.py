@@ -104,7 +104,7 @@ class WholeStepper(Stepper):
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
-        self._counts = {"starts": 0, "steps": 0, "all": 0}
+        self._tally = {"starts": 0, "steps": 0, "all": 0}
         self._is_stiff = False
 
     @property
@@ -113,15 +113,15 @@ class WholeStepper(Stepper):
 
     @property
     def starts(self) -> int:
-        return self._counts["starts"]
+        return self._tally["starts"]
 
     @property
     def steps(self) -> int:
-        return self._counts["steps"]
+        return self._tally["steps"]
 
     @property
     def all_steps(self) -> int:
-        return self._counts["all"]
+        return self._tally["all"]
 
     @property
     def notes(self) -> list[str]:
@@ -177,11 +177,11 @@ class WholeStepper(Stepper):
         again = self._last_start == piece.start
         if not goes_on:
             self._progress = Progress(regularity=self._progress.regularity)
-            self._counts["starts"] += 1
+            self._tally["starts"] += 1
         self._last_start = piece.start
         reached = self._runner.advance(self._stretch(piece, x), self._progress)
-        self._counts["steps"] = reached.steps
-        self._counts["all"] += reached.steps
+        self._tally["steps"] = reached.steps
+        self._tally["all"] += reached.steps
         if interruption.requested:
             raise KeyboardInterrupt
         if reached.status == Status.STIFF:
