@@ -14,11 +14,12 @@ import numpy as np
 
 from ..numerics.console import call_each
 from ..numerics.least_squares import largest
-from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 from .numeric import NumericEquations
 from .saddle import shifted
 
+#: Residual of a constraint, relative to 1 + |q|, that is rounding.
+ROUNDING = 1e-14
 #: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
 InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -70,7 +71,7 @@ class Recovery:
                 break
             self.left_over = worst
             columns, before = moved.full(), worst
-            if worst <= ACCURACY * (1 + largest(columns)):
+            if worst <= ROUNDING * (1 + largest(columns)):
                 break
         return columns.T
 

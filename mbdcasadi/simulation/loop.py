@@ -46,8 +46,6 @@ LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
-#: Steps times coordinates of a piece that nothing cuts: about a second of computing.
-WORK_PER_PIECE = 1_000_000
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
 #: Switches between modes in one run, at most.
@@ -186,7 +184,10 @@ class Run:
         setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
         free = modes.numeric(modes.free)
         state = consistent_start(free, setup.initial, begin, setup.signals)
-        _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        if state.obstacle is not None:  # there are no accelerations: mass is missing, or the pose is singular
+            raise state.obstacle
+        if not np.all(np.isfinite(state.a)):
+            _ = state[free.eom.a]  # raises, and names what has no value
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
@@ -229,12 +230,9 @@ class Run:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
         arc = self._arc
         steps, cuts = arc.stepper.steps, any(e.reset or e.terminal for e in arc.watch.events)
-        enough = STEPS_PER_PIECE
-        if not arc.watch.events and not arc.resolution.has_gaps:  # nothing ends a piece before its time
-            enough = max(enough, WORK_PER_PIECE // arc.numeric.eom.q.numel())
-        if not self.integrator.is_multistep or cuts or steps >= enough:
+        if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
             return size
-        return size * -(-enough // max(steps, 1))
+        return size * -(-STEPS_PER_PIECE // max(steps, 1))
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:

@@ -69,9 +69,10 @@ def test_reactions_of_a_pendulum(way):
 def test_drift_of_constraints(way):
     """Every step is projected: outputs meet positions and velocities to rounding, energy hardly drifts."""
     f = four_bar(0.5, forces=[mbd.Gravity()])
-    motion = mbd.simulate(f.mechanism, np.linspace(0, 10, 101), initial=[f.crank.omega == 20.0], method="dop853")
+    motion = mbd.simulate(f.mechanism, np.linspace(0, 10, 101), initial=[f.crank.omega == 200.0], method="dop853")
+    assert abs(motion.final[f.crank.phi]) > 1000
     assert motion.drift.position < 1e-12
-    assert motion.drift.velocity < 1e-11
+    assert motion.drift.velocity < 1e-10
     assert np.ptp(motion.energy.total) < 1e-6 * np.abs(motion.energy.kinetic).max()
 
 

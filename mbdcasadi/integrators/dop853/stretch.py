@@ -12,7 +12,7 @@ import numpy as np
 #: Points inside every step at which events are looked at, at least.
 SAMPLES = 7
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
-ACCURACY = 1e-13
+ACCURACY = 1e-14
 #: Residual with which a step is accepted if no iteration reduces it.
 LOOSE = 1e-9
 #: Correction by the projection, in tolerances, from which a step is repeated.
