@@ -91,7 +91,7 @@ def input_of(eom: Equations, signals: Signals) -> ca.Function:
     return eom.mechanism.cache.get_or_create(("explicit input", signals.structure), make)[0]
 
 
-def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> ExplicitSystem:
+def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None) -> ExplicitSystem:
     """Return the system of a run.
 
     Parameters
@@ -100,11 +100,12 @@ def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.
         Equations at the parameters of the run.
     signals : Signals
         Inputs.
-    integrands : casadi.SX
-        What is integrated along; the same in every run of a mechanism.
+    integrands : casadi.SX, optional
+        What is integrated along; the same in every run of a mechanism that has some.
     """
     eom = numeric.eom
+    content = ca.SX(0, 1) if integrands is None else ca.densify(integrands)
     quadrature = eom.mechanism.cache.get_or_create(
-        "explicit quadrature", lambda: ca.Function("quadrature", list(eom.symbols), [ca.densify(integrands)])
+        ("explicit quadrature", integrands is None), lambda: ca.Function("quadrature", list(eom.symbols), [content])
     )
     return ExplicitSystem(input_of(eom, signals), dynamics_of(numeric), quadrature, projection_of(eom))
