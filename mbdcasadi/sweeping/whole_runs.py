@@ -121,7 +121,8 @@ class WholeParcel:
         self._weights, self._compiles = setup.numeric.projection_weights, setup.integrator.jit or count >= MANY
         self._tolerances = setup.integrator.reltol, setup.integrator.abstol
         self._outputs = setup.eom.function(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs]))
-        self.size = setup.grid.size * self._outputs.numel_out(0)
+        self._count = setup.grid.size
+        self.size = self._count * self._outputs.numel_out(0)
         self._cache, self._free = setup.eom.mechanism.cache, Lending()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -147,13 +148,25 @@ class WholeParcel:
 
         def work(cases: np.ndarray) -> None:
             runner = self._free.borrow("runner", self._runner)
+            found: dict[int, tuple[np.ndarray, ...]] = {}
             for k in cases:
-                found = self._case(runner, starts[k], parameters[k], levels[k], *(part[k] for part in course))
-                if isinstance(found, str):
-                    messages[k] = found
+                motion = self._motion(runner, starts[k], parameters[k], levels[k], *(part[k] for part in course))
+                if isinstance(motion, str):
+                    messages[k] = motion
                 else:
-                    values[k] = found
+                    found[int(k)] = motion
             self._free.give_back("runner", runner)
+            if not found:
+                return
+            chosen = np.array(list(found))
+            columns = [np.concatenate(parts, axis=-1) for parts in zip(*found.values(), strict=True)]
+            rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
+            rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
+            for k, row in zip(chosen, rows, strict=True):
+                if np.all(np.isfinite(row)):
+                    values[k] = row
+                else:
+                    messages[k] = REASONS[Status.NOT_FINITE]
 
         parts = np.array_split(np.arange(len(starts)), min(self._threads, max(len(starts), 1)))
         if len(parts) == 1:
@@ -166,7 +179,7 @@ class WholeParcel:
     def _runner(self) -> Runner:
         return Runner(self._system, None, self._cache, compiles=self._compiles)
 
-    def _case(
+    def _motion(
         self,
         runner: Runner,
         x: np.ndarray,
@@ -177,8 +190,8 @@ class WholeParcel:
         stops: np.ndarray,
         columns: np.ndarray,
         max_step: np.ndarray,
-    ) -> np.ndarray | str:
-        """Outputs of a case by time, or why it has none."""
+    ) -> tuple[np.ndarray, ...] | str:
+        """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
         reltol, abstol = self._tolerances
         stretch = Stretch(
             self._start,
@@ -203,6 +216,4 @@ class WholeParcel:
         held = np.vstack([columns[:1], columns[wanted]])  # the first output takes the first interval
         a, lam, u = runner.complete(grid, states, held, p, levels)
         n = a.shape[1]
-        given = grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T, p
-        row = np.broadcast_to(self._outputs(*given).full().T, (grid.size, self._outputs.numel_out(0))).ravel()
-        return row if np.all(np.isfinite(row)) else REASONS[Status.NOT_FINITE]
+        return grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T
