@@ -258,6 +258,9 @@ def test_options_and_other_analyses_are_refused():
         mbd.DOP853(options={"max_num_steps": 3})
     with pytest.raises(mbd.SimulationError, match="reltol must be positive"):
         mbd.DOP853(reltol=-1)
+    f = pendulum()
+    with pytest.raises(mbd.SimulationError, match='dop853.*derivatives.*method="erk"'):
+        mbd.sensitivities(f.mechanism, [0, 1.0], {"angle": f.rod.phi}, [f.rod.omega == 1.0], method="dop853")
 
 
 def test_jit_without_a_compiler(monkeypatch):

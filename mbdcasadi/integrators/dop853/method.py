@@ -71,6 +71,6 @@ class DOP853(Integrator):
 
     def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
         raise SimulationError(
-            'method="dop853" runs in C of its own and is no CasADi function, as derivatives and sweeps need it here; '
+            'method="dop853" runs in C of its own and is no CasADi function, as derivatives need it; '
             'take method="erk", or "idas"'
         )
