@@ -215,17 +215,17 @@ class Equations:
     def angles(self) -> np.ndarray:
         """True for coordinates that are angles of bodies (n,)."""
         places = np.arange(self.q.numel())
-        found: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
-        return found
+        angles: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
+        return angles
 
     @cached_property
     def angular_rows(self) -> np.ndarray:
         """True for constraint rows in angles of bodies alone, which are in rad (m,)."""
         rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
         lengths = rows[~self.angles[columns]]
-        found = np.ones(self.lam.numel(), bool)
-        found[lengths] = False
-        return found
+        angular = np.ones(self.lam.numel(), bool)
+        angular[lengths] = False
+        return angular
 
     @cached_property
     def forward_dynamics(self) -> ca.Function:

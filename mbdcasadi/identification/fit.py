@@ -142,7 +142,7 @@ class Fit:
         return f"{names} cannot be distinguished: change {moves}, and no sample changes"
 
     def _hardly(self, errors: np.ndarray) -> list[str]:
-        found = []
+        pairs = []
         for i in range(len(errors)):
             for j in range(i):
                 if (
@@ -152,10 +152,10 @@ class Fit:
                 ):
                     pair = f"'{self.unknowns[j].label}' and '{self.unknowns[i].label}'"
                     correlation = f"their correlation is {self.correlation[i, j]:.4f}"
-                    found.append(f"{pair} can hardly be distinguished: {correlation}")
+                    pairs.append(f"{pair} can hardly be distinguished: {correlation}")
             if np.isfinite(errors[i]) and errors[i] > abs(self.values[i]):
-                found.append(f"'{self.unknowns[i].label}' is hardly determined: its standard error exceeds its value")
-        return found
+                pairs.append(f"'{self.unknowns[i].label}' is hardly determined: its standard error exceeds its value")
+        return pairs
 
     # --- use ------------------------------------------------------------------------
     def __getitem__(self, unknown: Any) -> float:

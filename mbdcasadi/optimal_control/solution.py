@@ -80,7 +80,7 @@ class PhaseSolution:
         seconds: float,
     ):
         self.phase: Phase = program.phase
-        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+        self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
         self.segment_times = x[program.time_index] if program.time_count else np.asarray(segment_times, float)
         self.mesh_times = mesh.times(self.segment_times)
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
@@ -109,7 +109,7 @@ class PhaseSolution:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
         scheme = self.program.scheme
         statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
-        extra = dict(zip(self.program.extra_parameters, self._extra.tolist(), strict=True))
+        extra = dict(zip(self.program.extra_parameters, self.extra.tolist(), strict=True))
         return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
 
     @property

@@ -21,7 +21,7 @@ from .refinement.mesh import Mesh
 from .solution import Solution
 from .transcription import TRANSCRIPTIONS
 
-_FORMAT = "mbdcasadi solution 3"
+_FORMAT = "mbdcasadi solution 4"
 #: Relative difference of costs, and difference of scaled rows, up to which two problems count as the same.
 SAME_TOLERANCE = 1e-6
 
@@ -35,10 +35,12 @@ def save(solution: Solution, path: str | Path) -> None:
             "package, and not known when the file is read; save solution.trajectory, which can be a guess too"
         )
     settings = {"transcription": scheme.name, "degree": scheme.degree, "control": solution.settings.control}
+    settings["angles"] = solution.settings.angles
     content: dict[str, Any] = {
         "format": _FORMAT,
         "settings": json.dumps(settings),
         "statistics": json.dumps(asdict(solution.statistics)),
+        "held": json.dumps(program.held),
         "cost": solution.cost,
         "x": solution.variables,
         "segment times": part.segment_times,
@@ -94,6 +96,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     if len(segments) != len(waypoints) + 1:
         raise FileError(f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(waypoints)}")
     solver = Solver(problem, settings)
+    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in json.loads(str(content["held"])))
     program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]
     theirs = content["row labels"].tolist()

@@ -95,18 +95,18 @@ class Impacts:
         SimulationError
             If a reset contradicts the constraints or another one, and if events accumulate.
         """
-        found: list[Impact] = []
+        impacts: list[Impact] = []
         passing: set[Event] = set()
         for _ in range(ROUNDS):
-            active = self._active(state, () if found else located, passing)
+            active = self._active(state, () if impacts else located, passing)
             if not active:
-                return found
-            if not found:
+                return impacts
+            if not impacts:
                 self._refuse_accumulation(active, state.t)
             v, z = self._jump(active, state)
-            found.append(Impact(tuple(active), state, v, z))
+            impacts.append(Impact(tuple(active), state, v, z))
             state = State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
-        names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in found[-10:] for e in impact.events))
+        names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in impacts[-10:] for e in impact.events))
         raise SimulationError(
             f"the events {names} reset each other without end at t = {state.t:.9g} s; give them restitution below one, "
             "or model the contact by a force",
@@ -119,7 +119,7 @@ class Impacts:
         One that goes on through its zero after its reset, as at a kick, is `passing`:
         it takes place again once another one has turned it back.
         """
-        watch, found = self.watch, []
+        watch, active = self.watch, []
         rests, through, at_zero = watch.rests(state), watch.moves_through(state), set(watch.at_zero(state))
         for k, event in enumerate(watch.events):
             if not event.reset:
@@ -127,9 +127,9 @@ class Impacts:
             if not through[k]:
                 passing.discard(event)
             if (event in located and not rests[k]) or (k in at_zero and through[k] and event not in passing):
-                found.append(event)
-        passing.update(found)
-        return found
+                active.append(event)
+        passing.update(active)
+        return active
 
     def pressed_through(self, state: State) -> Event | None:
         """An event with a reset at rest at its zero, through which the accelerations press: no reset can hold it."""

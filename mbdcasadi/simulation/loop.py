@@ -295,6 +295,8 @@ class Run:
         for crossing in crossings:
             if not self._decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
+        if deciding and passage is not None and not all(c.event.terminal for c in deciding):
+            raise self._undetermined(deciding[0])
         if deciding:
             return self._at_events(deciding, count)
         if failure is not None:
@@ -302,8 +304,7 @@ class Run:
         self._time, self._x = float(times[-1]), x[-1]
         self._index = self._schedule.index_after(self._time)
         if piece.ends_at_jump:
-            self._x = self._after_jump(x[-1], piece)
-            self._trail.begin(self._time, self._x)
+            self._pass_jump(piece.after)
         else:
             self._trail.add(times, x)
         return False
@@ -358,7 +359,7 @@ class Run:
             return arc.stepper.precise_way_from(time, x)(times)
 
         try:
-            passage = arc.passage.across(entry, trail.start, way, self._schedule.end)
+            passage = arc.passage.across(entry, trail.start, way, self._schedule.smooth_until(entry))
         except IntegrationFailure:
             passage = None
         if passage is None and arc.passage.smallest(path) < REALLY_SINGULAR:
@@ -376,27 +377,49 @@ class Run:
             time=entry,
         )
 
+    def _undetermined(self, crossing: Crossing) -> SimulationError:
+        """Error at an event after which the velocities do not follow from the constraints."""
+        q = crossing.x[: self._arc.numeric.eom.q.numel()]
+        pose = describe_singularity(self._arc.numeric, crossing.time, q)
+        return SimulationError(
+            f"the simulation stopped at t = {crossing.time:.6g} s: event '{crossing.event.name}' takes place in a "
+            f"singular pose, or too near to one, {pose.text}; the velocities after it are not determined there; "
+            "what was computed is in .partial",
+            time=crossing.time,
+        )
+
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
         """Advance to the far side of a singular pose; whether the run ended."""
-        before = path.times < passage.start
-        times = np.r_[path.times[before], passage.start]
-        states = np.vstack([path.x[before], passage.states(np.array([passage.start]))])
-        reached = Path(times, states, np.vstack([path.integrals[: len(times) - 2], path.integrals[:1] * 0]))
-        if self._finish(piece.until(passage.start), reached):
+        approach = self._schedule.stretch(piece.start, self._index, passage.start)
+        # the integrator's states as far as they are sure, and beyond them those of the polynomial, which they support
+        times = approach.times
+        known = np.isin(times, path.times) & (times <= path.times[-1])
+        states, integrals = np.empty((times.size, path.x.shape[1])), np.zeros((times.size, path.integrals.shape[1]))
+        places = np.searchsorted(path.times, times[known])
+        states[known], integrals[known] = path.x[places], path.integrals[places - 1]
+        states[~known] = passage.states(times[~known])
+        if self._finish(approach, Path(np.r_[approach.start, times], np.vstack([self._x, states]), integrals)):
             return True
         if self._time < passage.start:  # an event came before
             return False
+        arc = self._arc
         across = self._schedule.stretch(self._time, self._index, passage.end)
         states = np.vstack([self._x, passage.states(across.times[:-1]), passage.x])
         self._passed.append((passage.start + passage.end) / 2)
         nothing = np.zeros((across.times.size, path.integrals.shape[1]))
-        return self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
+        ended = self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
+        arc.passage.left_behind()
+        if self._time == passage.end:
+            self._trail.begin(self._time, self._x)
+        return ended
 
-    def _after_jump(self, x: np.ndarray, piece: Piece) -> np.ndarray:
-        """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
-        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(x[None, :]))
-        jacobian, nu = self._arc.numeric.velocity(piece.after, q)
-        return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
+    def _pass_jump(self, after: float) -> None:
+        """Go on from just after a jump of the equations: prescribed velocities may jump, by an impulse."""
+        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
+        jacobian, nu = self._arc.numeric.velocity(after, q)
+        if nu.size:
+            self._x = np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z]
+        self._trail.begin(self._time, self._x)
 
     def _decides(self, event: Event) -> bool:
         return self.decides(event, self._arc.own_events)
@@ -514,6 +537,12 @@ class Run:
             return True
         self._enter(state)
         self._resolve_impacts(state, located)
+        index = self._schedule.break_within(time, self.instant)
+        if index is not None:  # of the same instant
+            self._time, self._index = float(self._schedule.times[index]), index + 1
+            just_after = self._schedule.after_jump(index)
+            if just_after is not None:
+                self._pass_jump(just_after)
         return False
 
     def _is_own(self, event: Event) -> bool:
@@ -556,6 +585,7 @@ class Run:
         arc = self._arc
         state = self._ask_controller(arc.stepper.outputs.state(self._time, self._x))
         self._enter(state)
+        self._resolve_impacts(state, [])
 
     def _ask_controller(self, state: State) -> State:
         """Call the controller if there is one: the state under its answer."""

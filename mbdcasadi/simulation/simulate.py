@@ -18,9 +18,9 @@ from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
 from .events import read_events
+from .friction_modes import FrictionModes
 from .loop import Run
 from .modes import Modes, SingleMode
-from .stick_slip.friction_modes import FrictionModes
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 

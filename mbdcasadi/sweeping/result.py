@@ -114,10 +114,10 @@ class Sweep:
         if mechanism is None:
             raise ModelError("a sweep that was pickled knows names only; give the mechanism: swept.case(3, mechanism)")
         symbols = mechanism.parameters if kind == "parameters" else mechanism.inputs
-        found = [symbol for symbol in symbols if symbol.label == key]
-        if len(found) != 1:
-            raise ModelError(f"the mechanism has {len(found)} {kind} named '{key}', which the sweep varies")
-        return found[0]
+        named = [symbol for symbol in symbols if symbol.label == key]
+        if len(named) != 1:
+            raise ModelError(f"the mechanism has {len(named)} {kind} named '{key}', which the sweep varies")
+        return named[0]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over ``case`` and ``t``; the values of the cases are coordinates of ``case``.

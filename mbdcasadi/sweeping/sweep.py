@@ -35,7 +35,7 @@ from ..model.symbols import Parameter
 from ..numerics.progress import progress_bar
 from ..results.state import State
 from ..sensitivity.compiled_run import MotionSetup
-from ..sensitivity.differentiable_motion import Course
+from ..sensitivity.differentiable_motion import Cuts
 from ..sensitivity.sensitivities import named_outputs
 from ..simulation.time_dependence import timed_equations
 from .cases import read_cases
@@ -43,7 +43,7 @@ from .result import Sweep
 from .starts import StartPath, assembled_start, out_of_limits, repeat_for_case
 from .sweep_file import SweepFile, fingerprint
 from .whole_runs import WholeParcel, refuse_unsuited, times_of
-from .worker import Outcome, Parcel, run_batch
+from .worker import BatchOutcome, Parcel, run_batch
 
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
@@ -136,8 +136,8 @@ def sweep(
     named = named_outputs(outputs)
     _batch_size(batch, count)
     fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
-    given = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
-    plan = _Plan(mechanism, times, fixed, varied, given)
+    arguments = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
+    plan = _Plan(mechanism, times, fixed, varied, arguments)
     result = Sweep(plan.setup.grid, varied, named)
     store = None if file is None else SweepFile(file, plan.fingerprint(named))
     for block in store.read() if store else []:
@@ -275,7 +275,7 @@ class _Plan:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 try:
-                    found = MotionSetup(
+                    setup = MotionSetup(
                         self._mechanism, "sweep", self._times, parameters=self._parameters(int(k)), **shared
                     )
                 except (AssemblyError, SingularityError) as error:
@@ -288,7 +288,7 @@ class _Plan:
                     obstacle = obstacle or error
                     continue
             repeat_for_case([w for w in caught if "the limits that it carries" not in str(w.message)], int(k))
-            return found
+            return setup
         assert obstacle is not None
         raise obstacle
 
@@ -324,23 +324,23 @@ class _Jobs:
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         """Cuts of the motions of cases, and the reasons why some have none."""
-        found, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
+        courses, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
         channel = self._motion.channel()
-        shared: Course | None = None
+        shared: Cuts | None = None
         for k in cases:
             if int(k) in failures:
                 continue
             if shared is not None:
-                found[int(k)] = shared
+                courses[int(k)] = shared
                 continue
             try:
-                found[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+                courses[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
             except MechanismError as error:
                 failures[int(k)] = str(error)
                 continue
             if not self._motion.course_varies:
-                shared = found[int(k)]
-        return found, failures
+                shared = courses[int(k)]
+        return courses, failures
 
     def parcel(self, course: Any) -> Parcel | WholeParcel:
         """The compiled batch for a course and others of its pattern."""
@@ -467,7 +467,7 @@ class _Here:
         """Add a batch: its cases, and arguments of :func:`run_batch`."""
         self._waiting.append(batch)
 
-    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+    def results(self) -> Iterator[tuple[np.ndarray, BatchOutcome]]:
         """Cases and outcomes, until no batch is left; more may be added on the way."""
         while self._waiting:
             cases, *arguments = self._waiting.popleft()
@@ -490,7 +490,7 @@ class _Elsewhere:
         cases, *arguments = batch
         self._futures[self._executor.submit(run_batch, *arguments)] = cases
 
-    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+    def results(self) -> Iterator[tuple[np.ndarray, BatchOutcome]]:
         """Cases and outcomes as they come, until no batch is left; more may be added on the way."""
         while self._futures:
             for future in wait(self._futures, return_when=FIRST_COMPLETED).done:
@@ -502,12 +502,12 @@ class _Elsewhere:
             future.cancel()
 
 
-def _batch_size(given: int | None, count: int) -> int:
-    if given is None:
+def _batch_size(size: int | None, count: int) -> int:
+    if size is None:
         return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
-    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-        raise ModelError(f"sweep: batch must be an integer of at least 1, got {given!r}")
-    return given
+    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+        raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
+    return size
 
 
 def _bar(total: int, done: int, show: bool) -> Any:

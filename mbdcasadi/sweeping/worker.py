@@ -51,7 +51,7 @@ class Parcel:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class BatchOutcome:
     """Results of some cases.
 
     Attributes
@@ -75,7 +75,7 @@ def run_batch(
     levels: np.ndarray,
     course: tuple[np.ndarray, ...],
     starts: np.ndarray | None = None,
-) -> Outcome:
+) -> BatchOutcome:
     """Run some cases one after the other.
 
     Parameters
@@ -102,10 +102,10 @@ def run_batch(
     for k, reason in zip(chosen, reasons, strict=True):
         if reason:
             messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
-    return Outcome(values, messages, reached)
+    return BatchOutcome(values, messages, reached)
 
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:
     """Outputs of a case by time, and its clock, as numbers."""
-    found, clock = function(*case)
-    return found.full().ravel(order="F"), float(clock)
+    values, clock = function(*case)
+    return values.full().ravel(order="F"), float(clock)

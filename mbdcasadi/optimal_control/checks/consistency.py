@@ -139,6 +139,8 @@ def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> N
 def _refuse_empty_limits(phase: Phase) -> None:
     """Refuse limits of one quantity that leave nothing between them."""
     sides: list[tuple[ca.SX, str]] = []
+    # an input may be fixed by its limits, and an equality implies limits
+    alone = {condition.label for condition in phase.path if not condition.equality}
     for condition in phase.path:
         sides.append((condition.expression, condition.label))
         if condition.equality:
@@ -149,6 +151,10 @@ def _refuse_empty_limits(phase: Phase) -> None:
         gap = sums[k, j]
         if gap > 1e-12 and first != second:
             raise ConditionError(f"path: {first} and {second} contradict each other by {gap:.6g}")
+        if abs(gap) <= 1e-12 and first != second and {first, second} <= alone:
+            raise ConditionError(
+                f"path: {first} and {second} leave nothing between them; write an equality (==) in their place"
+            )
 
 
 def _constant_sums(expressions: list[ca.SX]) -> np.ndarray:

@@ -73,11 +73,21 @@ class PhaseGuess:
                     inside[key] = self.sample((times[:-1, None] + lengths[:, None] * taus[None, :]).ravel())
                 if name not in inside[key]:  # a variable of the scheme alone begins with zero
                     continue
-                columns = scheme.unknown_columns(name, inside[key][name]).reshape(lengths.size, -1)
+                values = self._inputs(program, times) if name == "u" else inside[key][name]
+                columns = scheme.unknown_columns(name, values).reshape(lengths.size, -1)
                 part = scheme.interval_slice(name)
                 for i in range(lengths.size):
                     x[program.inner_index(i)[part]] = columns[i]
         x[program.time_index] = self.segment_times[: program.time_count]
+
+    def _inputs(self, program: PhaseProgram, times: np.ndarray) -> np.ndarray:
+        """Unknowns of the inputs that belong to the intervals alone (N k, n_u)."""
+        basis = program.scheme.inputs
+        wanted = times[:-1, None] + np.diff(times)[:, None] * basis.taus
+        values = self.sample(wanted.ravel())["u"]
+        unknowns = basis.unknowns(values.reshape(times.size - 1, basis.taus.size, -1))
+        inner = unknowns[:, 1:-1] if basis.joined else unknowns
+        return inner.reshape(-1, values.shape[1])
 
 
 @dataclass(frozen=True)
@@ -113,6 +123,17 @@ class Guess:
             guess.fill(x, phase, mesh)
         x[program.parameter_index] = self.parameters
         return x / program.scale
+
+
+def guess_at_rest(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
+    """Poses without velocities, accelerations, loads and inputs."""
+    sample_moving = kinematic_guess(loads, start, path).sample
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        values = sample_moving(wanted)
+        return {name: x if name in ("q", "z") else 0 * x for name, x in values.items()}
+
+    return PhaseGuess(sample, path.segment_times)
 
 
 def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:

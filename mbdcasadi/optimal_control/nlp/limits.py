@@ -12,14 +12,12 @@ import numpy as np
 from ...model.conditions import stacked
 from ...results.state import State
 from ..phase import with_rates
+from .held_limits import POINTS
 from .phase_program import PhaseProgram
 from .rows import Row
 
 if TYPE_CHECKING:
     from ..solution import PhaseSolution, Solution
-
-#: Points of an interval at which limits are looked at, both ends included.
-POINTS = 21
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,9 @@ from .rows import Row, stack, violations
 from .setup import PhaseSetup
 from .sparse_program import Piece, SparseProgram
 
+#: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
+Held = tuple[tuple[int, str, float], ...]
+
 
 class MotionProgram:
     """The nonlinear program of an optimal-control problem on a mesh.
@@ -32,6 +35,8 @@ class MotionProgram:
         Transcription, sizes and conditions at the ends, by phase.
     meshes : sequence of Mesh
         Meshes of the phases. Their fractions are data: one program serves all meshes of as many intervals.
+    held : tuple of (int, str, float)
+        Phases, labels of path limits, and points of the intervals at which these are held besides the usual ones.
 
     Attributes
     ----------
@@ -43,8 +48,14 @@ class MotionProgram:
         IPOPT functions for it.
     """
 
-    def __init__(self, problem: OptimalControlProblem, setups: Sequence[PhaseSetup], meshes: Sequence[Mesh]):
-        self._free = problem.free_parameters
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        setups: Sequence[PhaseSetup],
+        meshes: Sequence[Mesh],
+        held: Held = (),
+    ):
+        self._free, self.held = problem.free_parameters, held
         expressions = [problem.terminal_cost, *[c.expression for c in problem.boundary]]
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
         placeholders = list(nodes.values())
@@ -52,7 +63,8 @@ class MotionProgram:
         self.phases: list[PhaseProgram] = []
         first = 0
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
-            phase = PhaseProgram(problem, setup, mesh, integrals, number, first)
+            points = [(label, tau) for of, label, tau in held if of == number]
+            phase = PhaseProgram(problem, setup, mesh, integrals, number, first, points)
             self.phases.append(phase)
             first += phase.size
         free_scale = self.phases[0].free_scale

@@ -95,6 +95,8 @@ class PhaseProgram:
         Index of the phase.
     first : int
         Number of variables of the phases before.
+    held : sequence of (str, float)
+        Labels of path limits, and points of every interval at which these are held besides stages and mesh points.
     """
 
     def __init__(
@@ -105,6 +107,7 @@ class PhaseProgram:
         integrals: Sequence[Placeholder],
         number: int,
         first: int,
+        held: Sequence[tuple[str, float]] = (),
     ):
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
         # not the problem itself: it holds the program
@@ -118,7 +121,7 @@ class PhaseProgram:
         self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, self.phase.input_rates, eom.p]
         self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
         self.sizes = Sizes(setup.numeric, self.scales, self.arguments, np.array([p.value for p in extra]))
-        self.integrals = list(integrals)
+        self.integrals, self._held = list(integrals), held
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
@@ -283,24 +286,41 @@ class PhaseProgram:
         return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
 
     def _path_rows(self, unknowns: Unknowns, points: list[CollocationPoint]) -> list[Rows]:
-        """Path conditions at the stages and at the ends of the interval."""
+        """Path conditions at the stages and at the ends of the interval; limits of inputs at their control points."""
         scheme, groups = self.scheme, []
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
-        conditions = [*self._path_at_stages, *self.limit_owners]
-        equalities = [c for c in conditions if c.equality]
-        limits = [c for c in conditions if not c.equality]
+        equalities = [c for c in self._path_at_stages if c.equality]
+        limits = [c for c in self.limits_at_points if c not in self.limit_owners]
 
         def place(some: list[Condition], at: CollocationPoint, tau: float) -> None:
-            here = [c for c in some if tau not in self._bounded_at.get(c, ())]
-            groups.extend(self._conditions(here, at, unknowns, tau))
+            groups.extend(self._conditions(some, at, unknowns, tau))
 
         jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
         place(jumping, start, 0.0)
         for tau, at in zip(scheme.stages.tolist(), points, strict=True):
             # if inputs are joined, the end of the interval before has the row at the start
             here = equalities if tau > 0 or not scheme.inputs.joined else []
-            place([*here, *(limits if 0 < tau < 1 else [])], at, tau)
+            place([*here, *([*limits, *self._limits_of_states] if 0 < tau < 1 else [])], at, tau)
         place(limits, end, 1.0)
+        for tau in sorted({tau for _, tau in self._held}):
+            held = [c for c in self.limits_at_points if tau in self.held_at(c)]
+            place(held, scheme.at(unknowns.interval, tau), tau)
+        return groups + self._input_limit_rows(unknowns, end)
+
+    def _input_limit_rows(self, unknowns: Unknowns, at: CollocationPoint) -> list[Rows]:
+        """Limits of inputs and of their rates alone, at the control points of their polynomials."""
+        groups: list[Rows] = []
+        if self._own_limits_in_rows or any(self._limits_of_inputs.values()):
+            columns = self.scheme.input_control_points(unknowns.interval)
+            for (kind, limits), points in zip(self._limits_of_inputs.items(), columns, strict=True):
+                count, ends = points.size2(), kind == "u" and self.scheme.inputs.joined
+                for j in range(count):
+                    # if inputs are joined, the end of the interval before has the row at the start, and own limits are
+                    # bounds of the variables at both ends
+                    here = [] if ends and j == 0 else list(limits)
+                    here += self._own_limits_in_rows if kind == "u" and not (ends and j in (0, count - 1)) else []
+                    at_control_point = replace(at, **{kind: points[:, j]})
+                    groups += self._conditions(here, at_control_point, unknowns, j / max(count - 1, 1))
         return groups
 
     @property
@@ -310,10 +330,40 @@ class PhaseProgram:
         return [c for c in self.phase.path if c not in differentiated]
 
     @cached_property
-    def _bounded_at(self) -> dict[Condition, tuple[float, ...]]:
-        """Points at which a limit is a bound of a variable and needs no row."""
-        taus = tuple(self.scheme.inputs.taus.tolist())
-        return {c: taus if c.depends_on("input") else (1.0,) for c in self.limit_owners}
+    def limits_at_points(self) -> list[Condition]:
+        """Limits that hold at single points of the intervals: those of the path and of first-order states."""
+        of_inputs = [c for limits in self._limits_of_inputs.values() for c in limits]
+        return [*(c for c in self.phase.path if not c.equality and c not in of_inputs), *self._limits_of_states]
+
+    def held_at(self, condition: Condition) -> list[float]:
+        """Points of an interval at which a limit is held besides stages and mesh points."""
+        return [tau for label, tau in self._held if label == condition.label]
+
+    def size_of(self, condition: Condition) -> float:
+        """Typical size of a condition."""
+        return float(self._condition_sizes[condition])
+
+    @cached_property
+    def _limits_of_states(self) -> list[Condition]:
+        """Limits of first-order states, which are bounds of variables at the mesh points alone."""
+        return [c for c in self.limit_owners if c.depends_on("state")]
+
+    @cached_property
+    def _own_limits_in_rows(self) -> list[Condition]:
+        """Limits that inputs carry themselves, if the bounds of their unknowns do not keep them everywhere."""
+        return [] if self.scheme.inputs.bounded else [c for c in self.limit_owners if c.depends_on("input")]
+
+    @cached_property
+    def _limits_of_inputs(self) -> dict[str, list[Condition]]:
+        """Path limits of inputs alone, and of their rates alone, that are linear in them: ``u``, ``u_rate``."""
+        eom, rates = self.phase.equations, self.phase.input_rates
+        found: dict[str, list[Condition]] = {}
+        for name, kind, symbols in (("u", "input", eom.u), ("u_rate", "input rate", rates)):
+            alone = [c for c in self.phase.path if kind in c.kinds and c.kinds <= {kind, "parameter"}]
+            found[name] = [
+                c for c in alone if not c.equality and not ca.depends_on(ca.jacobian(c.expression, symbols), symbols)
+            ]
+        return found
 
     def _start_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Rows at the start, with the interval on which they stand."""
@@ -323,6 +373,8 @@ class PhaseProgram:
         if self.scheme.inputs.joined and self.scheme.stages[0] == 0:
             equalities = [c for c in self._path_at_stages if c.equality]
             groups += self._conditions(equalities, at, unknowns, 0.0)
+        if self.scheme.inputs.joined:
+            groups += self._conditions(self._limits_of_inputs["u"], at, unknowns, 0.0)
         if self.initial is not None:
             groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales)
             groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")

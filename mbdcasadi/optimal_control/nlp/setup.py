@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, reduced_equations
@@ -40,20 +41,30 @@ class Settings:
         Course of the inputs in an interval.
     options : dict
         Options of the solver.
+    chosen : object
+        The transcription as it was given.
     progress : bool
         Whether progress is shown.
-    key : hashable
-        Key of the programs that are made by them.
+    angles : bool
+        Whether open chains are left with their angles alone.
     """
 
     transcription: Transcription
     control: str
     options: dict[str, Any]
     progress: bool
-    key: Hashable
+    chosen: Any
+    angles: bool = False
+
+    @property
+    def key(self) -> Hashable:
+        """Key of the programs that are made by them."""
+        return self.chosen, self.transcription.degree, self.control, self.angles
 
     @classmethod
-    def read(cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
+    def read(
+        cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any, angles: bool = False
+    ) -> Settings:
         """Check what ``optimize`` is given."""
         scheme = _scheme(transcription, degree)
         if control not in CONTROLS:
@@ -62,7 +73,7 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        return cls(scheme, control, dict(chosen), shown, (transcription, scheme.degree, control))
+        return cls(scheme, control, dict(chosen), shown, transcription, angles)
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:
@@ -82,6 +93,13 @@ def _scheme(transcription: Any, degree: Any) -> Transcription:
         raise ModelError(
             f"optimize: transcription {scheme.__name__} does not take the degree ({error}); give an object of it"
         ) from None
+
+
+def is_open_chain(problem: OptimalControlProblem) -> bool:
+    """Return True if a mechanism is an open chain whose angles alone are a better choice than all coordinates."""
+    mechanisms = [phase.equations for phase in problem.phases]
+    chains = [eom for eom in mechanisms if reduced_equations(eom).rows]
+    return bool(chains) and all(reduced_equations(eom, angles=True).is_chain for eom in chains)
 
 
 class PhaseSetup:
@@ -144,13 +162,16 @@ class PhaseSetup:
     def _bound_scheme(
         self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]
     ) -> Transcription:
-        eom = reduced_equations(self.phase.equations, curved=not self.ends.are_singular())
+        curved = not self.ends.are_singular()
+        eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
         path_constraints = self.phase.differentiated_path_constraints(problem.free_parameters)
         constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)
-        basis = input_basis(settings.control, inner, joined, rates=problem.has_input_rates(initial))
+        limited = any(np.isfinite([u.lower, u.upper]).any() for u in self.phase.mechanism.inputs)
+        rates = problem.has_input_rates(initial)
+        basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
         return settings.transcription.bound_to(constraints, self.numeric.weights[eom.independent], basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:

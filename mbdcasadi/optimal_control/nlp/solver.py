@@ -5,13 +5,15 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ...arguments.values import pairs_of, parameter_vector
+from ...arguments.values import pairs_of
+from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import Interrupted, ModelError
 from ...model.conditions import Condition
@@ -26,7 +28,8 @@ from ..phase import Phase, read_state_or_conditions
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
-from .motion_program import MotionProgram
+from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
+from .motion_program import Held, MotionProgram
 from .setup import PhaseSetup, Settings
 from .solver_callback import SolverCallback
 from .start import check_start, first_state
@@ -138,15 +141,21 @@ class Solver:
         best: BestSoFar | None = None,
     ):
         self.problem, self.settings = problem, settings
+        #: points at which path limits are held besides stages and mesh points
+        self.held: Held = ()
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
-        first, equations = problem.phases[0], [phase.equations for phase in problem.phases]
-        numerics = [NumericEquations(eom, parameter_vector(eom, values)) for eom in equations]
-        self.start = first_state(problem, first, numerics[0], self.initial)
+        first = problem.phases[0]
+        read = [
+            Setup(phase.mechanism, "optimize", t=0.0, initial=self.initial if phase is first else (), parameters=values)
+            for phase in problem.phases
+        ]
+        numerics = [setup.numeric for setup in read]
+        self.start = first_state(problem, first, numerics[0], self.initial, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
         self.setups = list(map(self._setup, problem.phases, numerics))
@@ -179,11 +188,47 @@ class Solver:
     # --- one mesh -------------------------------------------------------------------------
     def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
         """Return the program for a number of intervals, made once and kept."""
-        key = tuple(mesh.counts for mesh in meshes), self.settings.key, tuple(setup.key for setup in self.setups)
-        make = partial(MotionProgram, self.problem, self.setups, meshes)
+        setups = tuple(setup.key for setup in self.setups)
+        key = tuple(mesh.counts for mesh in meshes), self.settings.key, setups, self.held
+        make = partial(MotionProgram, self.problem, self.setups, meshes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False) -> Solution:
+        """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
+
+        Raises
+        ------
+        OptimizationError
+            If the solver does not succeed, or the solution lies on another branch of the linkage.
+        Interrupted
+            After Ctrl-C.
+        """
+        if guess.iterate is not None:
+            self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        solution = self._solve(meshes, guess, warm=warm)
+        passed = largest_share(solution)
+        for _ in range(ROUNDS):
+            more = points_to_hold(solution) if passed > LIMIT_TOLERANCE else set()
+            if not more:
+                break
+            before, self.held = self.held, tuple(sorted({*self.held, *more}))
+            held = self._solve_again(solution)
+            share = np.inf if held is None else largest_share(held)
+            if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
+                self.held = before
+                break
+            held.statistics = together(solution.statistics, held.statistics)
+            solution, passed = held, share
+        return solution
+
+    def _solve_again(self, solution: Solution) -> Solution | None:
+        """Solve from a solution on the same mesh; None if that fails."""
+        try:
+            return self._solve(solution.meshes, solution.as_guess(self.problem), warm=True)
+        except OptimizationError:
+            return None
+
+    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool) -> Solution:
         """Solve on a mesh.
 
         Raises
@@ -280,6 +325,17 @@ class Solver:
                         time=place.t,
                     )
         return None
+
+
+def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics:
+    """Statistics of a solve that went on from another one."""
+    return replace(
+        second,
+        iterations=first.iterations + second.iterations,
+        starts=first.starts,
+        seconds=first.seconds + second.seconds,
+        build_seconds=first.build_seconds + second.build_seconds,
+    )
 
 
 def _rows(program: MotionProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
