@@ -29,7 +29,7 @@ from .files.adm import read_adm
 from .identification.data import Experiment, IdentificationError
 from .identification.fit import Fit
 from .identification.identify import identify
-from .integrators import IDAS, Integrator, Rosenbrock, RungeKutta
+from .integrators import DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
 from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics

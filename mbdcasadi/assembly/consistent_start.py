@@ -52,9 +52,11 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     """
     eom = numeric.eom
     if isinstance(initial, State):
-        # the state may come from another mechanism on the same bodies
-        q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
-        z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
+        if initial.mechanism is eom.mechanism:
+            q, v, z = initial.q, initial.v, initial.z
+        else:  # another one on the same bodies
+            q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
+            z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
         refuse_inconsistent(numeric, time, q, v)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))

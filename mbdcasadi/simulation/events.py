@@ -11,6 +11,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ExpressionError, ModelError, warn
+from ..integrators.dop853.stretch import Watched
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
@@ -90,6 +91,35 @@ class EventWatch:
         #: sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
         self._left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
+
+    # --- for a method that looks at events inside its steps -----------------------------------
+    def watched(self, decides: Callable[[Event], bool]) -> Watched | None:
+        """Return what such a method needs to know of the events; None if there are none."""
+        if not self.events:
+            return None
+        return Watched(
+            self._values,
+            self._left_out is None,
+            np.sign([event.direction for event in self.events]).astype(int),
+            np.array([decides(event) for event in self.events]),
+        )
+
+    def levels(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return by event the value from which it is measured now, below which size its sign is rounding, and its side.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            The present state.
+        """
+        offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
+        away = AWAY * (1 + np.max(np.abs(x), initial=0.0))
+        for k, event in enumerate(self.events):
+            if event in self.resting:
+                offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1
+            else:
+                offset[k], side[k] = self._offset.get(k, 0.0), self._side.get(k, 0.0)
+        return offset, band, side
 
     # --- values ------------------------------------------------------------------------------
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, since: np.ndarray | None) -> np.ndarray:

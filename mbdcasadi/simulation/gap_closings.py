@@ -74,13 +74,18 @@ class GapClosings:
 
     def __init__(self, numeric: NumericEquations, owners: Sequence[Any]):
         self._numeric, self.owners = numeric, list(owners)
-        eom = numeric.eom
-        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in owners])
-        self.gaps = gaps
+        cache = numeric.eom.mechanism.cache
+        self.gaps, self._slopes, self._function = cache.get_or_create(("gaps", *owners), self._functions)
+
+    def _functions(self) -> tuple[ca.SX, ca.Function, ca.Function]:
+        """Gaps, and functions for their slopes and for them with their rates and bounds of these."""
+        eom = self._numeric.eom
+        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self.owners])
         rates = time_derivative(gaps, eom.mechanism) if gaps.numel() else gaps
+        bounds = self._bounds(gaps) if gaps.numel() else gaps
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        self._slopes = ca.Function("slopes", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(gaps, eom.q))])
-        self._function = ca.Function("gaps", known, [ca.densify(ca.vertcat(gaps, rates, self._bounds(gaps)))])
+        slopes = ca.Function("slopes", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(gaps, eom.q))])
+        return gaps, slopes, ca.Function("gaps", known, [ca.densify(ca.vertcat(gaps, rates, bounds))])
 
     def _bounds(self, gaps: ca.SX) -> ca.SX:
         """Bounds of the rates whatever direction the velocities have: the normals may turn between two outputs."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,12 @@ from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..kinematics.singular import describe_singularity
 from ..model.events import Event
+from ..model.forces.friction.modes import switching
 from ..numerics.console import interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
+from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
@@ -28,11 +31,12 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage, Regularity, SingularPassage, Trail
+from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
 from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
+from .whole_stepping import WholeStepper, refuse_redundant_rows
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -62,17 +66,22 @@ class _Arc:
         self.uniqueness = Uniqueness(self.numeric)
         self.own_events = modes.events(mode)
         self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
-        self.stepper = Stepper(
-            self.numeric,
-            setup.signals,
-            modes.levels,
-            run.integrator,
-            self.resolution,
-            run.schedule_length,
-            redundant=run.redundant,
-            max_step=run.max_step,
-        )
-        self.passage = SingularPassage(Regularity(self.numeric, state.t, state.q), self.stepper.outputs)
+        regularity = Regularity(self.numeric, state.t, state.q)
+        arguments = (self.numeric, setup.signals, modes.levels, run.integrator, self.resolution, run.schedule_length)
+        self.stepper: Stepper
+        if run.integrator.runs_whole:
+            self.stepper = WholeStepper(
+                *arguments,
+                redundant=run.redundant,
+                max_step=run.max_step,
+                watch=self.watch,
+                decides=lambda event: run.decides(event, self.own_events),
+                span=run.span,
+                may_fold=regularity.is_needed,
+            )
+        else:
+            self.stepper = Stepper(*arguments, redundant=run.redundant, max_step=run.max_step)
+        self.passage = SingularPassage(regularity, self.stepper.outputs)
 
 
 class Run:
@@ -106,7 +115,7 @@ class Run:
         timed = time_dependence(setup)
         self.max_step, self._obstacle = timed.max_step, timed.obstacle()
         grid = setup.grid
-        span = float(grid[-1] - grid[0])
+        self.span = span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
         controller = setup.signals.controller
         self._schedule = Schedule(
@@ -114,7 +123,7 @@ class Run:
             stops=np.r_[setup.signals.breaks, timed.stops],
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
-            watch_points=WATCH_POINTS,
+            watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
         )
         self.schedule_length = span / PIECES
         self.redundant = False
@@ -126,6 +135,16 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
+
+    def _is_watched(self, integrator: Integrator) -> bool:
+        """Whether something must be looked for between outputs."""
+        if integrator.runs_whole:
+            return False
+        eom = self.modes.numeric(self.modes.free).eom
+        mechanism = self.setup.mechanism
+        conditions = any(c.between_outputs for c in validity_conditions(mechanism))
+        smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
+        return bool(self.events or conditions or smoothed or switching(mechanism) or has_loops(eom))
 
     # --- the loop ------------------------------------------------------------------------
     def run(self) -> Trajectory:
@@ -153,8 +172,11 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                builder.statistics.notes += self._passage_notes()
+                builder.statistics.notes += self._method_notes() + self._passage_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
+                if not self._interruption.requested:  # what was stopped inside a step is not used again
+                    for arc in self._arcs.values():
+                        arc.stepper.release()
         return builder.trajectory()
 
     def _begin(self) -> None:
@@ -162,10 +184,15 @@ class Run:
         setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
         free = modes.numeric(modes.free)
         state = consistent_start(free, setup.initial, begin, setup.signals)
-        _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        if state.obstacle is not None:  # there are no accelerations: mass is missing, or the pose is singular
+            raise state.obstacle
+        if not np.all(np.isfinite(state.a)):
+            _ = state[free.eom.a]  # raises, and names what has no value
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
+            if self.integrator.runs_whole:
+                refuse_redundant_rows(self.integrator, free, state)
         self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
         self._time, self._index = begin, 0
         self._mode, state = modes.decided(state)
@@ -175,8 +202,8 @@ class Run:
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
-        schedule, count = self._schedule, PIECES
-        size = -(-schedule.size // count)
+        schedule = self._schedule
+        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // PIECES)
         first = True
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
@@ -201,7 +228,8 @@ class Run:
 
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
-        steps, cuts = self._arc.stepper.steps, any(e.reset or e.terminal for e in self._arc.watch.events)
+        arc = self._arc
+        steps, cuts = arc.stepper.steps, any(e.reset or e.terminal for e in arc.watch.events)
         if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
             return size
         return size * -(-STEPS_PER_PIECE // max(steps, 1))
@@ -212,25 +240,25 @@ class Run:
         arc = self._arc
         piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
         self._extra_stops = np.zeros(0)
-        path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
-            piece = piece.until(touch[0])
-            path, failure = self._integrated(piece)
+            piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
         return self._finish(piece, path, failure)
 
-    def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails."""
+    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
         try:
-            return self._arc.stepper.advance(piece, self._x, self._interruption), None
+            path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
-            return Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+            return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+        return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
     def _finish(
         self,
@@ -249,13 +277,9 @@ class Run:
         """
         arc, times = self._arc, path.times[1:]
         outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        x = outputs.projected(times, path.x[1:]) if times.size else path.x[1:]
-        if outputs.recovery.left_over > APART:
-            x, failure = self._together(times, x)
-            times = times[: len(x)]
-        elif passage is None and (leap := self._leap(piece, path.x[1:], x)) is not None:
-            x, failure = leap
-            times = times[: len(x)]
+        x, apart = (path.x[1:], None) if path.on_constraints else self._projected(piece, path, outputs, passage)
+        if apart is not None:
+            failure, times = apart, times[: len(x)]
         arc.stepper.note_turning(x)
         crossings = self._crossings(piece.start, times, x, passage)
         deciding = [c for c in crossings if self._decides(c.event)]
@@ -285,6 +309,32 @@ class Run:
             self._trail.add(times, x)
         return False
 
+    def _projected(
+        self, piece: Piece, path: Path, outputs: Outputs, passage: Passage | None
+    ) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """States of a piece on the constraints, as many as can be brought there, and the failure of the next one.
+
+        Without events only those that are kept are projected, and the last one.
+        """
+        times, x = path.times[1:], path.x[1:]
+        rows = np.ones(times.size, bool)
+        if not self._arc.watch.events:
+            rows[:-1] = piece.wanted[: times.size][:-1]
+        for chosen in (rows, np.ones(times.size, bool)):
+            if not times.size:
+                break
+            moved = outputs.projected(times[chosen], x[chosen])
+            together = outputs.recovery.left_over <= APART
+            part = replace(piece, times=times[chosen])
+            leap = self._leap(part, x[chosen], moved) if together and passage is None else None
+            if together and leap is None:
+                found = x.copy()
+                found[chosen] = moved
+                return found, None
+            if np.all(chosen):
+                return leap if leap is not None else self._together(times, moved)
+        return x, None
+
     def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
         """Events of a piece, up to the instant of the first that decides how the run goes on."""
         arc = self._arc
@@ -298,7 +348,7 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = arc.passage.entry(path)
+        entry = None if path.is_regular else arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -372,7 +422,12 @@ class Run:
         self._trail.begin(self._time, self._x)
 
     def _decides(self, event: Event) -> bool:
-        return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
+        return self.decides(event, self._arc.own_events)
+
+    @staticmethod
+    def decides(event: Event, own_events: Sequence[Event]) -> bool:
+        """Whether the run ends, or goes on otherwise, at an event."""
+        return bool(event.terminal or event.reset) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -584,6 +639,9 @@ class Run:
             f"passes {count} singular pose{'s' if count > 1 else ''}, the first at t = {self._passed[0]:.6g} s, in "
             "which the mechanism could fold; the motion is continued smoothly"
         ]
+
+    def _method_notes(self) -> list[str]:
+        return list(dict.fromkeys(note for arc in self._arcs.values() for note in arc.stepper.notes))
 
     @property
     def steps(self) -> int:

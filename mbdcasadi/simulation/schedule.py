@@ -71,6 +71,24 @@ class Piece:
             times = np.r_[times[:-1], times[-1] - margin]
         return start, times
 
+    def refined(self, times: np.ndarray) -> Piece:
+        """The part of it that ends with the last of other times, with these instead of its own.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            Increasing; its own ones up to the last of them, and others in between.
+        """
+        place = np.minimum(np.searchsorted(self.times, times), self.times.size - 1)
+        known = self.times[place] == times
+        return replace(
+            self,
+            times=times,
+            wanted=known & self.wanted[place],
+            stops=known & self.stops[place],
+            ends_at_jump=self.ends_at_jump and bool(times[-1] == self.times[-1]),
+        )
+
     def through(self, stops: np.ndarray) -> Piece:
         """The beginning of it up to the last of some further stops; all of it if they are not inside."""
         stops = stops[(stops > self.start) & (stops < self.times[-1])]

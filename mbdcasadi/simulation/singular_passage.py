@@ -101,8 +101,9 @@ class Regularity:
         self.is_needed = bool(numeric.eom.lam.numel()) and has_loops(numeric.eom)
         if not self.is_needed:
             return
-        scaled = numeric.scale.scaled(numeric.velocity(t, q)[0])
-        left_out = set(dependent_rows(scaled))
+        left_out = set()
+        if numeric.has_redundant_rows(t, q):
+            left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
         eom = numeric.eom
         self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))

@@ -6,7 +6,7 @@ from test_simulate import n_four_bar
 
 import mbdcasadi as mbd
 
-METHODS = ["idas", "erk", "rosenbrock"]
+METHODS = ["idas", "erk", "rosenbrock", "dop853"]
 
 
 def row(count, speed, end, outputs, **settings):
@@ -43,7 +43,7 @@ def test_tolerances_and_outputs(tolerance, outputs):
     check_parallel(f, motion, max(2e-5, 1e3 * tolerance))
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [method for method in METHODS if method != "dop853"])  # it refuses redundant rows
 @pytest.mark.parametrize("cranks", [3, 4])
 def test_redundant_cranks(cranks, method):
     """A coupler on more cranks than it needs: flat, and redundant everywhere else."""
