@@ -13,12 +13,13 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..equations.impact import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
 from ..errors import MechanismWarning, SimulationError
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
-from ..simulation.impacts import INSTANT, velocity_after
+from ..simulation.impacts import INSTANT
 from .held_system import HeldSystem
 
 #: Value of a quantity at its border that is rounding, relative to the coordinates; its rate, relative to velocities.
@@ -368,7 +369,7 @@ class Passage:
         missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
         if missed <= NO_IMPULSE * (1 + self._speed):
             return False
-        self._x = np.r_[q, velocity_after(numeric.mass, jacobian, nu.ravel(), v), self._x[2 * n :]]
+        self._x = np.r_[q, jump(numeric.mass, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True
 
     def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
+from ..equations.impact import by_element, jump
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
@@ -22,7 +23,7 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
-from .impacts import INSTANT, Impacts, velocity_after
+from .impacts import INSTANT, Impacts
 from .modes import Modes
 from .outputs import Outputs
 from .path import Path
@@ -346,7 +347,7 @@ class Run:
         """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(x[None, :]))
         jacobian, nu = self._arc.numeric.velocity(piece.after, q)
-        return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
+        return np.r_[q, jump(self._arc.numeric.mass, jacobian, nu, v).v, z] if nu.size else x
 
     def _decides(self, event: Event) -> bool:
         return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
@@ -472,7 +473,7 @@ class Run:
         for impact in impacts:
             moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
             self._mode, state = modes.decided(moving)
-            after = modes.whole(self._mode, state)
+            after = modes.whole(self._mode, state, by_element(modes.numeric(modes.free).eom, impact.impulses))
             self._builder.events += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
             before = after
         if impacts:

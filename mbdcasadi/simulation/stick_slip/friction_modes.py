@@ -21,7 +21,7 @@ from ...model.rates import time_derivative
 from ...numerics.rank import analyse_rank
 from ...results.state import State
 from ...results.trajectory import Trajectory
-from ..impacts import velocities_with
+from ..impacts import jump_to
 from ..modes import Modes
 
 #: Sliding speed, relative to the largest velocity, that counts as rest where a piece begins.
@@ -281,7 +281,7 @@ class FrictionModes(Modes):
             return state.v
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
         numeric = NumericEquations(state.equations, state.parameters)
-        return velocities_with(numeric, state, speeds, np.zeros(len(resting)))[0]
+        return jump_to(numeric, state, speeds, np.zeros(len(resting))).v
 
 
 def _stops(friction: Any) -> str:
