@@ -67,15 +67,14 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
 
 def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.ndarray) -> None:
     """Raise for a state that breaks the constraints."""
-    eom, length = numeric.eom, numeric.scale.length
+    eom = numeric.eom
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
     rows = np.r_[np.abs(phi), np.abs(jacobian @ v - nu)]
     if not rows.size:
         return
     angular = np.r_[eom.angular_rows[eom.position_rows], eom.angular_rows]
-    allowed = CONSISTENCY_TOLERANCE * np.where(angular, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
-    excess = rows / allowed
+    excess = rows / position_limits(numeric, angular)
     worst = int(np.argmax(excess >= (1 - 1e-9) * np.max(excess)))  # of equal ones the first
     if excess[worst] > 1:
         names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
@@ -84,6 +83,21 @@ def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.
             f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
             f"at t = {time:.6g} s; use assemble to make it consistent"
         )
+
+
+def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None) -> np.ndarray:
+    """Return misses up to which rows count as met, m or rad; by default those of the position rows.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations of the mechanism.
+    angular : numpy.ndarray of bool, optional
+        Which of other rows are angles.
+    """
+    length = numeric.scale.length
+    rows = numeric.eom.angular_rows[numeric.eom.position_rows] if angular is None else angular
+    return CONSISTENCY_TOLERANCE * np.where(rows, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
 
 
 def complete_state(

@@ -178,7 +178,8 @@ class Impacts:
         left_over = after.left_over
         if largest(left_over) > RESET_TOLERANCE * (1 + largest(after.v) + largest(state.v)):
             names = [*self.numeric.eom.row_names, *[str(target) for _, target, _ in moving]]
-            worst = names[int(np.argmax(np.abs(after.contradiction)))]
+            misses = np.abs(after.contradiction)
+            worst = names[int(np.argmax(misses >= (1 - 1e-9) * np.max(misses)))]  # of equal ones the first
             raise SimulationError(
                 f"event {_names(events)} at t = {state.t:.6g} s: the reset contradicts the constraints"
                 f"{' or another reset' if len(events) > 1 else ''}; {worst} would be missed by "

@@ -21,6 +21,7 @@ from .accuracy import grown_error, small_motions, tolerance_for, unresolved_rang
 from .events import read_events
 from .loop import Run
 from .modes import Modes, SingleMode
+from .phases import PhasedRun
 from .stick_slip.friction_modes import FrictionModes
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
@@ -109,10 +110,14 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
+    read = read_events(events)
+    if any(event.becomes is not None for event in read):
+        chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+        given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+        return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
     setup = Setup(
         mechanism, "simulate", times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
     )
-    read = read_events(events)
     modes = _modes(setup, read)
     asked = chosen_integrator(
         method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
@@ -130,6 +135,29 @@ def simulate(
         warnings.warn(sentence, MechanismWarning, stacklevel=2)
     _tell_exceeded_limits(mechanism, motion)
     report_validity(motion)
+    return motion
+
+
+def _through_phases(
+    mechanism: Mechanism, events: tuple[Event, ...], method: Any, chosen: Any, given: Any, *, progress: bool
+) -> Trajectory:
+    """Simulate through mechanisms that change at events."""
+
+    def integrator_of(modes: Modes) -> Integrator:
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
+        return suited_to_friction(asked, modes.numeric(modes.free))
+
+    run = PhasedRun(mechanism, events, _modes, integrator_of, progress=progress, **given)
+    motion = run.run()
+    notes = motion.statistics.notes
+    for part in motion.phases:
+        notes += [note for note in small_motions(part, run.integrator.abstol) if note not in notes]
+    for sentence in run.unresolved():
+        notes.append(sentence)
+        warnings.warn(sentence, MechanismWarning, stacklevel=3)
+    for part in motion.phases:
+        _tell_exceeded_limits(part.mechanism, part)
+        report_validity(part)
     return motion
 
 
