@@ -78,7 +78,7 @@ from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .model.validity import Smoothing, ValidityCondition
 from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
-from .optimal_control.phase import Waypoint
+from .optimal_control.phase import Phase, Waypoint
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
 from .optimal_control.solution import Solution

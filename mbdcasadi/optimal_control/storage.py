@@ -127,7 +127,7 @@ def _check_values(
     content: dict[str, np.ndarray],
 ) -> None:
     """Refuse a solution whose cost or rows are others in this problem."""
-    low, high = problem.phases[0].duration
+    low, high = problem.phases[0].span
     duration = float(content["segment times"][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")

@@ -116,7 +116,7 @@ def check_end(
         if not limits:
             return
     try:
-        when = 0.0 if name == "initial" else phase.duration[1] if time is None else time
+        when = 0.0 if name == "initial" else phase.span[1] if time is None else time
         with without_warnings():  # the state is not used as a pose: its branch does not matter
             state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:

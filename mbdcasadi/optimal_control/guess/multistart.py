@@ -51,7 +51,7 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     if isinstance(guess, Solution | Shifted):
         return guess.as_guess(solver.problem)
     if isinstance(guess, Trajectory):
-        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.duration))
+        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
         times = phase.segment_times(duration)
         if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")

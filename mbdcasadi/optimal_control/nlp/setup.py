@@ -124,7 +124,7 @@ class PhaseSetup:
         initial: State | Sequence[Condition],
     ):
         self.phase, self.numeric, self.start = phase, numeric, start
-        low, high = phase.duration
+        low, high = phase.span
         times = phase.segment_times(high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
         self.path = kinematic_path(problem, phase, numeric, start, times)
         self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
