@@ -50,7 +50,7 @@ def optimize(
     problem : OptimalControlProblem
         Problem to solve.
     intervals : int, default 40
-        Number of intervals of the mesh, of equal length between waypoints.
+        Number of intervals of the mesh of each phase, of equal length between waypoints.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -143,8 +143,11 @@ class _Search:
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
         solver = Solver(self.problem, Settings.read(*self.settings), parameters, self.initial, self.best)
-        counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
-        meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
+        meshes = []
+        for setup in solver.setups:
+            counts = _count(self.intervals, len(setup.phase.waypoints))
+            equal = Mesh.instant() if setup.phase.is_instant else Mesh.equal(counts, setup.path.segment_times)
+            meshes.append(equal)
         is_solution = isinstance(guess, Solution | Shifted)
         solution = best_of(solver, meshes, guesses(solver, starts, guess), warm=is_solution and starts is None)
         return solution if tolerance is None else refine(solver, solution, tolerance)

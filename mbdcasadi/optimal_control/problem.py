@@ -230,7 +230,9 @@ def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
     found = entries(phases, "phases=")
     if not found:
         raise ModelError("OptimalControlProblem: phases= is empty")
-    if any(x is not None for x in others[:2]) or any(isinstance(x, ca.SX) or x != () for x in (*others[2:5], others[6])):
+    if any(x is not None for x in others[:2]) or any(
+        isinstance(x, ca.SX) or x != () for x in (*others[2:5], others[6])
+    ):
         raise ModelError(
             "OptimalControlProblem: with phases=, mechanisms, durations, conditions and waypoints belong to the phases"
         )

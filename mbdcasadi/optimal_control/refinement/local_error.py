@@ -31,7 +31,8 @@ INTEGRATION_TOLERANCE = 1e-11
 def warn_of_coarse_mesh(solution: Solution) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
     for part in solution.phases:
-        _warn_of_coarse_phase(part, solution.duration)
+        if part.mesh.count:
+            _warn_of_coarse_phase(part, solution.duration)
 
 
 def _warn_of_coarse_phase(part: PhaseSolution, duration: float) -> None:
@@ -160,6 +161,8 @@ def local_errors(part: PhaseSolution) -> np.ndarray:
 
 def scaled_errors(part: PhaseSolution) -> np.ndarray:
     """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
+    if not part.mesh.count:
+        return np.zeros(0)
     n = part.phase.equations.q.numel()
     errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
     return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors
