@@ -266,8 +266,12 @@ class Change:
 
     def impulses(self, x: np.ndarray) -> dict[Any, np.ndarray]:
         """Impulses by joint, from the variables of the whole program in physical units."""
+        return self.by_joint(x[self.index])
+
+    def by_joint(self, kept: np.ndarray) -> dict[Any, np.ndarray]:
+        """Impulses by joint, from those of the independent rows."""
         full = np.zeros(self.law.impulses.numel())
-        full[list(self.setup.kept)] = x[self.index]
+        full[list(self.setup.kept)] = kept
         count, more = self.after.phase.equations.lam.numel(), {}
         first = count
         for joint in self.law.restitution:
