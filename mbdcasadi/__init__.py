@@ -11,6 +11,7 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 from . import library
 from .arguments.inputs import SampledController
 from .assembly.assemble import assemble
+from .assembly.impact import impact
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,

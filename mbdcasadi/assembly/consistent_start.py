@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
+from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, SimulationError, SingularityError
 from ..model.conditions import Condition, read_conditions
@@ -55,7 +56,7 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
         # the state may come from another mechanism on the same bodies
         q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
         z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-        _refuse_broken(numeric, time, q, v)
+        _refuse_broken(numeric, initial, time, q, v)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
@@ -65,7 +66,7 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     return complete_state(numeric, signals, time, q, v, z)
 
 
-def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.ndarray) -> None:
+def _refuse_broken(numeric: NumericEquations, initial: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
     """Raise for a state that breaks the constraints."""
     eom = numeric.eom
     phi, _ = numeric.position(time, q)
@@ -81,8 +82,19 @@ def _refuse_broken(numeric: NumericEquations, time: float, q: np.ndarray, v: np.
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(
             f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
-            f"at t = {time:.6g} s; use assemble to make it consistent"
+            f"at t = {time:.6g} s; {_remedy(initial, eom, closed=bool(np.all(excess[: phi.size] <= 1)))}"
         )
+
+
+def _remedy(state: State, eom: Equations, *, closed: bool) -> str:
+    """What makes a state consistent: an impact if bodies move apart at joints that their mechanism does not have."""
+    if not closed or state.mechanism is eom.mechanism:
+        return "use assemble to make it consistent"
+    return (
+        "the positions hold and the velocities do not: if joints close here, as when bodies latch, the state after the "
+        "plastic impact is impact(mechanism, state), or Event(…, becomes=mechanism) leads there; assemble would not "
+        "keep the momentum"
+    )
 
 
 def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None) -> np.ndarray:

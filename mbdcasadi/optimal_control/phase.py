@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations, equations
-from ..equations.impact import ImpactLaw
+from ..equations.impact_law import ImpactLaw
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.events import read_restitution

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..equations.impact import jump
+from ..equations.impact_law import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
 from ..errors import MechanismWarning, SimulationError
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure

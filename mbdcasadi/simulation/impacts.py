@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from ..equations.impact import Jump, jump
+from ..equations.impact_law import Jump, jump
 from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, SimulationError
 from ..model.events import Event

@@ -12,7 +12,7 @@ import numpy as np
 from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
-from ..equations.impact import by_element, jump
+from ..equations.impact_law import by_element, jump
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import SampledController
 from ..arguments.values import pairs_of, position_in
-from ..assembly.consistent_start import carried_by, position_limits
+from ..assembly.consistent_start import carried_by
+from ..assembly.impact import pose_and_jump
 from ..assembly.setup import Setup
 from ..equations import equations
-from ..equations.impact import ImpactLaw, Jump, by_element
-from ..equations.numeric import NumericEquations
-from ..equations.recovery import Recovery
+from ..equations.impact_law import ImpactLaw
 from ..errors import MechanismError, ModelError, SimulationError
 from ..integrators import Integrator
 from ..model.events import Event
@@ -314,60 +312,19 @@ class PhasedRun:
 
     def _entry(self, chain: Sequence[Event], before: State, run: Run) -> tuple[State, dict[Any, np.ndarray]]:
         """The state just after a change, and the impulses by joint."""
-        mechanism, setup = run.setup.mechanism, run.setup
-        numeric, events = (
-            setup.numeric_of(mechanism) if not _switches(mechanism) else run.modes.numeric(run.modes.free),
-            chain,
-        )
-        eom = equations(mechanism)
-        names = ", ".join(f"'{event.name}'" for event in events)
-        q, v = self._carried(mechanism, before, names)
-        restitution = {joint: e for event in events for joint, e in event.restitution.items()}
-        law = ImpactLaw(numeric.eom, restitution)
-        t = before.t
-        q = _closed(numeric, law, t, q, names)
-        jump = law.solve(numeric.mass, t, q, v, numeric.p)
-        self._check_jump(law, jump, v, names, t)
-        z = np.array([self._state_value(symbol, before, events) for symbol in mechanism.states])
-        zero, m = np.zeros(eom.q.numel()), eom.lam.numel()
-        state = State(mechanism, t, q, jump.v, zero, z, np.zeros(m), np.zeros(eom.u.numel()), setup.p)
-        count, more = numeric.eom.lam.numel(), {}
-        first = count
-        for joint in restitution:
-            size = joint.multipliers.numel()
-            more[joint] = jump.impulses[first : first + size]
-            first += size
-        return state, by_element(numeric.eom, jump.impulses[:count], more)
-
-    def _carried(self, mechanism: Mechanism, before: State, names: str) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and velocities of the bodies of a mechanism, and estimates of its other coordinates."""
-        theirs = before.mechanism
-        for body in mechanism.bodies:
-            if not any(body is other for other in theirs.bodies):
-                raise SimulationError(
-                    f"event {names} at t = {before.t:.6g} s: body '{body.name}' of the new mechanism is not in the "
-                    "one before, and so its place is not known; bodies may leave, not come",
-                    time=before.t,
-                )
-        eom = equations(mechanism)
-        q, v = eom.estimate[0].copy(), np.zeros(eom.q.numel())
-        for values, symbols in ((q, eom.q), (v, eom.v)):
-            for k, symbol in enumerate(ca.vertsplit(symbols)):
-                if before.equations.contains(symbol):
-                    values[k] = before[symbol]
-        return q, v
-
-    def _check_jump(self, law: ImpactLaw, jump: Jump, v: np.ndarray, names: str, time: float) -> None:
-        if largest(jump.left_over) > RESET_TOLERANCE * (1 + largest(jump.v) + largest(v)):
-            worst = law.row_names[int(np.argmax(np.abs(jump.contradiction)))]
-            raise SimulationError(
-                f"event {names} at t = {time:.6g} s: no velocities meet all rows of the new mechanism; {worst} would "
-                f"be missed by {largest(jump.left_over):.3g}",
-                time=time,
-            )
+        mechanism = run.setup.mechanism
+        numeric = run.modes.numeric(run.modes.free)
+        names = ", ".join(f"'{event.name}'" for event in chain)
+        law = ImpactLaw(numeric.eom, {joint: e for event in chain for joint, e in event.restitution.items()})
+        q, jump = pose_and_jump(numeric, law, before, f"event {names} at t = {before.t:.6g} s")
         if jump.dependent and largest(jump.impulses) > RESET_TOLERANCE:
             rows = ", ".join(law.row_names[k] for k in jump.dependent)
             self._notes.append(f"event {names}: rows of the impact are redundant; {rows} bear no impulse")
+        z = np.array([self._state_value(symbol, before, chain) for symbol in mechanism.states])
+        eom = equations(mechanism)
+        nothing = (np.zeros(eom.a.numel()), z, np.zeros(eom.lam.numel()), np.zeros(eom.u.numel()))
+        state = State(mechanism, before.t, q, jump.v, *nothing, run.setup.p)
+        return state, law.by_joint(jump.impulses)
 
     @staticmethod
     def _state_value(symbol: StateVariable, before: State, events: Sequence[Event]) -> float:
@@ -385,34 +342,3 @@ class PhasedRun:
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrators did not resolve."""
         return list(dict.fromkeys(sentence for run in self.runs for sentence in run.unresolved()))
-
-
-def _switches(mechanism: Mechanism) -> bool:
-    return any(getattr(element, "modes", ()) for element in mechanism.elements)
-
-
-def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, names: str) -> np.ndarray:
-    """The pose on the constraints of a new mechanism; one that they do not hold in is refused."""
-    eom = numeric.eom
-    extra = list(range(3 * len(eom.mechanism.bodies), q.size))
-    for _ in range(20 if extra else 0):  # coordinates without inertia belong to the joints that close
-        phi, jacobian = numeric.position(t, q)
-        step = np.linalg.lstsq(jacobian[:, extra], -phi, rcond=1e-10)[0]
-        q = q.copy()
-        q[extra] += step
-        if largest(step) < 1e-13 * (1 + largest(q)):
-            break
-    phi = np.abs(numeric.position(t, q)[0]) / position_limits(numeric)
-    moment = ca.Function("momentary", [eom.t, eom.q, eom.p], [ca.densify(law.momentary)])(t, q, numeric.p).full()
-    rows = np.r_[phi, np.abs(moment.ravel()) / position_limits(numeric, np.zeros(moment.size, bool))]
-    if rows.size and np.max(rows) > 1:
-        worst = int(np.argmax(rows))
-        rows_of = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
-        value = np.r_[numeric.position(t, q)[0], moment.ravel()][worst]
-        raise SimulationError(
-            f"event {names} at t = {t:.6g} s: the position of '{rows_of[worst]}' of the new mechanism does not hold, "
-            f"it is off by {abs(value):.3g}; a joint closes at the event at which its rows vanish, or a parameter in "
-            "it takes the value of that instant (reset=)",
-            time=t,
-        )
-    return np.asarray(Recovery(numeric, redundant=False).positions(np.array([t]), q[None, :])[0])

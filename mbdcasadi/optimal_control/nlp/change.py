@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...equations.impact import by_element
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition, stacked
 from ...model.symbols import Parameter
@@ -272,12 +271,7 @@ class Change:
         """Impulses by joint, from those of the independent rows."""
         full = np.zeros(self.law.impulses.numel())
         full[list(self.setup.kept)] = kept
-        count, more = self.after.phase.equations.lam.numel(), {}
-        first = count
-        for joint in self.law.restitution:
-            more[joint] = full[first : first + joint.multipliers.numel()]
-            first += joint.multipliers.numel()
-        return by_element(self.after.phase.equations, full[:count], more)
+        return self.law.by_joint(full)
 
     # --- the guess --------------------------------------------------------------------------
     def fill(self, x: np.ndarray, time: float) -> None:

@@ -82,7 +82,7 @@ class MotionProgram:
         #: places of the free parameters
         self.parameter_index = np.arange(first, self.size)
         #: size of every variable
-        self.scale = np.concatenate([*[part.scale for part in (*self.phases, *self.changes)], free_scale])
+        self.scale = np.concatenate([*[p.scale for p in self.phases], *[c.scale for c in self.changes], free_scale])
         p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
         self.cost_scale = self._size_of_cost(problem.terminal_cost)

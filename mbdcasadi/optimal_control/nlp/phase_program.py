@@ -386,25 +386,22 @@ class PhaseProgram:
 
     def time_blocks(self, p: ca.SX) -> list[Block]:
         """Order of the free times of waypoints."""
-        free_start = self.begins[0] < self.begins[1]
-        if self.time_count < 3 and not (free_start and self.time_count):
-            return []
+        begins_late = self.time_count > 0 and self.begins[0] < self.begins[1]
         times = ca.SX.sym("m", self.time_count)
-        if free_start:
-            rows = self._duration_rows(times)
-            piece = Piece(times, ca.SX(0, 1), p, stack(rows), ca.SX(0), self.time_index[:, None])
-            durations = [Block(piece, rows, ((),))]
-            if self.time_count < 3:
-                return durations
-        else:
-            durations = []
+
+        def block(groups: list[Rows]) -> Block:
+            piece = Piece(times, ca.SX(0, 1), p, stack(groups), ca.SX(0), self.time_index[:, None])
+            return Block(piece, groups, ((),))
+
+        durations = [block(self._duration_rows(times))] if begins_late else []
+        if self.time_count < 3:
+            return durations
         count = self.time_count - 1
         names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
         labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
         gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
         rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
-        piece = Piece(times, ca.SX(0, 1), p, stack([rows]), ca.SX(0), self.time_index[:, None])
-        return [*durations, Block(piece, [rows], ((),))]
+        return [*durations, block([rows])]
 
     def _duration_rows(self, times: ca.SX) -> list[Rows]:
         """Limits of the duration and of the times of waypoints, if the time at which the phase begins is free."""

@@ -227,8 +227,8 @@ class Solver:
     # --- one mesh -------------------------------------------------------------------------
     def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
         """Return the program for a number of intervals, made once and kept."""
-        parts = (*self.setups, *self.changes)
-        key = tuple(mesh.counts for mesh in meshes), self.settings.key, tuple(part.key for part in parts)
+        parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
+        key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts
         make = partial(MotionProgram, self.problem, self.setups, meshes, self.changes)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 

@@ -31,7 +31,7 @@ class _Replay:
     """The simulation of a solution, phase by phase."""
 
     def __init__(self, solution: Solution, reltol: float, abstol: float):
-        self.solution, self._tolerances = solution, {"reltol": reltol, "abstol": abstol}
+        self.solution, self._reltol, self._abstol = solution, reltol, abstol
         self.parts: list[Trajectory] = []
         self.events: list[EventOccurrence] = []
         self.times: list[float] = []
@@ -88,7 +88,8 @@ class _Replay:
                 inputs=inputs,
                 parameters=p,
                 events=events,
-                **self._tolerances,
+                reltol=self._reltol,
+                abstol=self._abstol,
             )
         end, found = float(times[-1]), None
         if event is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -148,6 +148,10 @@ class ImpactLaw:
         """``J v⁺ - b`` (k,)."""
         return self.jacobian @ self.eom.v - self.right
 
+    def by_joint(self, impulses: np.ndarray) -> dict[Any, np.ndarray]:
+        """Return impulses by joint, from those of all rows (k,)."""
+        return _split([*dict.fromkeys(self.eom.row_elements), *self.restitution], impulses)
+
     def solve(self, mass: np.ndarray, t: float, q: np.ndarray, v: np.ndarray, p: np.ndarray) -> Jump:
         """Return the velocities just after the impact at a pose.
 
@@ -180,22 +184,11 @@ def impulses_of(element: Any) -> ca.SX:
     return ca.SX.sym(f"{element.name}.impulse", element.multipliers.numel()) if own is None else own
 
 
-def by_element(eom: Equations, impulses: np.ndarray, more: Mapping[Any, np.ndarray] | None = None) -> dict[Any, Any]:
-    """Return impulses by constraint of a mechanism, and further ones.
+def by_element(eom: Equations, impulses: np.ndarray) -> dict[Any, np.ndarray]:
+    """Return impulses by constraint of a mechanism, from those of its rows (m,)."""
+    return _split(dict.fromkeys(eom.row_elements), impulses)
 
-    Parameters
-    ----------
-    eom : Equations
-        Equations of the mechanism.
-    impulses : numpy.ndarray
-        Λ of its rows (m,).
-    more : mapping of element to numpy.ndarray, optional
-        Those of other elements.
-    """
-    found: dict[Any, Any] = {}
-    first = 0
-    for element in dict.fromkeys(eom.row_elements):
-        count = element.multipliers.numel()
-        found[element] = impulses[first : first + count]
-        first += count
-    return found | dict(more or {})
+
+def _split(elements: Iterable[Any], impulses: np.ndarray) -> dict[Any, np.ndarray]:
+    ends = np.cumsum([element.multipliers.numel() for element in elements])
+    return dict(zip(elements, np.split(impulses, ends), strict=False))
