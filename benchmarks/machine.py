@@ -1,4 +1,4 @@
-"""What a benchmark ran on, described so that nothing tells whose machine it is."""
+"""Description of the machine of a benchmark, without anything that identifies its owner."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def machine() -> dict[str, Any]:
 
 
 def _processor() -> str:
-    """Name of the processor family, where the system tells."""
+    """Name of the processor family, if the system reports it."""
     path = Path("/proc/cpuinfo")
     if path.exists():
         for line in path.read_text().splitlines():

@@ -141,7 +141,7 @@ class Build:
 
 
 def build(model: Model, repeats: int) -> Build:
-    """Least times of building a model anew; the first run is that of two outputs over a thousandth of the span."""
+    """Least times of building a model again; the first run is that of two outputs over a thousandth of the span."""
     best: list[float] = []
     for _ in range(repeats):
         marks = [time.perf_counter()]

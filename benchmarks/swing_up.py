@@ -7,7 +7,7 @@ has the package, writes one request a line and reads one answer a line (JSON).
 
 A request is ``{"method": name, "size": n}``, with ``n`` the intervals of the
 mesh; the answer holds the fields of :class:`Solve`, or ``{"failure": text}``.
-With ``"imports": true`` it tells besides how long the imports took, s; that
+With ``"imports": true`` it also reports how long the imports took, s; that
 means something in a process that was asked for nothing yet. A request
 ``{"versions": [package, ...]}`` is answered with their versions.
 
@@ -175,7 +175,7 @@ def ipopt_watched(watch: Stopwatch) -> Iterator[None]:
     finally:
         ca.nlpsol = original
     if not watch.solving:
-        raise RuntimeError("no solver of casadi.nlpsol was called: the time in IPOPT cannot be told")
+        raise RuntimeError("no solver of casadi.nlpsol was called: the time in IPOPT cannot be measured")
 
 
 # --- mbdcasadi -----------------------------------------------------------------------------------

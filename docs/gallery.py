@@ -1,7 +1,7 @@
 """Sphinx extension: a page for every script of ``examples/``, from its docstring, its picture and its text.
 
 The pictures are in ``docs/gallery``; ``python docs/gallery.py [NAME ...]``
-makes them anew by running the scripts. Pages for the browser are made when the
+regenerates them by running the scripts. Pages for the browser are made when the
 site is built, where the package or the script has changed since.
 """
 

@@ -3,7 +3,7 @@
 The tutorial problem of trajectory optimisation (Kelly, SIAM Review 59, 2017,
 849–904). It has two good optima: the usual guess leads to the published one
 of 58.81 N²s, other starts to a better one of 57.94 N²s. The mesh of each is
-refined until the motion is accurate, and IDAS proves the force.
+refined until the motion is accurate, and an IDAS run confirms the force.
 """
 
 from pathlib import Path

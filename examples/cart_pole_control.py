@@ -1,4 +1,4 @@
-"""Can a cart keep its pole up while somebody pushes it, if it plans anew every 0.05 s?
+"""Can a cart keep its pole up while somebody pushes it, if it plans again every 0.05 s?
 
 Model-predictive control: at every sample the optimum over the next second is
 found from the state at hand, its first force is applied, and the last plan

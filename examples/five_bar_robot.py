@@ -4,7 +4,7 @@ Two motors on the ground turn the inner arms; the outer arms meet at the tool
 (a five-bar, two closed-loop constraints, horizontal plane). The tool goes
 from rest to rest: in a given time with the least effort, first with nothing
 in its way, then around the post with the bearing force limited, then as fast
-as motors and bearing allow. IDAS proves every motion.
+as motors and bearing allow. An IDAS run confirms every motion.
 """
 
 from pathlib import Path

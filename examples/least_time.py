@@ -4,7 +4,7 @@ A motor of limited torque raises an arm through a gear, from rest to rest.
 In least time it accelerates at the limit and brakes at the limit; where it
 switches follows in the phase plane from the energies alone. With a limit on
 the motor's speed it coasts in between. Direct collocation knows nothing of
-switches: it is compared with the phase plane, and IDAS proves the motion.
+switches: it is compared with the phase plane, and an IDAS run confirms the motion.
 """
 
 from pathlib import Path

@@ -3,9 +3,9 @@
 A crank moves the walking beam of an oil well by a pitman; the beam lifts rods
 and oil and lowers the rods alone. What happens in one turn must go on in the
 next: the end of the motion is tied to its start. The torque of least ripple
-about its mean, a parameter of the problem's own, is sought for several bands
+about its mean, a parameter of the problem's own, is optimised for several bands
 of speed, without and with a counterweight whose mass and place on the crank
-are found at the same time. IDAS proves every turn.
+are found at the same time. An IDAS run confirms every turn.
 """
 
 from pathlib import Path

@@ -4,7 +4,7 @@ The motor turns the crank of a slider-crank whose slider works against a
 damper (the pump) and, if wanted, a spring. Stiffness and free length of the
 spring and the inertia of the flywheel are found together with the torque over
 one periodic turn, so that the peak torque, a parameter of the problem's own,
-is least. IDAS proves each turn.
+is least. An IDAS run confirms each turn.
 """
 
 from pathlib import Path

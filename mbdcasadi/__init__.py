@@ -31,8 +31,8 @@ from .identification.data import Experiment, IdentificationError
 from .identification.fit import Fit
 from .identification.identify import identify
 from .integrators import IDAS, Integrator, Rosenbrock, RungeKutta
+from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
-from .kinematics.inverse_dynamics import inverse_dynamics
 from .kinematics.kinematics import kinematics
 from .linear.linearize import linearize
 from .linear.model import LinearModel

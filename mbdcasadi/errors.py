@@ -6,19 +6,14 @@ The message names the element, the quantity, the value and the remedy.
 
 from __future__ import annotations
 
+import sys
+import warnings
+from pathlib import Path
 from typing import Any
 
 
-class MechanismError(ValueError):
-    """Base class of all errors that concern a mechanism or an analysis of it.
-
-    Attributes
-    ----------
-    time : float or None
-        Time at which a run stopped, s.
-    partial : Trajectory, Solution or None
-        Result that was computed before the run stopped.
-    """
+class _Stop(BaseException):
+    """End of a run, with its time and what had been computed."""
 
     def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
         super().__init__(message)
@@ -28,6 +23,18 @@ class MechanismError(ValueError):
     def __reduce__(self) -> tuple:
         # what had been computed holds symbols, which do not travel to another process; the message does
         return type(self), self.args, self.__dict__ | {"partial": None}
+
+
+class MechanismError(_Stop, ValueError):
+    """Base class of all errors that concern a mechanism or an analysis of it.
+
+    Attributes
+    ----------
+    time : float or None
+        Time at which a run stopped, s.
+    partial : Trajectory, Solution or None
+        Result that was computed before the run stopped.
+    """
 
 
 class ModelError(MechanismError):
@@ -68,17 +75,20 @@ class FileError(MechanismError):
     """A file cannot be read or written; the message names it."""
 
 
-class Interrupted(KeyboardInterrupt):
+class Interrupted(_Stop, KeyboardInterrupt):
     """The user stopped a run (Ctrl-C); the result computed so far is in ``partial``."""
-
-    def __init__(self, message: str, *, time: float | None = None, partial: Any = None):
-        super().__init__(message)
-        self.time = time
-        self.partial = partial
-
-    def __reduce__(self) -> tuple:
-        return type(self), self.args, self.__dict__ | {"partial": None}
 
 
 class MechanismWarning(UserWarning):
     """A remark on a result that is valid."""
+
+
+_PACKAGE = str(Path(__file__).parent)
+
+
+def warn(message: str, category: type[Warning] = MechanismWarning) -> None:
+    """Warn at the line that called this package, however deep inside it the remark is made."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(message, category, stacklevel=level)

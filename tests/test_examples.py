@@ -70,7 +70,7 @@ def test_is_short_and_checked(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PLAIN)
 def test_runs_from_outside(name, tmp_path):
-    """Exit status 0, nothing on standard error, something told, and a picture."""
+    """Exit status 0, nothing on standard error, some output, and a picture."""
     command, environment = [sys.executable, copied(name, tmp_path)], os.environ | {"PYTHONPATH": str(EXAMPLES.parent)}
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert (done.returncode, done.stderr) == (0, "")

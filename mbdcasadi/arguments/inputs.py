@@ -84,7 +84,7 @@ class Signals:
 
     @property
     def is_sampled(self) -> bool:
-        """Whether an input changes by intervals."""
+        """True if an input changes by intervals."""
         return bool(self.channel.numel())
 
     @property
@@ -102,15 +102,21 @@ class Signals:
         if self.samples:
             # a time that misses its sample by rounding belongs to the interval that begins there
             slack = 1e-12 * max(abs(self.grid[0]), abs(self.grid[-1]), self.grid[-1] - self.grid[0])
-            k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, self.grid.size - 2)
-            steps = np.diff(self.grid)
+            steps = np.append(np.diff(self.grid), np.inf)[: max(self.grid.size - 1, 1)]
+            k = np.clip(np.searchsorted(self.grid, begins + slack, side="right") - 1, 0, steps.size - 1)
             for values in self.samples.values():
-                rows += [values[k], (np.diff(values) / steps)[k]]
+                slopes = np.diff(values, append=values[-1:])[: steps.size] / steps
+                rows += [values[k], slopes[k]]
             rows.append(self.grid[k])
         for polynomial in self.polynomials.values():
             k = polynomial.interval(begins)
             rows += [*polynomial.coefficients[k].T, polynomial.breaks[k]]
         return np.vstack(rows)
+
+    def at_time(self, t: float) -> ca.SX:
+        """Expressions of the inputs (n_u,) in ``q, v, z, p`` and t, with what holds by intervals taken at a time."""
+        channel = self.channel_from(np.array([t]))
+        return self.expressions if channel is None else ca.substitute(self.expressions, self.channel, ca.SX(channel))
 
     def values(
         self,
@@ -212,7 +218,7 @@ class _Reader:
         self.structure.append(("polynomial", value.terms))
 
     def signals(self, controller: SampledController | None) -> Signals:
-        """What was read."""
+        """The signals of all inputs."""
         none = ca.SX(0, 1)
         parametrised = ca.vertcat(none, *self.expressions)
         levels = ca.vertcat(none, *self.levels)
@@ -234,7 +240,12 @@ class _Reader:
 
 
 def read_signals(
-    eom: Equations, inputs: Any, times: np.ndarray | None = None, *, carried: Mapping[Any, float] | None = None
+    eom: Equations,
+    inputs: Any,
+    times: np.ndarray | None = None,
+    *,
+    carried: Mapping[Any, float] | None = None,
+    fixed: Mapping[Any, float] | None = None,
 ) -> Signals:
     """Read ``inputs=``.
 
@@ -249,6 +260,8 @@ def read_signals(
         The output grid; without it samples are refused.
     carried : mapping of Input to float, optional
         Values that a start brings along, for inputs that are not given others.
+    fixed : mapping of Input to float, optional
+        Values that the analysis itself sets, over all others.
     """
     mechanism = eom.mechanism
     values: list[Any] = [u.value for u in mechanism.inputs]
@@ -261,6 +274,8 @@ def read_signals(
     for key, value in () if controller else pairs_of(inputs, "inputs="):
         k = position_in(mechanism.inputs, key, "inputs=")
         values[k] = _of_solution(value, mechanism.inputs[k])
+    for key, value in (fixed or {}).items():
+        values[position_in(mechanism.inputs, key, "inputs=")] = value
     for k, value in enumerate(values):
         reader.read(k, value)
     return reader.signals(controller)

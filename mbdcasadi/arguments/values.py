@@ -1,4 +1,4 @@
-"""What the analyses are given as mappings: parameter values and times, checked."""
+"""Values of parameters, and times, as an analysis is given them, checked."""
 
 from __future__ import annotations
 
@@ -15,15 +15,17 @@ from ..model.symbols import Input, Parameter, number
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
-    """Entries of a mapping or of a list of pairs."""
+    """Entries of a mapping or of a list of pairs; of a list, no input or parameter twice."""
     if values is None:
         return []
     if isinstance(values, Mapping):
         return list(values.items())
     try:
-        return [(key, value) for key, value in values]
+        pairs = [(key, value) for key, value in values]
     except (TypeError, ValueError):
         raise ModelError(f"{argument} takes {{symbol: value}} or a list of pairs, got {values!r}") from None
+    refuse_twice([key for key, _ in pairs if isinstance(key, Input | Parameter)], argument)
+    return pairs
 
 
 def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:

@@ -8,7 +8,6 @@ from typing import Any
 from ..model.conditions import read_conditions
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
-from ..model.symbols import number
 from ..results.state import State
 from .setup import Setup
 
@@ -73,8 +72,7 @@ def assemble(
     -1.5
     """
     rows = read_conditions(conditions)
-    time = number(t, "assemble", "t")
-    setup = Setup(mechanism, "assemble", t=time, initial=rows, inputs=inputs, parameters=parameters)
+    setup = Setup(mechanism, "assemble", t=t, initial=rows, inputs=inputs, parameters=parameters)
     if switching(mechanism) and _start_with_friction is not None:
         return _start_with_friction(setup)
     return setup.start

@@ -56,7 +56,7 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
         # the state may come from another mechanism on the same bodies
         q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
         z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-        _refuse_broken(numeric, initial, time, q, v)
+        refuse_inconsistent(numeric, initial, time, q, v)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
@@ -66,8 +66,8 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     return complete_state(numeric, signals, time, q, v, z)
 
 
-def _refuse_broken(numeric: NumericEquations, initial: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
-    """Raise for a state that breaks the constraints."""
+def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
+    """Raise for a pose and velocity, given as a state, that break the constraints."""
     eom = numeric.eom
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
@@ -82,7 +82,7 @@ def _refuse_broken(numeric: NumericEquations, initial: State, time: float, q: np
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(
             f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
-            f"at t = {time:.6g} s; {_remedy(initial, eom, closed=bool(np.all(excess[: phi.size] <= 1)))}"
+            f"at t = {time:.6g} s; {_remedy(state, eom, closed=bool(np.all(excess[: phi.size] <= 1)))}"
         )
 
 

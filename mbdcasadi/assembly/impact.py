@@ -16,7 +16,7 @@ from ..equations.recovery import Recovery
 from ..errors import ModelError, SimulationError
 from ..model.events import read_restitution
 from ..model.mechanism import Mechanism
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, least_norm
 from ..results.state import State
 from .consistent_start import carried_by, complete_state, position_limits
 
@@ -137,7 +137,7 @@ def _closed(numeric: NumericEquations, law: ImpactLaw, t: float, q: np.ndarray, 
     extra = list(range(3 * len(eom.mechanism.bodies), q.size))
     for _ in range(20 if extra else 0):  # coordinates without inertia belong to the joints that close
         phi, jacobian = numeric.position(t, q)
-        step = np.linalg.lstsq(jacobian[:, extra], -phi, rcond=1e-10)[0]
+        step = least_norm(jacobian[:, extra], -phi)
         q = q.copy()
         q[extra] += step
         if largest(step) < 1e-13 * (1 + largest(q)):

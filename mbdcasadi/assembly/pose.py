@@ -7,7 +7,6 @@ branch. IPOPT is the fallback if Gauss–Newton steps do not converge.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, ConditionError, MechanismWarning
+from ..errors import AssemblyError, ConditionError, warn
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.homotopy import Step, follow
@@ -30,7 +29,7 @@ GAP_TOLERANCE = 1e-6
 #: Value of a condition, by what a displacement of characteristic size changes it, that counts as zero.
 HELD_TOLERANCE, INEQUALITY_TOLERANCE = 1e-6, 1e-7
 #: By how much an estimate is moved out of a singular pose, rad and characteristic lengths.
-PERTURBATION = 1e-4
+SINGULAR_PERTURBATION = 1e-4
 
 
 class PoseProblem:
@@ -130,7 +129,7 @@ class PoseProblem:
 
     def _perturbed(self, q: np.ndarray) -> np.ndarray:
         """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
-        return q + PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
+        return q + SINGULAR_PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
 
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""
@@ -223,11 +222,9 @@ class PoseProblem:
             q = self._from_other_starts(target, estimate)
         if q is None:
             raise self._conditions_missed(conditions, _closest(outcomes))
-        warnings.warn(
+        warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
             "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
-            MechanismWarning,
-            stacklevel=6,
         )
         return q
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -12,10 +12,14 @@ from ..arguments.inputs import Signals, read_signals
 from ..arguments.values import duration_grid, pairs_of, parameter_vector, time_grid
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismWarning, SimulationError
+from ..errors import ModelError, SimulationError, warn
 from ..model.mechanism import Mechanism
+from ..model.symbols import Parameter, number
 from ..results.state import State
 from .consistent_start import carried_by, consistent_start
+
+#: What is not given: None is no time.
+_UNSET: Any = object()
 
 
 class Setup:
@@ -32,13 +36,21 @@ class Setup:
     duration : float, optional
         Instead of `times`: an even grid from 0, s.
     t : float, optional
-        The one time of an analysis without output times, s.
+        Instead of both: the one time of an analysis at one instant, s.
+    fewest_times : int, default 2
+        Number of output times that the analysis needs at least.
     initial : sequence of relations, or State
         The start. A state brings its parameters and inputs along.
     inputs : mapping, list of pairs, Solution or SampledController, optional
         Values of inputs, over those of a state.
     parameters : mapping or list of pairs, optional
         Values of parameters, over those of a state.
+    fixed : mapping of Parameter or Input to float, optional
+        Values that the analysis itself sets, over all others.
+    takes_controller : bool, default False
+        Whether the analysis calls a sampled controller.
+    takes_duration : bool, default True
+        Whether the analysis takes a duration in place of times.
 
     Attributes
     ----------
@@ -69,24 +81,47 @@ class Setup:
         *,
         times: Any = None,
         duration: Any = None,
-        t: float | None = None,
+        t: Any = _UNSET,
+        fewest_times: int = 2,
         initial: Any = (),
         inputs: Any = None,
         parameters: Any = None,
+        fixed: Mapping[Any, float] | None = None,
+        takes_controller: bool = False,
+        takes_duration: bool = True,
     ):
         self.mechanism, self.initial = mechanism, initial
         self.eom: Equations = equations(mechanism)
-        if t is not None:
-            self.grid = np.array([float(t)])
+        if t is not _UNSET:
+            self.grid = np.array([number(t, analysis, "t")])
         elif (times is None) == (duration is None):
-            raise SimulationError(f"{analysis}: give either times or duration=")
+            needed = "either times or duration=" if takes_duration else "the output times"
+            raise SimulationError(f"{analysis}: give {needed}")
         else:
-            self.grid = duration_grid(duration, analysis) if times is None else time_grid(times)
+            self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
         carried = carried_by(initial, mechanism)
-        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
+        own = dict(fixed or {})
+        pairs = pairs_of(parameters, "parameters=")
+        over = {key: value for key, value in own.items() if isinstance(key, Parameter)}
+        self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs) | over)
         _report_exceeded_limits(mechanism, self.p, analysis)
-        samples_on = self.grid if self.grid.size > 1 else None
-        self.signals: Signals = read_signals(self.eom, inputs, samples_on, carried=carried["inputs"])
+        self.signals: Signals = read_signals(
+            self.eom,
+            inputs,
+            self.grid if t is _UNSET else None,
+            carried=carried["inputs"],
+            fixed={key: value for key, value in own.items() if key not in over},
+        )
+        if self.signals.controller is not None and not takes_controller:
+            raise ModelError(
+                f"{analysis}: inputs= takes numbers, samples and expressions here; a SampledController is called by "
+                "simulate alone, whose motion gives samples of its answers"
+            )
+
+    @property
+    def time(self) -> float:
+        """The first time, s."""
+        return float(self.grid[0])
 
     @cached_property
     def numeric(self) -> NumericEquations:
@@ -95,16 +130,16 @@ class Setup:
 
     def numeric_of(self, variant: Mechanism) -> NumericEquations:
         """Equations of another mechanism with the same parameters, at their values."""
-        return NumericEquations(equations(variant), self.p)
+        return self.numeric if variant is self.mechanism else NumericEquations(equations(variant), self.p)
 
     @cached_property
     def start(self) -> State:
         """The consistent start, at the first time."""
-        return consistent_start(self.numeric, self.initial, float(self.grid[0]), self.signals)
+        return consistent_start(self.numeric, self.initial, self.time, self.signals)
 
     @cached_property
     def has_redundant_rows(self) -> bool:
-        """Whether constraint rows depend on each other at the start."""
+        """True if constraint rows depend on each other at the start."""
         return self.numeric.has_redundant_rows(self.start.t, self.start.q)
 
 
@@ -115,9 +150,7 @@ def _report_exceeded_limits(mechanism: Mechanism, p: np.ndarray, analysis: str) 
         if not symbol.lower <= value <= symbol.upper
     ]
     if beyond:
-        warnings.warn(
+        warn(
             f"{analysis}: parameter {', parameter '.join(beyond)}, the limits that it carries; the value is used as "
-            "given",
-            MechanismWarning,
-            stacklevel=4,
+            "given"
         )

@@ -49,7 +49,10 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
     scaled = [matrix * scale.coordinates / units[:, None] for matrix in found if np.all(np.isfinite(matrix))]
     if not scaled:
         return np.full(eom.lam.numel(), total) if np.any(mass == 0) else None
-    root = np.sqrt(np.maximum(alike, NONE * total))
+    # what has no mass counts as much as the lightest part that has: a force on it is balanced by multipliers, and their
+    # rounding is divided by this mass
+    lightest = float(np.min(alike[alike > 0], initial=total))
+    root = np.sqrt(np.maximum(np.where(alike > 0, alike, lightest), NONE * total))
     masses = np.array([_effective(matrix / root, total) for matrix in scaled])
     yielding = np.array([np.sum((matrix / root) ** 2, axis=1) for matrix in scaled])
     if not np.any(mass == 0) and np.max(masses * yielding) < DEPENDENCE:

@@ -1,4 +1,4 @@
-"""Switches over which an expression is continuous all the same: the knots of splines, the touch of a contact.
+"""Switches over which an expression is continuous nevertheless: the knots of splines, the touch of a contact.
 
 Where a switch passes its border the expression must have the same value on
 both sides. That is looked at in points of the border, found on random lines
@@ -148,7 +148,19 @@ class _Trial:
                 before, after = self._across(k)
                 low.append(before)
                 high.append(after)
+        for k in range(len(self._switches)):
+            if low[k].shape[1] < FEWEST_HITS:
+                low[k], high[k] = self._borrowed(k, np.hstack(low), np.hstack(high))
         return low, high
+
+    def _borrowed(self, k: int, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of points for other switches that lie on both sides of a border too.
+
+        A quantity that is zero on a whole side, as a penetration, has no gradient there that leads to its border.
+        """
+        before, after = (sides_of(self._at(points)[k : k + 1], self._whole[k : k + 1])[0] for points in (low, high))
+        chosen = np.flatnonzero(before != after)[:HITS]
+        return low[:, chosen], high[:, chosen]
 
     def _across(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of points on both sides of a border that random lines do not meet, by Newton's method."""
@@ -201,7 +213,7 @@ class _Trial:
     def _holds_beyond_others(
         self, k: int, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray
     ) -> bool:
-        """Whether other switches, on their sides that were not seen in points of the border, change nothing."""
+        """True if other switches change nothing on their sides that were not seen in points of the border."""
         seen = np.any(before != before[:, :1], axis=1) | np.any(after != before, axis=1)
         seen[k] = True
         unseen = np.flatnonzero(~seen)
@@ -223,7 +235,7 @@ class _Trial:
     def _agree(
         self, points: np.ndarray, offset: np.ndarray, before: np.ndarray, after: np.ndarray, owner: np.ndarray
     ) -> np.ndarray:
-        """Whether the values for both sides are the same in points of borders, by rounding (points,)."""
+        """True if the values for both sides are the same in points of borders, by rounding (points,)."""
         if not owner.size:
             return np.zeros(0, bool)
         one, two = (self._held(points, self._values, sides).full() for sides in (before, after))

@@ -147,7 +147,7 @@ class Equations:
 
     @cached_property
     def Q_depends_on_lam(self) -> bool:
-        """Whether a force depends on the multipliers (joint friction)."""
+        """True if a force depends on the multipliers (joint friction)."""
         return bool(self.lam.numel()) and bool(ca.depends_on(self.Q, self.lam))
 
     @cached_property
@@ -222,14 +222,14 @@ class Equations:
 
     @cached_property
     def angles(self) -> np.ndarray:
-        """Which coordinates are angles of bodies (n,)."""
+        """True for coordinates that are angles of bodies (n,)."""
         places = np.arange(self.q.numel())
         found: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
         return found
 
     @cached_property
     def angular_rows(self) -> np.ndarray:
-        """Which constraint rows speak of angles of bodies alone, and so are in rad (m,)."""
+        """True for constraint rows in angles of bodies alone, which are in rad (m,)."""
         rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
         lengths = rows[~self.angles[columns]]
         found = np.ones(self.lam.numel(), bool)
@@ -268,7 +268,7 @@ class Equations:
         lam), ``engine_state_rates``, ``engine_forward_dynamics (t, q, v, z, u, p ->
         a, lam)`` and ``engine_right_side`` (the same arguments, ``-> [v; a; z_rate]``).
         Each is called as ``f(const double** arg, double** res, long long int* iw,
-        double* w, int mem)``; ``f_work`` tells the lengths of the four; matrices are
+        double* w, int mem)``; ``f_work`` returns the lengths of the four; matrices are
         stored by columns.
 
         Parameters

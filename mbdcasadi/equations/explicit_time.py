@@ -147,7 +147,7 @@ class ExplicitTime:
         TimeBreaks
             All instants; ``.order`` counts derivatives of what switches itself.
         numpy.ndarray of bool
-            At which of them accelerations jump, so that an integrator must begin anew (k,); it may go on
+            At which of them accelerations jump, so that an integrator must start again (k,); it may go on
             smoothly from the others, but must not step over them.
         """
         found = {kind: group.breaks(p, start, end) for kind, group in self._groups.items()}

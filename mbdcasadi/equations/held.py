@@ -33,7 +33,7 @@ class JumpingPart:
     description : str
         To whom they belong, in words.
     nodes, continuous : frozenset of int
-        Operations that jump, and those of them over which the expressions are continuous all the same.
+        Operations that jump, and those of them over which the expressions are continuous nevertheless.
     """
 
     kind: str

@@ -10,7 +10,9 @@ import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
+from ..numerics.least_squares import least_norm
 from ..numerics.rank import dependent_rows, unit_rows
+from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 
 
@@ -67,11 +69,11 @@ def jump(
     n, own = v.size, jacobian[kept]
     scale = float(np.max(mass, initial=0.0)) or 1.0
     system = np.block([[np.diag(mass / scale), own.T], [own, np.zeros((len(kept), len(kept)))]])
-    step = np.linalg.lstsq(system, np.r_[np.zeros(n), right[kept] - own @ v], rcond=1e-13)[0]
+    step = least_norm(system, np.r_[np.zeros(n), right[kept] - own @ v], threshold=ACCURACY)
     after, impulses = v + step[:n], np.zeros(right.size)
     impulses[kept] = scale * step[n:]
     left_over = jacobian @ after - right
-    spread = left_over - jacobian @ np.linalg.lstsq(jacobian, left_over, rcond=1e-13)[0] if dependent else left_over
+    spread = left_over - jacobian @ least_norm(jacobian, left_over, threshold=ACCURACY) if dependent else left_over
     return Jump(after, impulses, left_over, spread, tuple(dependent))
 
 

@@ -126,7 +126,7 @@ def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarr
 
     The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
-    branch. Repeated steps converge all the same.
+    branch. Repeated steps converge nevertheless.
     """
     over = ca.diag(1 / weights) @ jacobian.T
     schur = jacobian @ over

@@ -18,7 +18,7 @@ from .derivation import Equations
 #: Poses with random angles in which levers are looked at, beside the estimate.
 POSES = 3
 #: Levers below this share of the size of the mechanism are rounding.
-ROUNDING = 1e-9
+LEVER_TOLERANCE = 1e-9
 #: Lengths below this are rounding, m.
 SHORTEST = 1e-12
 #: A row that is shorter than this share of its usual length has vanished.
@@ -111,7 +111,7 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
     for k in np.flatnonzero(~of_body):
         own = largest_of_rows(np.arange(n) == k)
         lever = float(np.max(own[held] / moved[held], initial=0.0))
-        scaled[k] = 1 / lever if lever > ROUNDING * length else 1.0
+        scaled[k] = 1 / lever if lever > LEVER_TOLERANCE * length else 1.0
     squares = np.zeros((len(values), m))
     np.add.at(squares.T, rows, ((values * scaled[columns]) ** 2).T)
     usual = np.sqrt(np.max(squares, axis=0)) if len(values) else np.ones(m)
@@ -120,7 +120,7 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
 def _length(lever: float, extent: float, gyration: float) -> float:
     """Characteristic length of a mechanism with these levers, extent and radius of gyration, m."""
-    if lever > max(ROUNDING * max(extent, gyration), SHORTEST):
+    if lever > max(LEVER_TOLERANCE * max(extent, gyration), SHORTEST):
         return lever
     return next((length for length in (extent, gyration) if length > SHORTEST), 1.0)
 

@@ -53,7 +53,7 @@ class Switch:
 
 
 def jumps_anywhere(expressions: Sequence[ca.SX]) -> bool:
-    """Whether expressions contain an operation whose value jumps."""
+    """True if expressions contain an operation whose value jumps."""
     function = _function(expressions)
     return any(function.instruction_id(k) in JUMPING for k in range(function.n_instructions()))
 
@@ -159,7 +159,7 @@ def _function(expressions: Sequence[ca.SX]) -> ca.Function:
 
 
 def _quantity(op: int, operands: Sequence[ca.SX]) -> ca.SX:
-    """What passes zero, or whole numbers, where an operation jumps."""
+    """The quantity that passes zero, or whole numbers, at a jump of an operation."""
     a, b = operands[0], operands[-1]
     if op in (ca.OP_LT, ca.OP_LE):
         return b - a

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Collection
 from typing import Any
 
 import casadi as ca
 
-from ..errors import FileError, MechanismWarning
+from ..errors import FileError, warn
 from .arithmetic import parse_arithmetic
 
 #: Fields that any object may have: what it is, and what no analysis needs.
@@ -119,9 +118,7 @@ class Fields:
         """Warn of fields that are not used."""
         unused = [name for name in self.data if name not in self._read]
         if unused:
-            warnings.warn(
-                f"{self.file}: {self.description}: {_quoted(unused)} is not used", MechanismWarning, stacklevel=4
-            )
+            warn(f"{self.file}: {self.description}: {_quoted(unused)} is not used")
 
 
 def objects(data: dict[str, Any], name: str, file: str) -> list[Any]:

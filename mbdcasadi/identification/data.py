@@ -108,7 +108,7 @@ class Experiment(Immutable):
 
     @property
     def measured(self) -> np.ndarray:
-        """Which samples there are and count (n_y, n_t)."""
+        """True for samples that are there and count (n_y, n_t)."""
         return np.isfinite(self.samples) & (self.weights > 0)
 
     @property

@@ -1,4 +1,4 @@
-"""What was identified: values, standard errors, what cannot be distinguished."""
+"""Result of an identification: values, standard errors, unknowns that cannot be distinguished."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ DAMPING = 1e-12
 
 @dataclass
 class Outcome:
-    """Where Gauss–Newton ended.
+    """End of the Gauss–Newton iteration.
 
     Attributes
     ----------

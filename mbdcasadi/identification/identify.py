@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -10,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..arguments.values import pairs_of, position_in
-from ..errors import Interrupted, MechanismWarning, ModelError
+from ..equations import equations
+from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice
@@ -30,7 +30,7 @@ SAMPLES, MOST_SEGMENTS = 8, 10
 #: Rounds in which the noise of each measured quantity is estimated, and the change of it that ends them.
 ROUNDS, SAME_NOISE = 6, 0.01
 #: Noise that is rounding, relative to the range of the samples.
-ROUNDING = 1e-9
+NOISE_TOLERANCE = 1e-9
 
 
 def identify(
@@ -128,6 +128,7 @@ def identify(
     wanted = listed(unknowns, Parameter, "unknowns=")
     if not wanted:
         raise ModelError("identify: unknowns= is empty; name the parameters to identify")
+    equations(mechanism)  # refuses what is none
     places = [position_in(mechanism.parameters, u, "unknowns=") for u in wanted]
     given = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
     motions = read_experiments(times, data, experiments, **given)
@@ -167,7 +168,7 @@ def identify(
             partial=fit,
         )
     if any("cannot be distinguished" in r or "no trace" in r for r in fit.identifiability):
-        warnings.warn("identify: " + "; ".join(fit.identifiability), MechanismWarning, stacklevel=2)
+        warn("identify: " + "; ".join(fit.identifiability))
     return fit
 
 
@@ -245,7 +246,7 @@ def _search(
 
 
 def _one_quantity(motions: Sequence[Experiment]) -> bool:
-    """Whether a common factor of all weights is all that the noise could change."""
+    """True if a common factor of all weights is all that the noise could change."""
     return all(e.weighted for e in motions) or (len(motions) == 1 and motions[0].samples.shape[0] == 1)
 
 
@@ -279,6 +280,6 @@ def _noise(motions: Sequence[Experiment], outcome: Outcome, loss: Loss) -> list[
     factor = loss.spread(np.concatenate(weighted)) if weighted else 1.0
     for e, r in zip(motions, residuals, strict=True):
         rows = [loss.spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
-        least = ROUNDING * _range(e)
+        least = NOISE_TOLERANCE * _range(e)
         found.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
     return found

@@ -42,7 +42,7 @@ class Loss:
 
     @property
     def is_robust(self) -> bool:
-        """Whether outliers count less than by their squares."""
+        """True if outliers count less than by their squares."""
         return self.name != "linear"
 
     def _rho(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
+from ..numerics.least_squares import least_norm
 from ..numerics.newton import solve
 from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment
+
+#: Singular values below this share of the largest one are directions that the data do not show.
+DISTINGUISHED = 1e-6
 
 
 def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, guess: np.ndarray) -> np.ndarray:
@@ -50,7 +54,7 @@ def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, gues
     free = analyse_rank(jacobian).null_columns
     v = project_velocity(jacobian, nu, v)
     missing = (rates - drift.full().ravel() - slope.full() @ v)[seen]
-    v = v + free @ np.linalg.lstsq(slope.full()[seen] @ free, missing, rcond=1e-6)[0]
+    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=DISTINGUISHED)
     return np.concatenate([q, v, z])
 
 

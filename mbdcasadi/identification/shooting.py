@@ -67,7 +67,7 @@ class Shooting:
     experiment : Experiment
         The data.
     places : list of int
-        Where the unknowns stand among the parameters.
+        Positions of the unknowns among the parameters.
     segments : int
         How many.
     """
@@ -83,7 +83,7 @@ class Shooting:
         self.nodes = np.zeros((len(self.spans), eom.q.numel() + eom.v.numel() + eom.z.numel()))
 
     def _segment(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[Compiled, tuple[np.ndarray, ...]]:
-        """What is compiled for a segment whose motion is cut as it is from a start, and the arguments of these cuts."""
+        """Compiled function of a segment whose motion is cut as it is from a start, and the arguments of these cuts."""
         first, last = self.spans[k]
         levels, channel = self.setup.signals.level_values, self._channel(k)
         course = self.motion.course(x0, self._parameters(theta), levels, channel, first, last)
@@ -114,7 +114,7 @@ class Shooting:
 
     # --- evaluation --------------------------------------------------------------------
     def prepare(self, theta: np.ndarray) -> None:
-        """Set the starts of the segments from a simulation, led by the data where it goes astray."""
+        """Set the starts of the segments from a simulation, led by the data if it departs from them."""
         self.nodes[0] = self._start(theta)[0]
         for k, (first, _) in enumerate(self.spans[1:], start=1):
             try:

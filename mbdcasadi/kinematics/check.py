@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.values import parameter_vector
+from ..assembly.consistent_start import refuse_inconsistent
 from ..assembly.pose import GAP_TOLERANCE, PoseProblem
-from ..equations import equations
+from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError
+from ..errors import AssemblyError, ModelError
 from ..model.forces.friction.modes import without_exact_friction
 from ..model.mechanism import Mechanism
 from ..numerics.newton import solve
@@ -116,9 +116,9 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     mechanism : Mechanism
         The model.
     state : State, optional
-        The pose to look at; the assembled estimate if none is given.
+        The pose to look at; the assembled estimate if none is given. It brings along its parameters.
     parameters : mapping, optional
-        Parameter to number.
+        Parameter to number, over those of the state.
 
     Returns
     -------
@@ -129,13 +129,17 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     ----------
     Haug 1989, sections 3.7 (singular configurations) and 4.4 (redundant constraints).
     """
-    eom = equations(without_exact_friction(mechanism))
-    numeric = NumericEquations(eom, parameter_vector(eom, parameters) if state is None else state.parameters)
+    if state is not None and not isinstance(state, State):
+        raise ModelError(f"check: state= takes a State (from assemble, equilibrium or a trajectory), got {state!r}")
     t = 0.0 if state is None else state.t
+    setup = Setup(mechanism, "check", t=t, initial=() if state is None else state, parameters=parameters)
+    numeric = setup.numeric_of(without_exact_friction(mechanism))
+    eom = numeric.eom
     n, m = eom.q.numel(), eom.lam.numel()
     open_rows: dict[str, float] = {}
     if state is not None:
         q = np.atleast_1d(state[eom.q])
+        refuse_inconsistent(numeric, state, t, q, np.atleast_1d(state[eom.v]))
     else:
         q, open_rows = _pose(numeric, t)
     here = numeric.rank(t, q)
@@ -191,7 +195,7 @@ def _contradictory(
     if open_rows:
         wanted = np.zeros(eom.lam.numel())
         wanted[eom.position_rows] = numeric.position(t, q)[0]
-    elif singular:  # what a driver asks for in a singular pose is told with that pose
+    elif singular:  # what a driver asks for in a singular pose is reported with that pose
         return ()
     else:
         wanted = numeric.velocity(t, q)[1]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import time as clock
-import warnings
 from typing import Any
 
 import numpy as np
 
-from ..arguments.values import parameter_vector, time_grid
 from ..assembly.pose import PoseProblem
-from ..equations import equations
+from ..assembly.setup import Setup
 from ..equations.explicit_time import explicit_time, first_jump
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, MechanismWarning, ModelError
+from ..errors import MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
@@ -25,7 +23,14 @@ from .velocity_level import VelocityLevelMotion
 NO_MULTIPLIERS = "kinematics knows no forces: reactions, efforts and multipliers come from inverse_dynamics"
 
 
-def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, progress: bool = False) -> Trajectory:
+def kinematics(
+    mechanism: Mechanism,
+    times: Any = None,
+    *,
+    duration: float | None = None,
+    parameters: Any = None,
+    progress: bool = False,
+) -> Trajectory:
     """Solve position, velocity and acceleration of a mechanism whose motion is prescribed.
 
     ``Phi(q, t) = 0``, ``Phi_q v = nu``, ``Phi_q a = gamma`` at each time, by
@@ -40,6 +45,8 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
         With as many independent constraints and drivers as coordinates.
     times : sequence of float
         Increasing, s.
+    duration : float, optional
+        Instead of `times`: 201 outputs from 0 to the duration, s.
     parameters : mapping, optional
         Parameter to number.
     progress : bool, default False
@@ -67,11 +74,9 @@ def kinematics(mechanism: Mechanism, times: Any, *, parameters: Any = None, prog
     ----------
     Haug 1989, sections 3.6 and 4.5–4.7.
     """
-    grid = time_grid(times, least=1)
-    eom = equations(mechanism)
-    numeric = NumericEquations(eom, parameter_vector(eom, parameters))
-    motion = driven_motion(numeric, grid, progress=progress, what="kinematics")
-    trajectory = kinematic_trajectory(numeric, motion)
+    setup = Setup(mechanism, "kinematics", times=times, duration=duration, fewest_times=1, parameters=parameters)
+    motion = driven_motion(setup.numeric, setup.grid, progress=progress, what="kinematics")
+    trajectory = kinematic_trajectory(setup.numeric, motion)
     report_validity(trajectory)
     return trajectory
 
@@ -94,7 +99,7 @@ def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool
             partial=kinematic_trajectory(numeric, motion),
         )
     for corner in jumps:
-        warnings.warn(f"{what}: {corner}; {corner.remedy}", MechanismWarning, stacklevel=4)
+        warn(f"{what}: {corner}; {corner.remedy}")
     return motion
 
 
@@ -131,7 +136,7 @@ def kinematic_trajectory(numeric: NumericEquations, motion: DrivenMotion) -> Tra
 
 
 def _refine(numeric: NumericEquations):
-    """Interpolated poses are corrected, and their rates solved anew."""
+    """Interpolated poses are corrected, and their rates solved again."""
 
     def corrected(
         t: np.ndarray, q: np.ndarray, _v: np.ndarray, _z: np.ndarray, u: np.ndarray

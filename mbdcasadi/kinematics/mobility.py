@@ -3,7 +3,7 @@
 The rank of ``Phi_q`` counts the infinitesimal motions of one pose. Some of
 these may go nowhere (a plate on three bars that meet in a point is *shaky*),
 or only a part of them at a time (a flat parallelogram may turn into an
-antiparallelogram). Excursions along them tell: the pose is moved a little and
+antiparallelogram). Excursions along them decide: the pose is moved a little and
 brought back onto the constraints.
 """
 
@@ -152,7 +152,7 @@ class Joints:
         return bool(np.linalg.norm(self._reached(pose, motions, direction) - direction) < LOST_SHARE)
 
     def _reached(self, pose: np.ndarray, motions: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """What is left of a unit displacement in a direction among the motions, after it was brought back (k,)."""
+        """Remainder of a unit displacement in a direction among the motions, after it was brought back (k,)."""
         motion = motions @ direction
         size = PROBE / largest(motion)
         moved = self.moved(pose, motion, size)

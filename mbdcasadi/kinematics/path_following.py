@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..equations.driven import driven_equations
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, MechanismWarning
+from ..errors import AssemblyError, warn
 from ..numerics.console import interruptible, quiet
 from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
@@ -127,11 +126,9 @@ class Continuation(MotionFollower):
         if flips.size:
             k = int(flips[0])
             times = motion.t[every]
-            warnings.warn(
+            warn(
                 f"the motion passes a singular pose between t = {times[k]:.6g} and {times[k + 1]:.6g} s (the "
                 "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it",
-                MechanismWarning,
-                stacklevel=5,
             )
 
     # --- one difficult step -----------------------------------------------------------------

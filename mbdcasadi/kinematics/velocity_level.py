@@ -25,7 +25,7 @@ from .driven_motion import DrivenMotion, MotionFollower
 
 #: Tolerance of the integration.
 INTEGRATION_TOLERANCE = 1e-11
-#: Outputs after which the integration starts anew from the projected pose.
+#: Outputs after which the integration restarts from the projected pose.
 CHUNK = 100
 
 

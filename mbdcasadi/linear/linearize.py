@@ -8,11 +8,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import Signals, read_signals
-from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector
-from ..assembly.consistent_start import carried_by, consistent_start
-from ..equations import Equations, equations
-from ..equations.numeric import NumericEquations
+from ..arguments.values import inputs_and_parameters
+from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
@@ -86,20 +83,16 @@ def linearize(
     >>> round((6.283185307 * model.modes()[0].frequency) ** 2, 6)
     14.715
     """
-    eom = equations(mechanism)
     if not isinstance(state, State):
         raise ModelError(f"linearize: takes a State (from equilibrium, assemble or a trajectory), got {state!r}")
-    carried = carried_by(state, mechanism)
-    p = parameter_vector(eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
-    numeric = NumericEquations(eom, p)
-    signals = read_signals(eom, carried["inputs"] | dict(pairs_of(inputs, "inputs=")))
-    point = consistent_start(numeric, state, state.t, signals)
+    setup = Setup(mechanism, "linearize", t=state.t, initial=state, inputs=inputs, parameters=parameters)
+    eom, point = setup.eom, setup.start
     _ = point[eom.a]  # raises if there are no accelerations
     changed = inputs_and_parameters(mechanism, wrt, "wrt=")
     names, expressions = read_outputs(outputs)
     eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
-    chosen = independent(numeric, point, coordinates)
-    held = _feedback(eom, signals, changed)
+    chosen = independent(setup.numeric, point, coordinates)
+    held = _feedback(setup, changed)
     directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
     rate = ca.vertcat(chosen.position_rate, chosen.acceleration, eom.z_rate)
     change = directions.of(rate)
@@ -142,10 +135,10 @@ def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:
     return names, expressions
 
 
-def _feedback(eom: Equations, signals: Signals, changed: Sequence[Any]) -> ca.SX:
+def _feedback(setup: Setup, changed: Sequence[Any]) -> ca.SX:
     """Inputs as expressions: constants do not matter here, feedback closes the loop."""
-    held = ca.SX(signals.expressions)
-    for k, symbol in enumerate(eom.mechanism.inputs):
+    held = ca.SX(setup.signals.at_time(setup.time))
+    for k, symbol in enumerate(setup.mechanism.inputs):
         if any(symbol is c for c in changed) and not held[k].is_constant():
             raise ModelError(f"linearize: input '{symbol.label}' is given by feedback and cannot be in wrt= as well")
     return held

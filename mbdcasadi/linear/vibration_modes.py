@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import MechanismWarning, ModelError
+from ..errors import ModelError, warn
 from ..model.symbols import number
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -103,12 +102,10 @@ class Mode:
 def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     """Modes of a model, slowest first."""
     if not model.is_steady:
-        warnings.warn(
+        warn(
             "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
-            f"({', '.join(model.state_names[: model.speeds])}) tell it; its eigenvalues say little of what follows. "
+            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues say little of what follows. "
             "Of a steady turn give linearize coordinates= that do not see it, such as an angle or a slide",
-            MechanismWarning,
-            stacklevel=3,
         )
     if not model.A.size:
         return ()

@@ -89,7 +89,7 @@ class Body(Immutable, HoldsSymbols):
         self.inertia = read(inertia, "inertia", at_least=0.0)
         self.limits = read.limits
         self.pose_estimate = triple(pose, what, "pose", "(x, y, phi)")
-        in_radians(self.pose_estimate[2], what, "the angle of the pose", stacklevel=3)
+        in_radians(self.pose_estimate[2], what, "the angle of the pose")
         self.velocity_estimate = triple(velocity, what, "velocity", "(vx, vy, omega)")
         self.shape = shape
         self._shape_centroid = np.zeros(2)
@@ -206,7 +206,7 @@ class Body(Immutable, HoldsSymbols):
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
         local = ca.vertcat(*[ca.SX(p) for p in point]) - self._shape_centroid
         angle = quantity(angle, what, "marker angle")
-        in_radians(angle, what, "the angle of a marker", stacklevel=2)
+        in_radians(angle, what, "the angle of a marker")
         return Marker(self, local, ca.SX(angle))
 
     def __repr__(self) -> str:

@@ -8,6 +8,7 @@ import casadi as ca
 
 from ..errors import ModelError
 from .element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds
+from .geometry.splines import expression_of
 from .quantities import quantity
 from .symbols import t as time
 
@@ -21,7 +22,7 @@ class Driver(ConstraintElement):
         Its name.
     expression : casadi.SX
         Driven quantity: a scalar in coordinates (``joint.angle``, ``marker.x``), m or rad.
-    value : float or expression in time and parameters
+    value : float, expression in time and parameters, or spline of SciPy
         Its prescribed course, twice differentiable: ``20 * mbd.t``, a
         ``mbd.spline`` through data, a ``MotionProgram`` of the time.
     relative_to : State, optional
@@ -44,7 +45,7 @@ class Driver(ConstraintElement):
     def __init__(self, name: str, expression: Any, value: Any, relative_to: Any = None):
         what = f"driver '{name}'"
         self.expression = ca.SX(quantity(expression, what, "expression"))
-        course = ca.SX(quantity(value, what, "value"))
+        course = ca.SX(quantity(expression_of(time, value), what, "value"))
         refuse_kinds(self.expression, BEYOND_COORDINATES, what, "a driver prescribes coordinates")
         beyond = ("position", *BEYOND_COORDINATES)
         refuse_kinds(course, beyond, what, "its value is a function of time and parameters")

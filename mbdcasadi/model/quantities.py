@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import ExpressionError, MechanismWarning, ModelError
+from ..errors import ExpressionError, ModelError, warn
 from .symbols import Parameter, describe, number, varying_in
 
 _RELATIONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_AND, ca.OP_OR, ca.OP_NOT)
@@ -142,12 +141,12 @@ class Quantities:
         return tuple(self._limits)
 
 
-def in_radians(value: Any, what: str, name: str, stacklevel: int) -> None:
+def in_radians(value: Any, what: str, name: str) -> None:
     """Warn of an angle that looks like one in degrees: beyond a turn, and a multiple of a half."""
     angle = known_value(value)
     if angle is not None and abs(angle) > 2 * math.pi and float(2 * angle).is_integer():
         text = f"{what}: {name} = {angle:g} rad is more than a turn; angles are in radians: np.deg2rad({angle:g})"
-        warnings.warn(text, MechanismWarning, stacklevel=stacklevel + 1)
+        warn(text)
 
 
 def yes_or_no(value: Any, what: str, name: str) -> bool:

@@ -8,7 +8,6 @@ change, for :func:`time_derivative` and for messages in terms of the model.
 from __future__ import annotations
 
 import math
-import warnings
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import ExpressionError, ModelError
+from ..errors import ExpressionError, ModelError, warn
 from .immutable import HoldsSymbols
 
 #: Kinds of symbols.
@@ -223,7 +222,7 @@ class StateVariable(Symbol):
         super().__init__(label)
         what = f"state variable '{label}'"
         if initial is not None:
-            warnings.warn(f"{what}: initial= is called value= now", DeprecationWarning, stacklevel=2)
+            warn(f"{what}: initial= is called value= now", DeprecationWarning)
             value = initial
         self.value = number(value, what, "value")
         self.lower, self.upper = _bounds(what, lower, upper)
@@ -231,7 +230,7 @@ class StateVariable(Symbol):
     @property
     def initial(self) -> float:
         """Former name of ``value``."""
-        warnings.warn(f"state variable '{self.label}': initial is called value now", DeprecationWarning, stacklevel=2)
+        warn(f"state variable '{self.label}': initial is called value now", DeprecationWarning)
         return self.value
 
 

@@ -47,7 +47,7 @@ def without_warnings(message: str = "") -> Iterator[None]:
 
 
 class Interruption:
-    """Ctrl-C during a call of compiled code: `requested` tells of it."""
+    """Ctrl-C during a call of compiled code: `requested` reports it."""
 
     def __init__(self) -> None:
         self.requested = False

@@ -21,7 +21,7 @@ DEPENDENT_EIGENVALUE = 1e-12
 #: Square of the smallest relative residual that conjugate gradients are asked for; below is rounding.
 SMALLEST_RESIDUAL = 1e-14
 #: Share of a step down to which one is looked for that leads nearer.
-SMALLEST_SHARE = 1e-3
+SHORTEST_SLIDE = 1e-3
 #: An inequality counts as met below this, in its own unit.
 INEQUALITY_TOLERANCE = 1e-10
 #: Singular values of ``W^-1/2 J^T`` below this share are left out when multipliers are found.
@@ -177,7 +177,7 @@ def _slide(
         point = refine_root(equations, trial.x, weights)
         return point if distance(point) < distance(x) or (flat and distance(point) <= bound) else None
 
-    return backtrack(nearer, SMALLEST_SHARE)
+    return backtrack(nearer, SHORTEST_SLIDE)
 
 
 def project_with_inequalities(

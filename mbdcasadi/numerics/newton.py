@@ -26,7 +26,7 @@ from .tolerances import ACCURACY, CONVERGED, SMALLEST_SHARE
 Equations = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 #: Singular values below this share are no directions for :func:`newton`.
-SMALLEST = 1e-14
+SMALLEST_SINGULAR_VALUE = 1e-14
 
 T = TypeVar("T")
 
@@ -144,7 +144,7 @@ def newton(
     weights: np.ndarray,
     *,
     iterations: int = 100,
-    smallest: float = SMALLEST,
+    smallest: float = SMALLEST_SINGULAR_VALUE,
     step_limit: float | np.ndarray = np.inf,
 ) -> np.ndarray | None:
     """Solve ``r(x) = 0`` to rounding by Newton steps of least norm; None if they do not converge.

@@ -20,5 +20,7 @@ RANK = 1e-9
 NEARLY_SINGULAR = 1e-6
 #: Singular values below this share are left out of a least-norm solution of rows that may depend on each other.
 DEPENDENT = 1e-11
+#: Value of an expression, relative to the coordinates, and its rate, relative to the velocities, that count as zero.
+ZERO_VALUE, AT_REST = 1e-12, 1e-9
 #: Smallest share of a step that a line search tries.
 SMALLEST_SHARE = 1e-4

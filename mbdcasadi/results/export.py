@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import importlib
 import json
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import MechanismError, MechanismWarning
+from ..errors import MechanismError, warn
 from ..model.mechanism import Mechanism
 from ..numerics.writing import whole_file
 from .archives import Archive, check_names, read_arrays, write_arrays
@@ -184,10 +183,8 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
         here = fingerprint(eom, (t[:, None], *arrays, parameters[None]))
         other = difference(eom, archive["fingerprint"], here)
         if other:
-            warnings.warn(
+            warn(
                 f"{path}: the mechanism has the names of the one that was saved, but differs from it in {other}",
-                MechanismWarning,
-                stacklevel=2,
             )
     known = {field.name for field in fields(Statistics)}
     statistics = archive.json("statistics") if "statistics" in archive else {}

@@ -1,4 +1,4 @@
-"""A fingerprint of a mechanism: values of its equations, which tell it from others with the same names.
+"""A fingerprint of a mechanism: values of its equations, which distinguish it from others with the same names.
 
 A digest of expressions would differ between equal mechanisms that were built
 in another order, or by another version of the package; values do not.

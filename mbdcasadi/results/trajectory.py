@@ -231,11 +231,14 @@ class Trajectory(HoldsSymbols):
         z = cubic(self.t, self.z, self._state_rates, wanted)
         return q, v, z, linear(self.t, self.inputs, wanted)
 
-    @cached_property
+    @property
     def with_jumps(self) -> Trajectory:
         """The same with the states just before and just after each reset among its times; itself if there is none."""
-        if all(event.after is None for event in self.events):
-            return self
+        # a trajectory that kept itself would stay in memory until the garbage collector comes
+        return self if all(event.after is None for event in self.events) else self._with_jumps
+
+    @cached_property
+    def _with_jumps(self) -> Trajectory:
         parts: list[tuple[np.ndarray, ...]] = [(self.t, self.q, self.v, self.a, self.z, self.lam, self.inputs)]
         for event in self.events:
             if event.after is None:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismWarning
+from ..errors import warn
 from ..model.mechanism import Mechanism
 from ..model.validity import ValidityCondition
 from .columns import has_multipliers
 from .trajectory import Trajectory
 
+#: Findings that are warned of one by one; more are one warning.
+MOST_WARNINGS = 3
 #: Share of a quantity's size below zero that still counts as zero: an event is located to about that.
-ROUNDING = 1e-6
+VALIDITY_TOLERANCE = 1e-6
 
 
 def validity_conditions(mechanism: Mechanism) -> list[ValidityCondition]:
@@ -32,7 +34,7 @@ def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[
         if ca.depends_on(condition.expression, others):
             continue
         value, shown = _at_pose(numeric, ca.vertcat(condition.expression, condition.reported), t, q).ravel()
-        if value < -ROUNDING * (1 + abs(value)):
+        if value < -VALIDITY_TOLERANCE * (1 + abs(value)):
             unit = f" ({shown:.6g} {condition.unit} at t = {t:.6g} s)" if condition.unit else ""
             found.append(condition.message + unit)
     return tuple(found)
@@ -45,7 +47,7 @@ def turning_angles(numeric: NumericEquations, t: float, q: np.ndarray, free: np.
     for condition in validity_conditions(eom.mechanism):
         if condition.fixed_angle is not None and free.size:
             rates = _at_pose(numeric, ca.jacobian(condition.fixed_angle, eom.q), t, q) @ free
-            if np.max(np.abs(rates)) > ROUNDING * np.max(np.abs(free[2::3]), initial=1.0):
+            if np.max(np.abs(rates)) > VALIDITY_TOLERANCE * np.max(np.abs(free[2::3]), initial=1.0):
                 found.append(condition.message)
     return tuple(found)
 
@@ -55,22 +57,42 @@ def _at_pose(numeric: NumericEquations, expression: ca.SX, t: float, q: np.ndarr
     return ca.Function("pose", [eom.t, eom.q, eom.p], [ca.densify(expression)])(t, q, numeric.p).full()
 
 
-def report_validity(motion: Trajectory) -> None:
-    """Warn if a condition is broken at an output, and note it in the statistics.
+def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
+    """Warn of conditions that are broken at an output, and note them in the statistics.
 
     Conditions on what the analysis does not know (a contact force in kinematics) are left out.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion.
+    others : sequence of str
+        Further findings on the same motion, which are warned of with these.
     """
+    motion.statistics.notes += others
+    found = [*others, *_broken_at_outputs(motion)]
+    if len(found) > MOST_WARNINGS:
+        # many warnings are read by nobody
+        more = len(found) - MOST_WARNINGS
+        found = [f"{'; '.join(found[:MOST_WARNINGS])}; and {more} more of this kind: see motion.statistics.notes"]
+    for text in found:
+        warn(text)
+
+
+def _broken_at_outputs(motion: Trajectory) -> list[str]:
+    """Messages of the conditions that are broken at an output, which become notes."""
     known, lam = has_multipliers(motion), motion.equations.lam
     conditions = [c for c in validity_conditions(motion.mechanism) if known or not ca.depends_on(c.expression, lam)]
     if not conditions or not motion.t.size:
-        return
+        return []
+    found = []
     values = motion[ca.vertcat(*[c.expression for c in conditions])].reshape(motion.t.size, -1)
     shown = motion[ca.vertcat(*[c.reported for c in conditions])].reshape(motion.t.size, -1)
     for condition, course, size in zip(conditions, values.T, shown.T, strict=True):
-        bad = course < -ROUNDING * (1 + np.max(np.abs(course), initial=0.0))
+        bad = course < -VALIDITY_TOLERANCE * (1 + np.max(np.abs(course), initial=0.0))
         if np.any(bad) and not any(note.startswith(condition.message) for note in motion.statistics.notes):
             first, worst = float(motion.t[np.argmax(bad)]), float(size[np.argmin(np.where(bad, course, np.inf))])
             unit = f" {condition.unit}" if condition.unit else ""
-            text = f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.6g}{unit})"
-            motion.statistics.notes.append(text)
-            warnings.warn(text, MechanismWarning, stacklevel=3)
+            found.append(f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.6g}{unit})")
+    motion.statistics.notes += found
+    return found

@@ -63,7 +63,15 @@ class MotionSetup(Setup):
         reltol: float | None = None,
         abstol: float | None = None,
     ):
-        super().__init__(mechanism, analysis, times=times, initial=initial, inputs=inputs, parameters=parameters)
+        super().__init__(
+            mechanism,
+            analysis,
+            times=times,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            takes_duration=False,
+        )
         self.differentiable_start = DifferentiableStart(self.numeric, initial, float(self.grid[0]), self.signals)
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
@@ -145,7 +153,7 @@ class CompiledRun:
 
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Course:
-        """Where the motion is cut."""
+        """The cuts of the motion."""
         p, right, z, levels, channel = (part.full() for part in self._given(d))
         start = None
         if self.motion.follows_state:
@@ -155,7 +163,7 @@ class CompiledRun:
         return self.motion.course(start, p.ravel(), levels.ravel(), channel)
 
     def _of(self, course: Course) -> Compiled:
-        """What is compiled for a course and others of its pattern."""
+        """The compiled run for a course and others of its pattern."""
         pattern = course.pattern
         if pattern not in self._compiled:
             self._compiled[pattern] = Compiled(self._function(course), 1)

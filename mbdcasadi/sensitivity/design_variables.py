@@ -1,4 +1,4 @@
-"""What a motion is differentiated by: parameters, inputs, starts, as one vector of numbers."""
+"""The variables by which a motion is differentiated: parameters, inputs, starts, as one vector of numbers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Entry:
     kind : {"parameter", "input", "samples", "state", "condition"}
         What it is.
     index : int
-        Where it stands among those of its kind.
+        Position among those of its kind.
     values : numpy.ndarray
         Its values now (k,): one, or the samples of an input.
     lower, upper : float
@@ -50,7 +50,7 @@ class Entry:
 
     @property
     def size(self) -> int:
-        """How many numbers it is."""
+        """Count of numbers."""
         return self.values.size
 
 
@@ -95,7 +95,7 @@ class DesignVariables:
         return [(e.lower, e.upper) for e in self.entries for _ in range(e.size)]
 
     def slice_of(self, key: Any) -> slice:
-        """Where an entry stands in the vector."""
+        """Slice of an entry in the vector."""
         for k, entry in enumerate(self.entries):
             if same(entry.key, key):
                 return slice(int(self.places[k]), int(self.places[k + 1]))
@@ -178,7 +178,7 @@ class DesignVariables:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two keys are the same expression, entry by entry of the graph."""
+    """True if two keys are the same expression, entry by entry of the graph."""
     if one is other:
         return True
     if not isinstance(one, ca.SX) or not isinstance(other, ca.SX) or one.shape != other.shape:

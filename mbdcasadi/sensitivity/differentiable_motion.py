@@ -54,7 +54,7 @@ COURSES = 64
 
 @dataclass(frozen=True)
 class Course:
-    """Where a motion is cut at values of the parameters.
+    """The cuts of a motion at values of the parameters.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class DifferentiableMotion:
 
     @property
     def follows_state(self) -> bool:
-        """Whether a course depends on the start: there are switches in the state."""
+        """True if a course depends on the start: there are switches in the state."""
         return not np.all(self._system.in_time)
 
     @property
@@ -408,7 +408,7 @@ class DifferentiableMotion:
         self.pieces = max(self.pieces, int(needed))
 
     def reached(self, states: np.ndarray, first: int = 0) -> bool:
-        """Whether an integration got to its end: its clock tells, and that all is finite."""
+        """True if an integration got to its end, by its clock, and all is finite."""
         offsets = self.grid[first:][: states.shape[1]] - self.grid[first]
         on_time = np.abs(states[-1] - offsets) <= 1e-6 * offsets[-1]
         return bool(np.all(np.isfinite(states))) and bool(np.all(on_time))

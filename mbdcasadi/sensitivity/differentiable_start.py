@@ -23,7 +23,7 @@ from ..assembly.consistent_start import consistent_start, independent_rows, leve
 from ..equations.numeric import NumericEquations
 from ..model.conditions import Condition, read_conditions
 from ..numerics.console import call_each
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, least_norm
 from ..results.state import State
 
 #: Value of an inequality at the start above which it holds the start in place.
@@ -193,7 +193,7 @@ class _Nearest:
             options = {"linear_solver": "csparse", "error_on_fail": False, "max_iter": 25, "abstol": 1e-13}
             self._root = ca.rootfinder("start_" + self.name, "newton", self._residual, options)
         away = self._residual(np.concatenate([solution, np.zeros(len(kept))]), *values, *others).full().ravel()
-        mu_value = -np.linalg.lstsq(numbers[kept].T, away[: self.count], rcond=None)[0] if kept else np.zeros(0)
+        mu_value = -least_norm(numbers[kept].T, away[: self.count]) if kept else np.zeros(0)
         return np.concatenate([solution, mu_value])
 
     def solve(self, guess: ca.MX, known: Sequence[ca.MX]) -> tuple[ca.MX, ca.MX]:
@@ -205,5 +205,5 @@ class _Nearest:
 
 
 def found(residual: Any) -> bool:
-    """Whether a start was found, by its residual."""
+    """True if a start was found, by its residual."""
     return bool(np.isfinite(residual)) and largest(np.asarray(residual)) <= FOUND

@@ -41,7 +41,7 @@ class SwitchesInTime:
     signals : Signals
         Inputs.
     parts : sequence of JumpingPart
-        Where something jumps.
+        The parts in which something jumps.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class SwitchesInTime:
         return sides_of(np.broadcast_to(values, (len(self.nodes), times.size)), self._whole)
 
     def depend_on(self, parameters: Collection[int]) -> np.ndarray:
-        """Which of the switches depend on some of the parameters, by their positions (switches,)."""
+        """True for switches that depend on some of the parameters, by the positions of these (switches,)."""
         found = np.zeros(len(self.nodes), bool)
         if self._by_parameter is not None:
             rows, columns = (np.array(part, int) for part in self._by_parameter.get_triplet())
@@ -99,7 +99,7 @@ class HeldSystem:
     redundant : bool
         Whether rows are dependent.
     parts : sequence of JumpingPart
-        Where something jumps.
+        The parts in which something jumps.
     free : collection of int
         Operations that are left as they are.
     in_time : collection of int

@@ -115,7 +115,7 @@ def sensitivities(
     ModelError
         For what the mechanism does not have.
     SimulationError
-        Where the integrator stops.
+        If the integrator stops.
 
     References
     ----------

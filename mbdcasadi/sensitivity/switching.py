@@ -1,12 +1,11 @@
 """Instants at which a motion passes from one side of a switch to another.
 
 Between two such instants the equations are smooth. They are found by integration with all switches held, at the
-border of the first one that is left; then its side is changed, and the integration begins anew.
+border of the first one that is left; then its side is changed, and the integration starts again.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,15 +14,14 @@ import numpy as np
 
 from ..equations.impact_law import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
-from ..errors import MechanismWarning, SimulationError
+from ..errors import SimulationError, warn
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
+from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..simulation.impacts import INSTANT
 from .held_system import HeldSystem
 
-#: Value of a quantity at its border that is rounding, relative to the coordinates; its rate, relative to velocities.
-ROUNDING, REST = 1e-12, 1e-9
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
 GRAZING = 1e-4
 #: Rate that is none, relative to the largest one: nothing passes, and the instant has no derivative.
@@ -36,7 +34,7 @@ MOST_SWITCHES = 500
 CLOSER = np.r_[2.0 ** -np.arange(12, 3, -2), np.linspace(0, 1, 11)[1:]]
 #: Distance from the border, relative to the larger one at the ends of an interval, to which a cubic must come for a
 #: closer look.
-NEAR = 0.1
+NEAR_BORDER = 0.1
 #: Length of the stretch that is integrated after a switch, in lengths of the one before it.
 AHEAD = 4.0
 #: Jump of velocities, relative to their size, that is rounding.
@@ -217,7 +215,7 @@ class Passage:
         slopes = margin_rates_of(w, rates, self.sides, whole)[watched]
         # what stands at its border at the start goes inside from there
         margins[:, 0] = np.maximum(margins[:, 0], 0.0)
-        rounding = ROUNDING * (1 + np.max(np.abs(x)))
+        rounding = ZERO_VALUE * (1 + np.max(np.abs(x)))
         left, visits = margins[:, 1:] < -rounding, _may_visit(margins, slopes, np.diff(times))
         for k in np.flatnonzero(np.any(left | visits, axis=0)):
             candidates = np.flatnonzero(left[:, k] | visits[:, k])
@@ -264,11 +262,9 @@ class Passage:
             )
         if abs(rate) <= GRAZING * fastest and k not in self._grazed:
             self._grazed.add(k)
-            warnings.warn(
+            warn(
                 f"{self._name(k)} jumps at t = {self._time:.6g} s, where the motion nearly only touches the border of "
                 "the jump: derivatives beyond are large, and hold for small changes alone",
-                MechanismWarning,
-                stacklevel=2,
             )
         self._flip(k, rate)
         self._leave_borders(passed=k)
@@ -325,7 +321,7 @@ class Passage:
             margins = margins_of(w, self.sides, self._system.whole)
             outwards = margin_rates_of(w, rates, self.sides, self._system.whole) < 0
             near = np.abs(margins) <= self._near(rates)
-            moving = np.abs(rates) > REST * (1 + self._speed)
+            moving = np.abs(rates) > AT_REST * (1 + self._speed)
             if at_start:
                 outwards = np.where(moving, outwards, self._leaves_from_rest(near & ~moving))
                 moving = near
@@ -340,13 +336,13 @@ class Passage:
         )
 
     def _leaves_from_rest(self, at_rest: np.ndarray) -> np.ndarray:
-        """Which of the switches that stand still at their borders are beyond these a little later."""
+        """Switches that stand still at their borders and are beyond them a little later."""
         if not np.any(at_rest[self._watched]):
             return np.zeros(at_rest.size, bool)
         soon = self._time + 1e-2 * self._watch_step
         x = self._integrated(self._time, self._x, np.array([soon]), np.zeros(1, bool))
         w = self._call(self._system.quantities, np.array([soon]), x, self.sides)[0]
-        rounding = ROUNDING * (1 + np.max(np.abs(self._x)))
+        rounding = ZERO_VALUE * (1 + np.max(np.abs(self._x)))
         found: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
         return found
 
@@ -399,7 +395,7 @@ class Passage:
 
     def _near(self, rates: np.ndarray) -> np.ndarray:
         """Distances from the borders that are rounding."""
-        return np.maximum(self._instant * np.abs(rates), ROUNDING * (1 + np.max(np.abs(self._x))))
+        return np.maximum(self._instant * np.abs(rates), ZERO_VALUE * (1 + np.max(np.abs(self._x))))
 
     def _columns(self, times: np.ndarray) -> np.ndarray:
         """Values of the channel in the intervals that end at times (rows, k)."""
@@ -455,7 +451,7 @@ class Passage:
 
 
 def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """Which margins may be negative for a while between two knots, by cubic interpolation (rows, k)."""
+    """True for margins that may be negative for a while between two knots, by cubic interpolation (rows, k)."""
     begin, end, down, up = margins[:, :-1], margins[:, 1:], slopes[:, :-1], slopes[:, 1:]
     dips = (begin >= 0) & (end >= 0) & (down < 0) & (up > 0)
     found = np.zeros(dips.shape, bool)
@@ -463,12 +459,12 @@ def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> 
     for i, k in np.argwhere(dips):
         cubic = (1 + 2 * s) * (1 - s) ** 2 * begin[i, k] + s**2 * (3 - 2 * s) * end[i, k]
         cubic += lengths[k] * (s * (1 - s) ** 2 * down[i, k] - s**2 * (1 - s) * up[i, k])
-        found[i, k] = np.min(cubic) < NEAR * max(begin[i, k], end[i, k])
+        found[i, k] = np.min(cubic) < NEAR_BORDER * max(begin[i, k], end[i, k])
     return found
 
 
 def _same_derivative(one: np.ndarray, one_rate: float, other: np.ndarray, other_rate: float) -> bool:
-    """Whether two instants have the same derivative: ``slope / rate`` of the quantities that pass their borders."""
+    """True if two instants have the same derivative: ``slope / rate`` of the quantities that pass their borders."""
     if one_rate == 0 or other_rate == 0:
         return False
     a, b = one / one_rate, other / other_rate

@@ -11,9 +11,9 @@ from ..results.trajectory import Trajectory
 #: Range of a motion (m or rad), in absolute tolerances, below which the tolerance does not resolve it.
 RESOLVED = 1e5
 #: Range, relative to the size of the coordinates, that is rounding.
-ROUNDING = 1e-11
+RANGE_TOLERANCE = 1e-11
 #: Absolute tolerance for a motion of small range, relative to that; and the smallest.
-SHARE, SMALLEST = 1e-8, 1e-15
+ABSTOL_SHARE, SMALLEST_ABSTOL = 1e-8, 1e-15
 #: Steps of a run from which its energy is looked at.
 MANY_STEPS = 20_000
 #: Power that no potential explains, relative to the powers of all forces, that is rounding.
@@ -27,13 +27,13 @@ def ranges(motion: Trajectory) -> np.ndarray:
     if not len(motion):
         return np.zeros(motion.q.shape[1])
     found = np.ptp(motion.q, axis=0)
-    return np.where(found > ROUNDING * (1 + np.max(np.abs(motion.q), axis=0)), found, 0.0)
+    return np.where(found > RANGE_TOLERANCE * (1 + np.max(np.abs(motion.q), axis=0)), found, 0.0)
 
 
 def tolerance_for(motion: Trajectory, abstol: float) -> float | None:
     """Absolute tolerance that resolves a motion of small range; None if the one it was made with does."""
     size = largest(ranges(motion))
-    return max(SHARE * size, SMALLEST) if 0 < size < RESOLVED * abstol else None
+    return max(ABSTOL_SHARE * size, SMALLEST_ABSTOL) if 0 < size < RESOLVED * abstol else None
 
 
 def unresolved_range(motion: Trajectory, abstol: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +10,11 @@ import casadi as ca
 import numpy as np
 
 from ..equations import Equations
-from ..errors import ExpressionError, MechanismWarning, ModelError
+from ..errors import ExpressionError, ModelError, warn
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
+from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..results.state import State
 from .outputs import Outputs
 
@@ -22,12 +22,8 @@ from .outputs import Outputs
 Way = Callable[[np.ndarray], np.ndarray]
 #: ``(start, state) -> way`` from an output on.
 WayFrom = Callable[[float, np.ndarray], Way]
-#: Size, relative to that of the coordinates, below which an expression at the start of a motion counts as zero.
-ROUNDING = 1e-12
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9
-#: Rate of an expression, relative to the velocities, below which it does not move.
-REST = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
 #: Fraction of the change over neighbouring intervals by which a parabola through outputs must come near to zero.
@@ -137,9 +133,9 @@ class EventWatch:
                 self._offset[index] = float(state[self.events[index].expression])
 
     def moves_through(self, state: State) -> list[bool]:
-        """Whether each expression passes zero, if it is there, in the direction in which the event counts.
+        """True for each expression at zero that passes it in the direction in which the event counts.
 
-        One whose rate is not known, or that counts in both directions, does not by itself.
+        One whose rate is not known, or that counts in both directions, does not.
         """
         limit = at_rest(state)
         return [
@@ -148,7 +144,7 @@ class EventWatch:
         ]
 
     def rests(self, state: State) -> list[bool]:
-        """Whether each expression stands still at a state; one whose rate is not known counts as moving."""
+        """True for each expression that stands still at a state; one whose rate is not known counts as moving."""
         limit = at_rest(state)
         return [
             known and abs(rate) <= limit for rate, known in zip(self.rates(state), self._rate_is_known, strict=True)
@@ -158,7 +154,7 @@ class EventWatch:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
         if not self.events:
             return []
-        size = ROUNDING * (1 + np.max(np.abs(state.q), initial=0.0))
+        size = ZERO_VALUE * (1 + np.max(np.abs(state.q), initial=0.0))
         values = np.array([float(state[event.expression]) for event in self.events])
         limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
         return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
@@ -300,11 +296,9 @@ class EventWatch:
             if int(index) not in self._not_a_number:
                 self._not_a_number.add(int(index))
                 time = float(times[np.argmax(np.isnan(values[:, index]))])
-                warnings.warn(
+                warn(
                     f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
                     "a negative number, or a division by zero); there it cannot take place",
-                    MechanismWarning,
-                    stacklevel=2,
                 )
 
 
@@ -315,7 +309,7 @@ def _crossed(event: Event, before: float, after: float) -> bool:
 
 def at_rest(state: State) -> float:
     """Rate of an expression, relative to the velocities of a state, below which it does not move."""
-    return REST * (1 + float(np.max(np.abs(state.v), initial=0.0)))
+    return AT_REST * (1 + float(np.max(np.abs(state.v), initial=0.0)))
 
 
 def _rate(eom: Equations, expression: ca.SX) -> ca.SX | None:

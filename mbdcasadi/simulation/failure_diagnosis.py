@@ -21,7 +21,7 @@ _FLAGS = {
 
 
 #: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
-NEAR = 0.02
+NEAR_SINGULAR = 0.02
 #: Velocity (m/s) or deflection (m) over which friction is smoothed, from which it may be what stops an integrator.
 NARROW_FRICTION = 1e-6
 
@@ -55,7 +55,7 @@ def cause_of_failure(
                 f"or a root of a negative number ({said}){remarks}"
             )
     values = numeric.rank(t, q[0]).singular_values
-    if values.size and values[-1] < NEAR * values[0]:
+    if values.size and values[-1] < NEAR_SINGULAR * values[0]:
         pose = describe_singularity(numeric, t, q[0])
         return f"the pose is singular or nearly so, {pose.text} ({said})"
     if flag.startswith("the constraints"):

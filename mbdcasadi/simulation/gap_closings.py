@@ -52,12 +52,12 @@ class Closing:
 
 
 def has_gap(element: Any) -> bool:
-    """Whether an element is a contact, a stop or a rope."""
+    """True if an element is a contact, a stop or a rope."""
     return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
 
 
 def has_gaps(mechanism: Mechanism) -> bool:
-    """Whether a mechanism has contacts or stops, which an integrator may jump over."""
+    """True if a mechanism has contacts or stops, which an integrator may jump over."""
     return any(has_gap(element) for element in mechanism.elements)
 
 
@@ -211,7 +211,7 @@ class _Brackets:
         return _Brackets(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
     def may_close(self, level: int) -> np.ndarray:
-        """Whether each gap may be closed somewhere inside, by its rates.
+        """True for each gap that may be closed somewhere inside, by its rates.
 
         In a short interval the gap between convex outlines is a convex function of time: it stays above
         the tangents at both ends. In a long one, whose motion may turn back, its rate is bounded.

@@ -325,7 +325,7 @@ class Run:
         if outputs.recovery.left_over > APART:
             x, failure = self._together(times, x)
             times = times[: len(x)]
-        elif passage is None and (leap := self._leap(times, path.x[1:], x)) is not None:
+        elif passage is None and (leap := self._leap(piece, path.x[1:], x)) is not None:
             x, failure = leap
             times = times[: len(x)]
         arc.stepper.note_turning(x)
@@ -437,13 +437,16 @@ class Run:
         return x, None
 
     def _leap(
-        self, times: np.ndarray, integrated: np.ndarray, x: np.ndarray
+        self, piece: Piece, integrated: np.ndarray, x: np.ndarray
     ) -> tuple[np.ndarray, IntegrationFailure] | None:
         """Outputs up to one to which only a jump of a constraint leads, and the failure there; None without a jump.
 
         A row that jumps with the coordinates (an angle by ``atan2``) has a derivative
-        without the jump: the integrator passes by it, and the projection makes up for it at once.
+        without the jump: the integrator passes by it, and the projection makes up for it at once. Jumps in time
+        are known beforehand.
         """
+        times = piece.times[: len(x) - 1 if piece.ends_at_jump else len(x)]
+        x, integrated = x[: times.size], integrated[: times.size]
         numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
         correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
         limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)

@@ -12,7 +12,7 @@ from .path import Path, hermite_states
 
 
 class Outputs:
-    """What is made of states ``x = (q, v, z)``, each by row.
+    """Outputs of states ``x = (q, v, z)``, each by row.
 
     Parameters
     ----------

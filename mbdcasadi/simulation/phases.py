@@ -89,6 +89,7 @@ class PhasedRun:
             initial=initial,
             inputs=self._inputs_of(mechanism),
             parameters=self._parameters_of(mechanism),
+            takes_controller=True,
         )
         self.runs: list[Run] = []
         self._kept: dict[Any, Run] = {}
@@ -154,6 +155,7 @@ class PhasedRun:
                 times=self._first.grid,
                 inputs=self._inputs_of(mechanism),
                 parameters=parameters,
+                takes_controller=True,
             )
         watched = [event for event in self.events if event.is_watched_in(mechanism)]
         modes = self._modes_of(setup, watched)

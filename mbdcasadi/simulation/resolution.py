@@ -1,4 +1,4 @@
-"""Whether the steps of an integrator resolved what is smoothed: friction at rest, contacts.
+"""Check of the steps of an integrator: they must resolve what is smoothed, friction at rest and contacts.
 
 The rate of a smoothed quantity w, as ``tanh(v/v_t)``, is integrated along with
 the motion, outside the error test: over each output interval the integral is
@@ -35,7 +35,7 @@ BEFORE = 0.95
 
 @dataclass
 class _Finding:
-    """Where something was missed: times, shares of the span (or depths, m), and the shortest time that it lasts."""
+    """Stretches in which something was missed: times, shares of the span (or depths, m), and the shortest duration."""
 
     times: list[float] = field(default_factory=list)
     sizes: list[float] = field(default_factory=list)
@@ -174,7 +174,7 @@ class Resolution:
         return function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
 
     def sentences(self, reltol: float, abstol: float) -> list[str]:
-        """What is to be told after a run, with the tolerances of the integrator; one sentence for each element."""
+        """Remarks on a run with the tolerances of its integrator; one sentence for each element."""
         found = self._missed(reltol, abstol)
         for k, finding in self._passed.items():
             owner = self._owner[k].description

@@ -1,4 +1,4 @@
-"""The times of a run: outputs, times over which no step may go, and where the integrator starts anew."""
+"""The times of a run: outputs, times over which no step may go, and those at which the integrator restarts."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class Schedule:
     stops : numpy.ndarray
         Times over which no step may go.
     jumps : numpy.ndarray
-        Times at which the equations jump: the integrator starts anew.
+        Times at which the equations jump: the integrator restarts.
     period : float, optional
         Sampling period of a controller: a piece ends at each multiple of it.
     watch_points : int
@@ -155,7 +155,7 @@ class Schedule:
         return times[order], (np.arange(times.size) < grid.size)[order]
 
     def _marked(self, extra: np.ndarray) -> np.ndarray:
-        """Which of the times are among others."""
+        """True for times that are among others."""
         places = _nearest(self.times, extra)
         marked = np.zeros(self.times.size, bool)
         marked[places[np.abs(self.times[places] - extra) <= self.tolerance]] = True
@@ -170,7 +170,7 @@ class Schedule:
         return self.times.size
 
     def samples_at(self, index: int) -> bool:
-        """Whether a controller is called just after the time of an index (-1 is the start)."""
+        """True if a controller is called just after the time of an index (-1 is the start)."""
         return index >= 0 and bool(self._samples[index]) and index < self.size - 1
 
     def index_after(self, time: float) -> int:
@@ -178,7 +178,7 @@ class Schedule:
         return int(np.searchsorted(self.times, time, side="right"))
 
     def next_break(self, first: int) -> int:
-        """Index of the next time, from one on, at which the integrator must start anew; the last one at the latest."""
+        """Index of the next time, from one on, at which the integrator must restart; the last one at the latest."""
         found = np.flatnonzero(self._jumps[first:] | self._samples[first:])
         return first + int(found[0]) if found.size else self.size - 1
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismWarning, SimulationError
+from ..errors import SimulationError, warn
 from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
@@ -74,7 +73,7 @@ def simulate(
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
-        absolute one is a thousandth of it (of their largest deflection) at the most.
+        absolute one is a thousandth of it (of their largest deflection) at most.
     jit : bool, default False
         Compile the functions with the C compiler of the machine.
     progress : bool, default False
@@ -85,20 +84,20 @@ def simulate(
     Returns
     -------
     Trajectory
-        At the output times; up to the event, where a terminal one took place.
+        At the output times; up to the event, if a terminal one took place.
 
     Raises
     ------
     SimulationError
-        Where the integrator stops: the time, the cause, and ``.partial``.
+        If the integrator stops: the time, the cause, and ``.partial``.
     Interrupted
         On Ctrl-C, with ``.partial``.
 
     Warns
     -----
     MechanismWarning
-        Where the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
-        where inputs pass their limits, and where an element leaves what it is made for.
+        If the steps jump over the smoothing of a friction law or over a contact, so that the motion may be wrong;
+        if inputs pass their limits, or an element leaves its range of validity.
 
     Examples
     --------
@@ -116,7 +115,14 @@ def simulate(
         given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
         return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
     setup = Setup(
-        mechanism, "simulate", times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters
+        mechanism,
+        "simulate",
+        times=times,
+        duration=duration,
+        initial=initial,
+        inputs=inputs,
+        parameters=parameters,
+        takes_controller=True,
     )
     modes = _modes(setup, read)
     asked = chosen_integrator(
@@ -130,11 +136,8 @@ def simulate(
     may_repeat = abstol is None and asked is not method and setup.signals.controller is None
     run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
-    for sentence in run.unresolved():
-        motion.statistics.notes.append(sentence)
-        warnings.warn(sentence, MechanismWarning, stacklevel=2)
-    _tell_exceeded_limits(mechanism, motion)
-    report_validity(motion)
+    _report_exceeded_limits(mechanism, motion)
+    report_validity(motion, run.unresolved())
     return motion
 
 
@@ -152,12 +155,10 @@ def _through_phases(
     notes = motion.statistics.notes
     for part in motion.phases:
         notes += [note for note in small_motions(part, run.integrator.abstol) if note not in notes]
-    for sentence in run.unresolved():
-        notes.append(sentence)
-        warnings.warn(sentence, MechanismWarning, stacklevel=3)
     for part in motion.phases:
-        _tell_exceeded_limits(part.mechanism, part)
-        report_validity(part)
+        _report_exceeded_limits(part.mechanism, part)
+        report_validity(part, run.unresolved() if part is motion.phases[0] else ())
+        notes += [note for note in part.statistics.notes if note not in notes]
     return motion
 
 
@@ -220,14 +221,12 @@ def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Int
     return integrator.replace(abstol=absolute_tolerance(numeric, integrator.abstol))
 
 
-def _tell_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
+def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
     for k, u in enumerate(mechanism.inputs):
         values = motion.inputs[:, k]
         slack = 1e-6 * (1 + np.max(np.abs(values), initial=0.0))
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
-            warnings.warn(
+            warn(
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
                 f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
-                MechanismWarning,
-                stacklevel=3,
             )

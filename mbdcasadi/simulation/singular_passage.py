@@ -28,8 +28,10 @@ from .path import Path, hermite_states
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
 ENTRY = 0.01
+#: Poses about the lowest pivot at which it is looked at again.
+CLOSE = 64
 #: Turn of a body between two poses at which the pivot is looked at, rad.
-TURN = 0.05
+PIVOT_TURN = 0.05
 #: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
 #: its length, near by what the singular value divides. Measured on parallelograms in rows of one to five, the energy
 #: was off by 1e-6, 1e-8, 1e-8, 1e-7 J of 2 J at distances of 1, 0.5, 0.25, 0.12.
@@ -45,11 +47,11 @@ PARTS = 40
 LONGEST = 12.0
 #: Difference of the polynomial's accelerations from those of the equations of motion on the far side, relative to
 #: their size, and change of its coordinates there by the projection, up to which the passage is accepted.
-ACCELERATION_TOLERANCE, POSITION_TOLERANCE = 1e-3, 1e-6
+PASSAGE_ACCELERATION_TOLERANCE, PASSAGE_POSITION_TOLERANCE = 1e-3, 1e-6
 
 
 def has_loops(eom: Equations) -> bool:
-    """Whether constraints close loops: only then they can become dependent in particular poses.
+    """True if constraints close loops: only then they can become dependent in particular poses.
 
     A tree of pins, slides and welds is regular in every pose.
     """
@@ -166,17 +168,19 @@ class SingularPassage:
     def _finer(self, path: Path) -> np.ndarray:
         """Times of a path between which no body turns far."""
         turned = np.abs(np.diff(path.x[:, np.flatnonzero(self._numeric.eom.angles)], axis=0)).max(axis=1, initial=0.0)
-        parts = np.clip(np.ceil(turned / TURN), 1, 400).astype(int)
+        parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
         ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
         return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
 
     def smallest(self, path: Path) -> float:
         """Smallest pivot along a path, relative to the one of the entry."""
-        times = self._finer(path)
-        n = self._numeric.eom.q.numel()
-        return float(np.min(self._regularity.at(times, hermite_states(path, times, n)[:, :n]))) / (
-            ENTRY * self._largest
-        )
+        n, times, values = self._numeric.eom.q.numel(), self._finer(path), np.zeros(0)
+        for _ in range(2):  # first everywhere, then about the lowest
+            values = self._regularity.at(times, hermite_states(path, times, n)[:, :n])
+            k = int(np.argmin(values))
+            around = times[max(k - 1, 0)], times[min(k + 1, times.size - 1)]
+            times = np.linspace(*around, CLOSE)
+        return float(np.min(values)) / (ENTRY * self._largest)
 
     # --- passing ----------------------------------------------------------------------------------
     def across(self, time: float, begin: float, way: Way, limit: float) -> Passage | None:
@@ -240,12 +244,12 @@ class SingularPassage:
         The accelerations of the polynomial are compared with those of the equations of motion.
         """
         n, size = self._numeric.eom.q.numel(), self._numeric.scale.coordinates
-        if largest((x[:n] - ahead[:n]) / size) > POSITION_TOLERANCE:
+        if largest((x[:n] - ahead[:n]) / size) > PASSAGE_POSITION_TOLERANCE:
             return None
         a = self._outputs.block(np.array([time]), x[None, :])[3][0]
         speed = largest(x[n : 2 * n] / size)
         missed = largest((a - course.accelerations(time)) / size)
-        if not np.isfinite(missed) or missed > ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
+        if not np.isfinite(missed) or missed > PASSAGE_ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
             return None
         return missed * length / speed if speed else None
 
@@ -282,7 +286,7 @@ class Trail:
         self._parts: list[tuple[np.ndarray, np.ndarray]] = []
 
     def begin(self, time: float, x: np.ndarray) -> None:
-        """Forget what was before: the motion begins anew."""
+        """Forget what was before: the motion restarts."""
         self._parts = [(np.array([time]), x[None, :])]
 
     def add(self, times: np.ndarray, x: np.ndarray) -> None:

@@ -214,7 +214,7 @@ class Stepper:
     def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
         """Return the function from later times to projected states, integrated to rounding."""
         if self._precise is None:
-            explicit = not (self.numeric.massless or self.numeric.eom.Q_depends_on_lam)
+            explicit = not self.numeric.eom.Q_depends_on_lam
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
             self._precise = form, CompiledIntegrator(form.dae(self.numeric, self.signals), method)

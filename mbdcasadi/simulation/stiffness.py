@@ -1,4 +1,4 @@
-"""How fast the fastest motion is, to choose an integrator."""
+"""Speed of the fastest motion, to choose an integrator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STABILITY = 3.0
 
 
 def is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundant: bool) -> bool:
-    """Whether an explicit integrator would be held back by stability.
+    """True if an explicit integrator would be held back by stability.
 
     Estimates the spectral radius of the linearised equations of motion at the
     start by power iteration on directional derivatives.

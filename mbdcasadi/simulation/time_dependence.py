@@ -21,14 +21,14 @@ MOST_TRANSIENTS = 2000
 
 @dataclass(frozen=True)
 class TimeDependence:
-    """What integrators must know of the time in the equations of a run.
+    """Properties of the time in the equations of a run that integrators must know.
 
     Attributes
     ----------
     stops : numpy.ndarray
         Times over which no step may go: knots, switches, the middles of short transients, s.
     jumps : numpy.ndarray
-        Times at which the accelerations jump, so that an integrator starts anew, s.
+        Times at which the accelerations jump, so that an integrator restarts, s.
     max_step : float or None
         Longest step, s; None if nothing depends on time.
     velocity_jumps : list of ConstraintJump

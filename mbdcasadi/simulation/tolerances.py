@@ -17,14 +17,14 @@ NARROW = {
 }
 #: Largest absolute tolerance, as a share of the velocity over which friction is smoothed, or
 #: of the way over which bristles bend: with tolerances near to
-#: that velocity every integrator steps over the change of sign and gives wrong motions without a word.
-SHARE = 1e-3
+#: that velocity every integrator steps over the change of sign and gives wrong motions silently.
+FRICTION_SHARE = 1e-3
 #: Smallest absolute tolerance that an integrator can keep to.
-SMALLEST = 1e-13
+SMALLEST_FOR_FRICTION = 1e-13
 
 
 def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
-    """What friction is spread over the least: how far, the element, and words for it; None without any."""
+    """The narrowest width over which friction is smoothed, its element, and words for it; None without any."""
     found: list[tuple[float, Any, str]] = []
     eom = numeric.eom
     for element in eom.mechanism.elements:
@@ -49,9 +49,10 @@ def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:
     if found is None:
         return asked
     narrowest, element, words = found
-    if not np.isfinite(narrowest) or narrowest * SHARE < SMALLEST:
+    if not np.isfinite(narrowest) or narrowest * FRICTION_SHARE < SMALLEST_FOR_FRICTION:
         raise SimulationError(
             f"{element.description}: {words} is too narrow for an integrator, which keeps to "
-            f"{SMALLEST:.0e} at best; take at least {SMALLEST / SHARE:.0e}, or DryFriction, which needs none"
+            f"{SMALLEST_FOR_FRICTION:.0e} at best; take at least {SMALLEST_FOR_FRICTION / FRICTION_SHARE:.0e}, or "
+            "DryFriction, which needs none"
         )
-    return min(asked, SHARE * narrowest)
+    return min(asked, FRICTION_SHARE * narrowest)

@@ -57,7 +57,7 @@ class TrajectoryBuilder:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there are no outputs yet."""
+        """True if there are no outputs yet."""
         return not self._blocks
 
     @property

@@ -62,7 +62,7 @@ class Uniqueness:
         return ", ".join(found)
 
     def sentence(self, time: float) -> str:
-        """What is told."""
+        """The remarks."""
         return (
             f"at t = {time:.6g} s the reactions are not unique any more: {self.frictions} is so large that the joint "
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "

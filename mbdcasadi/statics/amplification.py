@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import MechanismWarning
+from ..errors import warn
 from ..kinematics.mobility import mobility
 from ..kinematics.singular import describe_singularity
 from ..numerics.tolerances import NEARLY_SINGULAR, RANK
 from .statics import Statics
 
 #: Relative singular value below which reactions may be amplified, and by how much before it is reported.
-NEAR, REPORTED = 1e-4, 1e3
+NEAR_SINGULAR_LOADS, REPORTED = 1e-4, 1e3
 
 
 @dataclass(frozen=True)
@@ -48,11 +47,11 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
     jacobian = numeric.velocity(statics.t, q)[0]
     left, values, _ = np.linalg.svd(numeric.scale.scaled(jacobian), full_matrices=False)
     relative = values / max(float(np.max(values)), np.finfo(float).tiny)
-    if np.min(relative) > NEAR:
+    if np.min(relative) > NEAR_SINGULAR_LOADS:
         return None
     reactions = left.T @ (numeric.scale.row_size(jacobian) * lam)
     load = float(np.linalg.norm(values * reactions))
-    near = (relative > RANK) & (relative < NEAR)
+    near = (relative > RANK) & (relative < NEAR_SINGULAR_LOADS)
     reaction = float(np.linalg.norm(reactions[near]))
     factor = reaction / load if reaction > REPORTED * load > 0 else 0.0
     around = mobility(numeric, statics.t, q) if np.min(relative) < NEARLY_SINGULAR else None
@@ -72,4 +71,4 @@ def warn_of(pose: Amplification) -> None:
         )
     else:
         what = f"the pose is singular, and reactions to other loads than these may be without bound; {pose.text}"
-    warnings.warn(f"equilibrium: {what}", MechanismWarning, stacklevel=4)
+    warn(f"equilibrium: {what}")

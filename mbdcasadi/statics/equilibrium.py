@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import Signals, read_signals
-from ..arguments.values import inputs_and_parameters, pairs_of, parameter_vector, position_in
-from ..assembly.consistent_start import carried_by, consistent_start
-from ..equations import equations
+from ..arguments.values import inputs_and_parameters, position_in
+from ..assembly.consistent_start import consistent_start
+from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input, Parameter, number
+from ..model.symbols import Input, Parameter
 from ..numerics.least_squares import largest
 from ..results.state import State
 from .amplification import amplification, warn_of
@@ -26,7 +26,7 @@ from .statics import Statics, Stiffness
 #: Speed of a driver that counts as rest (m/s or rad/s).
 REST_TOLERANCE = 1e-9
 #: Violation of an inequality that is rounding, in its own unit.
-INEQUALITY_TOLERANCE = 1e-8
+CONDITION_TOLERANCE = 1e-8
 
 
 class EquilibriumError(MechanismError):
@@ -138,15 +138,25 @@ def equilibrium(
     >>> round(rest[arm.phi] / np.pi, 9), rest.stable
     (-0.5, True)
     """
+    setup = Setup(mechanism, "equilibrium", t=t, initial=conditions, inputs=inputs, parameters=parameters)
+    return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer)
+
+
+def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "stable") -> Equilibrium:
+    """Find the equilibrium for arguments that are read; see :func:`equilibrium`.
+
+    Parameters
+    ----------
+    setup : Setup
+        With the conditions as its start.
+    wanted : tuple of Input or Parameter
+        The unknowns.
+    prefer : {"stable", "nearest"}
+        Direction of the search.
+    """
     if prefer not in ("stable", "nearest"):
         raise ModelError(f'equilibrium: prefer must be "stable" or "nearest", got {prefer!r}')
-    eom = equations(mechanism)
-    time = number(t, "equilibrium", "t")
-    carried = carried_by(conditions, mechanism)
-    p = parameter_vector(eom, carried["parameters"] | dict(pairs_of(parameters, "parameters=")))
-    given = carried["inputs"] | dict(pairs_of(inputs, "inputs="))
-    numeric, signals = NumericEquations(eom, p), read_signals(eom, given)
-    wanted = inputs_and_parameters(mechanism, unknowns, "unknowns=")
+    conditions, eom, numeric, time = setup.initial, setup.eom, setup.numeric, setup.time
     rows = () if isinstance(conditions, State) else read_conditions(conditions)
     equalities = tuple(c for c in rows if c.equality) if wanted else ()
     if wanted and len(equalities) != len(wanted):
@@ -154,12 +164,12 @@ def equilibrium(
             f"equilibrium: {len(wanted)} unknowns ({', '.join(w.label for w in wanted)}) need as many equalities "
             f"among the conditions, and there are {len(equalities)}"
         )
-    start = conditions if isinstance(conditions, State) else _start(numeric, rows, time, signals, bool(wanted))
+    start = conditions if isinstance(conditions, State) else _start(setup, rows, bool(wanted))
     # the state may come from another mechanism on the same bodies
     q, z = (np.atleast_1d(start[group]) if group.numel() else np.zeros(0) for group in (eom.q, eom.z))
     _refuse_moving_drivers(numeric, time, q)
-    statics = Statics(numeric, signals, time, wanted, equalities)
-    values = [_value(w, eom, p, start) for w in wanted]
+    statics = Statics(numeric, setup.signals, time, wanted, equalities)
+    values = [_value(w, eom, setup.p, start) for w in wanted]
     x = statics.follow(statics.join(q, z, np.zeros(statics.m), values))
     if prefer == "stable" and not wanted:
         rest = to_stable(statics, x)
@@ -169,7 +179,7 @@ def equilibrium(
     if rest is None:
         raise EquilibriumError(_left_over(statics, x))
     if wanted:
-        mechanism.check_values(statics.parameters(rest))
+        setup.mechanism.check_values(statics.parameters(rest))
     result = Equilibrium(statics, rest)
     _check_inequalities(rows, result)
     _check_reactions(statics, rest)
@@ -184,11 +194,11 @@ def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
     return float(start[symbol]) if known else symbol.value
 
 
-def _start(numeric: NumericEquations, rows: Sequence[Condition], time: float, signals: Signals, trim: bool) -> State:
+def _start(setup: Setup, rows: Sequence[Condition], trim: bool) -> State:
     """Assembled pose to start from; conditions that say nothing of the pose wait for the equilibrium itself."""
     later = ("multiplier", "input") if trim else ()
     usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
-    return consistent_start(numeric, usable, time, signals)
+    return consistent_start(setup.numeric, usable, setup.time, setup.signals)
 
 
 def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray) -> None:
@@ -206,7 +216,7 @@ def _refuse_moving_drivers(numeric: NumericEquations, time: float, q: np.ndarray
 
 def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
     for row in rows:
-        if not row.equality and result[row.expression] > INEQUALITY_TOLERANCE:
+        if not row.equality and result[row.expression] > CONDITION_TOLERANCE:
             raise EquilibriumError(
                 f"equilibrium: the equilibrium that was found breaks the condition {row.label} by "
                 f"{result[row.expression]:.6g}; start from a pose nearer to the one that is meant"
@@ -244,6 +254,14 @@ def _left_over(statics: Statics, x: np.ndarray) -> str:
         if soft
         else "the forces may have no balance near this pose"
     )
+    rubbing = [
+        e.description for e in eom.mechanism.elements if any(ca.depends_on(s.expression, eom.v) for s in e.smoothings)
+    ]
+    if soft and rubbing:
+        remedy = (
+            f"no force holds it back in some direction: smoothed friction ({', '.join(rubbing[:3])}) gives way slowly "
+            "at rest; DryFriction sticks"
+        )
     return (
         f"equilibrium: no state at rest was found; at the start the forces that are not balanced act on "
         f"{', '.join(parts) or 'nothing'} (N or N m){singular}; {remedy}; "

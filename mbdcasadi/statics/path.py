@@ -8,9 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.inputs import read_signals
-from ..arguments.values import pairs_of
-from ..equations.numeric import NumericEquations
+from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, Parameter, as_expression, number
@@ -18,7 +16,7 @@ from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
 from ..numerics.roots import bracketed_root
-from .equilibrium import Equilibrium, EquilibriumError, equilibrium
+from .equilibrium import Equilibrium, EquilibriumError, equilibrium_of
 from .statics import NEUTRAL, Statics
 
 #: Points of a path that is asked to go on for ever.
@@ -26,7 +24,7 @@ MOST_POINTS = 2000
 #: Smallest step of a path, as a share of the usual one.
 SMALLEST_STEP = 1e-6
 #: Largest turn of a body in a step, rad, and of the path itself (cosine between two directions).
-LARGEST_TURN, STRAIGHT = 0.2, 0.7
+PATH_TURN, STRAIGHT = 0.2, 0.7
 #: Singular values below this share vanish at a critical point: by rounding they would throw a step off the path.
 SINGULAR = 1e-9
 #: Accuracy to which a critical value is found, relative to the range.
@@ -100,12 +98,10 @@ def equilibrium_path(
     first, last = (number(x, "equilibrium_path", name) for x, name in ((start, "start"), (end, "end")))
     if first == last or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
-    values = {"inputs": pairs_of(inputs, "inputs="), "parameters": pairs_of(parameters, "parameters=")}
-    kind = "inputs" if isinstance(parameter, Input) else "parameters"
-    values[kind] = [pair for pair in values[kind] if pair[0] is not parameter] + [(parameter, first)]
-    origin = equilibrium(mechanism, conditions, values["inputs"], values["parameters"], prefer=prefer, t=t)
-    numeric = NumericEquations(origin.equations, origin.parameters)
-    statics = Statics(numeric, read_signals(numeric.eom, values["inputs"]), origin.t, [parameter])
+    given: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
+    setup = Setup(mechanism, "equilibrium_path", **given, fixed={parameter: first})
+    origin = equilibrium_of(setup, prefer=prefer)
+    statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
     return Follower(statics, parameter, first, last, steps).run(origin)
 
 
@@ -267,7 +263,7 @@ class Follower:
             return np.append(values, row[0] @ (x - point.x) - step), np.vstack([slope, row])
 
         x = newton(with_advance, guess, weights, iterations=12, smallest=SINGULAR)
-        if x is None or largest((x - point.x)[self._turns]) > LARGEST_TURN:
+        if x is None or largest((x - point.x)[self._turns]) > PATH_TURN:
             return None
         following = self._point(x, point.tangent)
         return following if following.tangent @ point.tangent > STRAIGHT else None

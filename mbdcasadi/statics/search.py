@@ -12,15 +12,15 @@ from .statics import Statics, Stiffness
 #: How far a body may turn in a step (rad), and move (in levers of the mechanism).
 LARGEST_STEP = 0.2
 #: How far a body may turn in a step of Newton's method, rad: more leads to equilibria that are far away.
-LARGEST_TURN = 0.5
+NEWTON_TURN = 0.5
 #: Smallest share of a step downhill.
-SMALLEST_SHARE = 1e-6
+SHORTEST_DESCENT = 1e-6
 #: Steps downhill.
 STEPS = 400
 #: A step this small (in levers) ends the way downhill: Newton's method takes over.
-NO_STEP = 1e-6
+END_OF_DESCENT = 1e-6
 #: By how much a pose is moved out of an unstable equilibrium, in levers, and how often.
-PERTURBATION, PERTURBATIONS = 1e-2, 4
+UNSTABLE_PERTURBATION, PERTURBATIONS = 1e-2, 4
 
 
 def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
     for _ in range(STEPS):
         step = _step(here)
         size = largest(step)
-        if size <= NO_STEP * statics.lever:
+        if size <= END_OF_DESCENT * statics.lever:
             return x
         step *= min(1.0, LARGEST_STEP * statics.lever / size)
 
@@ -51,7 +51,7 @@ def downhill(statics: Statics, x: np.ndarray) -> np.ndarray:
             work = here.force @ (here.basis.T @ path) + there.force @ (there.basis.T @ path)
             return (moved, there) if work > 0 else None
 
-        better = backtrack(with_work_done, SMALLEST_SHARE)
+        better = backtrack(with_work_done, SHORTEST_DESCENT)
         if better is None:
             return x
         x, here = better
@@ -71,7 +71,7 @@ def newton(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     """Equilibrium to rounding by Newton's method on all rows; None if it does not converge."""
     equations, weights = statics.scaled(x)
     limit = np.full(x.size, np.inf)
-    limit[np.flatnonzero(statics.eom.angles)] = LARGEST_TURN
+    limit[np.flatnonzero(statics.eom.angles)] = NEWTON_TURN
     return newtons_method(equations, x, weights, step_limit=limit)
 
 
@@ -81,7 +81,7 @@ def newton_nearby(statics: Statics, x: np.ndarray) -> np.ndarray | None:
     directions = statics.stiffness(x).directions if rest is None else np.zeros((0, 0))
     for direction in directions.T[:2].real:
         for side in (1, -1, 5, -5):
-            moved = statics.displaced(x, side * PERTURBATION * statics.lever * direction)
+            moved = statics.displaced(x, side * UNSTABLE_PERTURBATION * statics.lever * direction)
             rest = None if moved is None else newton(statics, moved)
             if rest is not None:
                 return rest
@@ -101,7 +101,7 @@ def to_stable(statics: Statics, x: np.ndarray) -> np.ndarray | None:
             return rest
         first = rest if first is None else first
         direction = stiffness.directions[:, 0].real
-        step = direction * PERTURBATION * statics.lever * (1 if attempt % 2 == 0 else -1)
+        step = direction * UNSTABLE_PERTURBATION * statics.lever * (1 if attempt % 2 == 0 else -1)
         moved = statics.displaced(rest, step)
         if moved is None:
             return first

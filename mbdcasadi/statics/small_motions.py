@@ -9,7 +9,7 @@ import numpy as np
 #: Imaginary part, relative to the eigenvalue, that is rounding.
 TURNING = 1e-7
 #: Rounding of an eigenvalue, relative to the largest and its condition number.
-ROUNDING = 1e-14
+EIGENVALUE_TOLERANCE = 1e-14
 #: Inertia of a free direction, relative to the largest, below which it has none.
 NO_INERTIA = 1e-14
 
@@ -113,4 +113,4 @@ def _eigen(right: np.ndarray, left: np.ndarray, count: int) -> tuple[np.ndarray,
     values, vectors = np.linalg.eig(matrix * unit[:, None] / unit)
     rows = np.linalg.pinv(vectors, rcond=1e-15)
     condition = np.linalg.norm(rows, axis=1) * np.linalg.norm(vectors, axis=0)
-    return values.astype(complex), (vectors / unit[:, None]).astype(complex), ROUNDING * speed * condition
+    return values.astype(complex), (vectors / unit[:, None]).astype(complex), EIGENVALUE_TOLERANCE * speed * condition

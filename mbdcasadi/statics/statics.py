@@ -135,7 +135,7 @@ class Statics:
         self._free_p = _places(eom.mechanism.parameters, unknowns)
         self._known_p = [k for k in range(numeric.p.size) if k not in self._free_p]
         self._from_y = [_places(unknowns, [eom.mechanism.parameters[k]])[0] for k in self._free_p]
-        u = ca.SX(signals.expressions)
+        u = ca.SX(signals.at_time(t))
         for k in _places(eom.mechanism.inputs, unknowns):
             u[k] = eom.mechanism.inputs[k]
         fed_back, u = u, ca.substitute(u, eom.v, ca.SX.zeros(self.n))

@@ -1,4 +1,4 @@
-"""What a sweep found."""
+"""Result of a sweep."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ class Sweep:
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over ``case`` and ``t``; the values of the cases are coordinates of ``case``.
 
-        They bear the name of the parameter, or ``name.value`` where an output is called so.
+        They have the name of the parameter, or ``name.value`` if an output is called so.
         """
         try:
             import xarray as xr

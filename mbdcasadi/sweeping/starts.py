@@ -10,7 +10,7 @@ import numpy as np
 from ..assembly.consistent_start import consistent_start
 from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
-from ..errors import MechanismError, MechanismWarning, SimulationError
+from ..errors import MechanismError, MechanismWarning, SimulationError, warn
 from ..numerics.console import call_each
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import FOUND
@@ -21,15 +21,16 @@ STEPS = (1, 8, 32)
 
 
 class StartPath:
-    """The way from one start to those at other parameters: a compiled function and arrays, nothing of the model.
+    """The path from one start to those at other parameters: a compiled function and arrays, nothing of the model.
 
     The parameters are changed in steps, so that every case stays on the branch
-    of the first; what does not arrive in small turns is not reached.
+    of the first; what does not arrive in small turns is not reached. All cases
+    take the same even steps, since one call of compiled code moves them all.
 
     Parameters
     ----------
     setup : MotionSetup
-        The mechanism at the parameters from which the way begins.
+        The mechanism at the parameters at its beginning.
     """
 
     def __init__(self, setup: MotionSetup):
@@ -90,7 +91,7 @@ class StartPath:
 
 
 def assembled_start(setup: MotionSetup, parameters: np.ndarray, case: int) -> np.ndarray:
-    """Assemble the start of one case by itself (n_x,).
+    """Assemble the start of one case (n_x,).
 
     Raises
     ------
@@ -117,7 +118,7 @@ def repeat_for_case(caught: list[warnings.WarningMessage], case: int) -> None:
     """Warn of what was caught while a case was prepared, with the case."""
     for warning in caught:
         if issubclass(warning.category, MechanismWarning):
-            warnings.warn(f"sweep, case {case}: {warning.message}", MechanismWarning, stacklevel=5)
+            warn(f"sweep, case {case}: {warning.message}")
         else:
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arguments.values import pairs_of, position_in
 from ..assembly.setup import Setup
+from ..equations import equations
 from ..errors import (
     AssemblyError,
     FileError,
@@ -24,6 +25,7 @@ from ..errors import (
     ModelError,
     SimulationError,
     SingularityError,
+    warn,
 )
 from ..integrators import Integrator
 from ..model.conditions import read_conditions
@@ -70,7 +72,7 @@ def sweep(
 
     What travels to the workers are ``casadi.Function`` objects and arrays: they
     find the starts of their cases by continuation from that of one of them, and
-    integrate. A start that is not reached so is assembled here by itself. A
+    integrate. A start that is not reached this way is assembled here. A
     case that fails is kept as such, with its message, and the others go on.
 
     Parameters
@@ -108,7 +110,7 @@ def sweep(
     ModelError
         For cases that do not fit the mechanism.
     FileError
-        Where the file belongs to another sweep.
+        If the file belongs to another sweep.
     Interrupted
         On Ctrl-C; ``.partial`` holds what was finished.
 
@@ -124,6 +126,7 @@ def sweep(
     """
     if executor is not None and not hasattr(executor, "submit"):
         raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
+    equations(mechanism)  # refuses what is none
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)
@@ -200,7 +203,9 @@ class _Plan:
         with warnings.catch_warnings():
             # limits of what varies are looked at in all cases
             warnings.simplefilter("ignore", MechanismWarning)
-            self.setup = Setup(mechanism, "sweep", times=times, parameters=self._parameters(0), **shared)
+            self.setup = Setup(
+                mechanism, "sweep", times=times, parameters=self._parameters(0), takes_duration=False, **shared
+            )
         self.p, self.levels = self._values()
         self._report_exceeded_limits()
 
@@ -226,11 +231,9 @@ class _Plan:
             beyond = np.flatnonzero((values < parameter.lower) | (values > parameter.upper))
             if beyond.size:
                 shown = ", ".join(str(k) for k in beyond[:5]) + (" …" if beyond.size > 5 else "")
-                warnings.warn(
+                warn(
                     f"sweep: parameter '{parameter.label}' is beyond its limits {parameter.lower:.6g} … "
                     f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given",
-                    MechanismWarning,
-                    stacklevel=4,
                 )
 
     def fingerprint(self, named: list[tuple[Any, ca.SX]]) -> str:
@@ -310,7 +313,7 @@ class _Jobs:
         self.width = self.setup.grid.size * sum(e.numel() for _, e in named)
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Course], dict[int, str]]:
-        """Where the motions of cases are cut, and why some have none."""
+        """Cuts of the motions of cases, and the reasons why some have none."""
         found, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
         channel = self._motion.channel()
         shared: Course | None = None
@@ -330,7 +333,7 @@ class _Jobs:
         return found, failures
 
     def parcel(self, course: Course) -> Parcel:
-        """What is compiled for a course and others of its pattern."""
+        """The compiled batch for a course and others of its pattern."""
         if course.pattern not in self._parcels:
             setup, motion = self.setup, self._motion
             n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size

@@ -1,4 +1,4 @@
-"""What travels to a worker, and what it does there: casadi.Functions and arrays, nothing of the model."""
+"""The part of a sweep that travels to a worker: casadi.Functions and arrays, nothing of the model."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Parcel:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of some cases.
+    """Results of some cases.
 
     Attributes
     ----------

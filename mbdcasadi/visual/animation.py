@@ -84,7 +84,7 @@ def animate(
     motion : Trajectory or Solution
         The motion.
     path : str or Path, optional
-        Where to write it. ``.html`` is one file that opens without a network, with
+        Path of the file. ``.html`` is one file that opens without a network, with
         play and pause, speed, a slider, forces on and off, numbers of whatever one
         points at, and keys; ``.gif`` and ``.mp4`` are films. Without a path the
         page shows itself in a notebook.

@@ -627,7 +627,7 @@ def test_a_massless_crank_between_pins_passes_the_force_along():
     ],
 )
 def test_a_body_that_lacks_mass_is_named(settings, joint, missing):
-    """Pose and velocity are there all the same; accelerations and reactions say which body and which coordinates."""
+    """Pose and velocity are there nevertheless; accelerations and reactions say which body and which coordinates."""
     ghost, solid = mbd.Body("ghost", pose=(0.3, 0.1, 0), **settings), mbd.Body("solid", 1, 1)
     joints = [mbd.Revolute("pin", mbd.ground.at(0.3, 0.1), ghost.at(0, 0))] if joint else []
     state = mbd.assemble(mbd.Mechanism(bodies=[ghost, solid], joints=joints, forces=[mbd.Gravity()]))

@@ -238,6 +238,20 @@ def test_singular_slider_crank():
     assert np.abs(energy - energy[0]).max() < 1e-4 * motion.energy.kinetic.max()
 
 
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
+@pytest.mark.parametrize("count", [51, 501])
+def test_singular_slider_crank_at_default_tolerances(method, count):
+    """By every method, with fine and coarse outputs: the branch is the regular one in all six upright poses."""
+    first, second, _, mechanism = equal_slider_crank()
+    slider = mechanism.bodies[2]
+    start = [first.phi == np.pi / 4, slider.vx == -4]
+    motion = mbd.simulate(mechanism, np.linspace(0, 5, count), initial=start, method=method)
+    np.testing.assert_allclose(motion[second.phi], -motion[first.phi], atol=1e-9)
+    energy = motion.energy.total
+    assert np.abs(energy - energy[0]).max() < 1e-5 * motion.energy.kinetic.max()
+    assert "passes 6 singular poses" in motion.statistics.notes[0]
+
+
 # --- machines of the course ME451 (University of Wisconsin), references by DOP853 in one coordinate -------------------
 def test_course_slider_crank():
     """sliderCrankDYN: crank 4 m, rod 6 m, released horizontally."""

@@ -87,3 +87,31 @@ def test_light_bodies_that_nothing_holds_are_no_matter():
     state = mbd.assemble(model)
     np.testing.assert_allclose(state[mbd.vertcat(dust.ay, ship.ay)], [-9.81, 0], atol=1e-12)
     assert state[keel.reaction_on(ship).force][1] == pytest.approx(9.81e7, rel=1e-12)
+
+
+@pytest.mark.parametrize("lightest", [1.0, 1e-6])
+@pytest.mark.parametrize("redundant", [False, True])
+def test_forces_on_bodies_without_mass(lightest, redundant):
+    """A cart drawn by a handle through a rod, neither of which has mass, accelerates by the force over its mass."""
+    u = mbd.Input("u")
+    handle = mbd.Body("handle", mass=0.0, inertia=0.0, pose=(1, 0.3, 0))
+    rod = mbd.Body("rod", mass=0.0, inertia=0.0, pose=(0.5, 0.15, np.arcsin(0.3)))
+    cart, weight = mbd.Body("cart", mass=2.0, inertia=0.0), mbd.Body("weight", mass=2.0 * lightest, inertia=0.0)
+    joints = [
+        mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0)),
+        mbd.Translational("second rail", mbd.ground.at(0, 0), weight.at(0, 0)),
+        mbd.Revolute("cart pin", cart.at(0, 0), rod.at(-0.5, 0)),
+        mbd.Revolute("handle pin", rod.at(0.5, 0), handle.at(0, 0)),
+        mbd.Translational("handle rail", mbd.ground.at(0, 0.3), handle.at(0, 0)),
+    ]
+    pull = mbd.Force("pull", handle.at(0, 0), (u, 0))
+    bodies = [handle, rod, cart, weight]
+    numeric = NumericEquations(
+        mbd.equations(mbd.Mechanism(bodies=bodies, joints=joints, forces=[pull], inputs=[u])), np.zeros(0)
+    )
+    weighed = [cart.x == 0.1, weight.x == 0.7]
+    q, none = mbd.assemble(numeric.eom.mechanism, weighed).q, np.zeros(0)
+    a, lam = numeric.accelerations(0.0, q, np.zeros(12), none, np.array([9.0]), redundant=redundant)
+    assert a.reshape(4, 3)[:3, 0] == pytest.approx([4.5] * 3, rel=1e-8) and np.abs(a[2::3]).max() < 1e-7
+    balance = numeric.mass * a + numeric.velocity(0.0, q)[0].T @ lam - np.eye(12)[0] * 9.0
+    assert np.abs(balance).max() < 1e-12

@@ -1,4 +1,4 @@
-"""What switches in time in the equations of a mechanism, and where an integrator must begin anew."""
+"""Switches in time in the equations of a mechanism, and the times at which an integrator must restart."""
 
 import casadi as ca
 import numpy as np
@@ -39,9 +39,9 @@ def drive(value):
     ],
 )
 def test_instants_and_restarts(eom, times, restart):
-    found, anew = explicit_time(eom()).breaks(np.zeros(0), 0, 10)
+    found, restarts = explicit_time(eom()).breaks(np.zeros(0), 0, 10)
     np.testing.assert_allclose(found.times, times, rtol=1e-13)
-    assert anew.tolist() == restart
+    assert restarts.tolist() == restart
 
 
 def test_rates_of_states_and_velocity_rows_count():
@@ -50,9 +50,9 @@ def test_rates_of_states_and_velocity_rows_count():
         joints=[lambda sled, rail: mbd.NonholonomicConstraint("belt", sled.vx - mbd.fabs(t - 2))],
         states={charge: mbd.if_else(t < 4, 1, 0)},
     )
-    found, anew = explicit_time(eom).breaks(np.zeros(0), 0, 10)
+    found, restarts = explicit_time(eom).breaks(np.zeros(0), 0, 10)
     np.testing.assert_allclose(found.times, [2, 4], rtol=1e-13)
-    assert anew.tolist() == [True, True]
+    assert restarts.tolist() == [True, True]
     assert explicit_time(eom).jumps(np.zeros(0), 0, 10) == []
 
 
@@ -69,9 +69,9 @@ def test_inputs_in_time_are_seen_where_they_enter():
     assert not explicit_time(eom).depends
     course = explicit_time(eom, ca.vertcat(mbd.sin(t)))
     assert course.depends
-    found, anew = course.breaks(np.zeros(0), 0.1, 10)
+    found, restarts = course.breaks(np.zeros(0), 0.1, 10)
     np.testing.assert_allclose(found.times, np.pi * np.arange(1, 4), rtol=1e-13)
-    assert not any(anew)
+    assert not any(restarts)
     assert not explicit_time(eom, ca.vertcat(ca.SX(eom.q[0]))).depends  # feedback without time
 
 

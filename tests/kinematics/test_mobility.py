@@ -187,12 +187,12 @@ def test_a_small_torque_at_a_dead_centre_is_refused():
 
 
 def test_reactions_near_a_dead_centre_come_with_a_warning_and_are_right():
-    for angle, told in ((2e-5, True), (1e-2, False)):
+    for angle, reported in ((2e-5, True), (1e-2, False)):
         model, hold = held_at_dead_centre(0.01, angle)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             state = mbd.equilibrium(model)
-        assert [w.category for w in caught] == [mbd.MechanismWarning] * told
+        assert [w.category for w in caught] == [mbd.MechanismWarning] * reported
         # virtual work: torque by the rate of the slider, dx/dangle = -r sin (1 + r cos / l ...)
         lever = 0.1 * np.sin(angle) * (1 + 0.1 * np.cos(angle) / np.sqrt(0.09 - 0.01 * np.sin(angle) ** 2))
         assert abs(state[hold.effort]) == pytest.approx(0.01 / lever, rel=1e-5)

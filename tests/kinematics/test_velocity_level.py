@@ -174,7 +174,7 @@ def test_sleigh_with_too_few_drivers_is_refused():
 
 # --- optimal control --------------------------------------------------------------------------------------
 def test_sleigh_is_parked_sideways():
-    """It cannot move sideways and gets there all the same: least effort, verified by IDAS."""
+    """It cannot move sideways and gets there nevertheless: least effort, verified by IDAS."""
     u, f = mbd.Input("u"), mbd.Input("f")
     body = mbd.Body("sleigh", mass=MASS, inertia=INERTIA)
     blade = mbd.KnifeEdge("blade", body.at(-BEHIND, 0))

@@ -141,7 +141,7 @@ def test_jansen_leg_over_ten_turns():
 
 
 def test_names_of_parts():
-    """A part that is not there is told with those that are; a wrong coordinate too."""
+    """A part that is not there is reported with those that are; a wrong coordinate too."""
     model = LIBRARY.four_bar()
     assert "coordinates crank, rocker" in repr(model)
     with pytest.raises(AttributeError, match="no part 'slider'; it has mechanism, coordinates, crank"):

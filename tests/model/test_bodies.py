@@ -107,7 +107,7 @@ def test_a_body_needs_a_name(name):
 
 
 def test_the_name_of_the_ground_is_taken():
-    """Two things called ground could not be told apart in tables and messages."""
+    """Two things called ground could not be distinguished in tables and messages."""
     with pytest.raises(mbd.ModelError, match=r"'ground'.*another"):
         mbd.Body("ground", 1, 1)
 

@@ -107,7 +107,7 @@ def test_gap_of_bars(seed):
 
 
 def test_holes():
-    """A disc, a bar and a block in a bore: by hand; what does not go in is told."""
+    """A disc, a bar and a block in a bore: by hand; what does not go in is refused."""
     hole = mbd.HollowCircle(mbd.ground.at(0.2, 0.1), 1.0)
     body = mbd.Body("body", mass=1, inertia=1, pose=(0.2 + 0.3, 0.1 - 0.4, 0))
     disc = mbd.Contact("disc", mbd.Circle(body.at(0, 0), 0.45), hole, FIRM)

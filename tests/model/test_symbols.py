@@ -168,7 +168,7 @@ def test_rates_that_are_not_known_are_refused(arm):
 
 
 def test_the_rate_of_an_input_is_a_symbol_of_its_own(arm):
-    """Optimal control knows it; what else holds it is told."""
+    """Optimal control knows it; anything else that contains it is refused."""
     u = mbd.Input("u")
     rate = mbd.time_derivative(u * arm.x)
     assert same(rate, u.rate * arm.x + u * arm.vx, u, u.rate, arm.q, arm.v)

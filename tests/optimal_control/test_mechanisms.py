@@ -259,7 +259,7 @@ def test_friction_from_the_reaction_of_a_guide(transcription):
     solution = mbd.optimize(
         mbd.OptimalControlProblem(mechanism, running_cost=u**2, **rest), intervals=40, transcription=transcription
     )
-    # the same with the reaction put in by hand
+    # the same with the reaction substituted by hand
     by_hand = mbd.Force("friction", block.at(0, 0), (-mu * (9.81 + slope * u) * mbd.tanh(block.vx / speed), 0))
     explicit = mechanism.replace(forces=[mbd.Gravity(), push, by_hand])
     reference = mbd.optimize(

@@ -78,7 +78,7 @@ def test_an_equality_in_accelerations(transcription):
 
 
 def test_two_sided_limits_on_a_position():
-    """A corridor that moves with time: the block stays in it, at the least cost found with more intervals too."""
+    """A corridor that moves with time: the block stays in it, at the least cost, which more intervals confirm."""
     problem, _u, block = rest_to_rest(1.0, 1.0)
     middle = 3 * mbd.t**2 - 2 * mbd.t**3 + 0.1 * mbd.sin(2 * np.pi * mbd.t)
     lane = problem.replace(path=[mbd.bounded(middle - 0.05, block.x, middle + 0.05)])

@@ -50,7 +50,7 @@ def test_a_crank(settings, limit):
     ],
 )
 def test_an_output_link(settings, limit):
-    """The rocker is told where to be; the motor is at the crank."""
+    """The rocker's motion is prescribed; the motor is at the crank."""
     f = crank_rocker()
     ends = [float(mbd.assemble(f.mechanism, [f.crank.phi == a])[f.rocker.phi]) for a in (0.9, 1.9)]
     error, _ = torque_error(f, f.rocker.phi, ends[0] + (ends[1] - ends[0]) * BLEND, **settings)

@@ -104,7 +104,7 @@ def test_the_local_error_is_that_of_an_integration(sharp):
 
 
 def test_defects_by_interval():
-    """verify() tells displacements and angles apart, interval by interval."""
+    """verify() distinguishes displacements and angles, interval by interval."""
     f = crank_rocker()
     solution = mbd.optimize(half_turn(f), intervals=12, degree=2)
     replay = solution.verify()

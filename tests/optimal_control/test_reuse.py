@@ -147,7 +147,7 @@ def test_what_is_no_problem():
 
 
 def test_options_pass_through():
-    """What IPOPT is told, it does."""
+    """Options of IPOPT take effect."""
     problem = half_turn(crank_rocker())
     loose = mbd.optimize(problem, intervals=10, options={"ipopt.tol": 1e-2, "ipopt.constr_viol_tol": 1e-2})
     tight = mbd.optimize(problem, intervals=10, options={"ipopt.tol": 1e-10})

@@ -21,7 +21,7 @@ def stored(tmp_path):
     "settings", [dict(), dict(degree=5), dict(transcription="hermite-simpson"), dict(control="linear")]
 )
 def test_what_was_saved_comes_back(tmp_path, settings):
-    """Everything that a solution tells, from a problem with waypoints, a free time and a free parameter."""
+    """Everything that a solution holds, from a problem with waypoints, a free time and a free parameter."""
     f = crank_rocker()
     peak = mbd.Parameter("peak", 5.0, lower=0.0)
     problem = half_turn(

@@ -172,7 +172,7 @@ def test_a_mechanism_of_another_structure(tmp_path):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_an_equal_mechanism_built_anew_is_not_reported(tmp_path, name):
+def test_an_equal_mechanism_built_again_is_not_reported(tmp_path, name):
     """Every kind of element: the file of one model is read with another one of the same numbers."""
     path = tmp_path / "run.npz"
     with warnings.catch_warnings():

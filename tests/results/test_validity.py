@@ -1,4 +1,4 @@
-"""What elements ask to be watched along a motion: told with time and size, left out where it is not known."""
+"""Validity conditions of elements along a motion: reported with time and size, left out if not known."""
 
 import warnings
 
@@ -143,3 +143,21 @@ def test_driver_beyond_the_data_of_its_spline_is_named():
     with pytest.raises(mbd.AssemblyError, match="beyond t = 3 s: drive has no finite value") as said:
         mbd.kinematics(mbd.Mechanism([block], [rail], [drive]), np.linspace(0, 4, 41))
     assert said.value.time == pytest.approx(3) and said.value.partial.t[-1] == pytest.approx(3)
+
+
+def test_many_findings_are_one_warning():
+    """Twelve planets without a carrier: one warning that names three, and twelve notes."""
+    arms = [mbd.Body(f"arm {k}", mass=1, inertia=0.02) for k in range(12)]
+    wheels = [mbd.Body(f"planet {k}", mass=0.5, inertia=2e-4, pose=(0.06, 0, 0)) for k in range(12)]
+    joints = []
+    for k, (arm, wheel) in enumerate(zip(arms, wheels, strict=True)):
+        joints.append(mbd.Revolute(f"hub {k}", mbd.ground.at(0, 0), arm.at(0, 0)))
+        joints.append(mbd.Revolute(f"pin {k}", arm.at(0.06, 0), wheel.at(0, 0)))
+        joints.append(mbd.Gear(f"mesh {k}", mbd.ground.at(0, 0), wheel.at(0, 0), 0.04, 0.02))
+    model = mbd.Mechanism([*arms, *wheels], joints)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        motion = mbd.simulate(model, np.linspace(0, 0.5, 6), initial=[arm.omega == 4 for arm in arms])
+    own = [str(w.message) for w in caught if issubclass(w.category, mbd.MechanismWarning)]
+    assert len(own) == 1 and "'mesh 0'" in own[0] and "and 9 more of this kind" in own[0]
+    assert sum("line of centres" in note for note in motion.statistics.notes) == 12

@@ -1,4 +1,4 @@
-"""Steps that jump over smoothed friction or over a contact are told, and contacts are not jumped over."""
+"""Steps that jump over smoothed friction or over a contact are reported, and contacts are not jumped over."""
 
 import re
 import warnings
@@ -28,12 +28,12 @@ def belt(law, speed=2.0):
 def run(law, **settings):
     """Path of the block, and the warnings."""
     block, mechanism = belt(law)
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         motion = mbd.simulate(mechanism, np.linspace(0, 3, 31), initial=[block.x == 0, block.vx == 3], **settings)
-    told = [str(w.message) for w in told if issubclass(w.category, mbd.MechanismWarning)]
-    assert all(text in motion.statistics.notes for text in told)
-    return motion[block.x], told
+    texts = [str(w.message) for w in caught if issubclass(w.category, mbd.MechanismWarning)]
+    assert all(text in motion.statistics.notes for text in texts)
+    return motion[block.x], texts
 
 
 @pytest.mark.parametrize(
@@ -46,14 +46,14 @@ def run(law, **settings):
     ],
 )
 def test_steps_over_the_change_of_sign_are_told(method, settings):
-    """With careless tolerances the motion is wrong and that is told; with the chosen ones it is right, and quiet."""
+    """With careless tolerances the motion is wrong and reported; with the chosen ones it is right, and quiet."""
     exact, _ = run(mbd.DryFriction(0.3))
     right, quiet = run(mbd.Coulomb(0.3, 1e-4), method=method)
-    wrong, told = run(mbd.Coulomb(0.3, 1e-4), method=method, **settings)
+    wrong, texts = run(mbd.Coulomb(0.3, 1e-4), method=method, **settings)
     assert np.abs(right - exact).max() < 5e-5 and not quiet
     assert np.abs(wrong - exact).max() > 2e-4
-    assert len(told) == 1 and "friction 'rub'" in told[0]
-    assert "at t = " in told[0] and "reltol" in told[0] and "DryFriction" in told[0]
+    assert len(texts) == 1 and "friction 'rub'" in texts[0]
+    assert "at t = " in texts[0] and "reltol" in texts[0] and "DryFriction" in texts[0]
 
 
 def test_bristles_have_their_tolerance():
@@ -83,7 +83,7 @@ def test_a_short_contact_is_not_jumped_over(method, duration):
 
 @pytest.mark.filterwarnings("ignore::mbdcasadi.MechanismWarning")
 def test_what_passes_through_is_told(monkeypatch):
-    """Where a new start does not help, it is told, with a step that meets the contact."""
+    """If a new start does not help, it is reported, with a step that meets the contact."""
     monkeypatch.setattr(mbdcasadi.simulation.loop, "NEW_START", 2.0)
 
     def discs(**settings):
@@ -92,9 +92,9 @@ def test_what_passes_through_is_told(monkeypatch):
         hit = mbd.Contact("hit", mbd.Circle(a.at(0, 0), 0.02), mbd.Circle(b.at(0, 0), 0.02), mbd.HuntCrossley(1e8))
         return mbd.simulate(mbd.Mechanism([a, b], forces=[hit]), np.linspace(0, 50, 11), **settings)[a.vx][-1]
 
-    with pytest.warns(mbd.MechanismWarning, match=r"'hit': the surfaces pass.*0\.04 m deep.*at t = 0\.9") as told:
+    with pytest.warns(mbd.MechanismWarning, match=r"'hit': the surfaces pass.*0\.04 m deep.*at t = 0\.9") as caught:
         assert discs() == 1.0
-    step = float(re.search(r"'max_step_size': ([0-9.e-]+)", " ".join(str(w.message) for w in told))[1])
+    step = float(re.search(r"'max_step_size': ([0-9.e-]+)", " ".join(str(w.message) for w in caught))[1])
     assert discs(options={"max_step_size": step}) == pytest.approx(0, abs=1e-4)
 
 
@@ -113,7 +113,7 @@ def test_sensitivities_and_sweeps_meet_short_contacts():
 
 
 def test_what_carries_nothing_is_quiet():
-    """Discs that touch at rest without a load, and a block that slides along a floor at zero gap: nothing is told."""
+    """Discs that touch at rest without a load, and a block that slides along a floor at zero gap: no warning."""
     a = mbd.Body("a", mass=1, inertia=0.01, pose=(0.1, 0.3, 0))
     b = mbd.Body("b", mass=1, inertia=0.01, pose=(0.3, 0.3, 0))
     c = mbd.Body("c", mass=1, inertia=0.01, pose=(0, 0.1, 0), velocity=(1, 0, 0))

@@ -1,4 +1,4 @@
-"""Simulation: accuracy, inputs, states, events, what it refuses and what it tells when it stops."""
+"""Simulation: accuracy, inputs, states, events, refusals, and messages when it stops."""
 
 from __future__ import annotations
 
@@ -475,7 +475,7 @@ def test_redundant_parallelogram(coupler_mass, method):
         np.testing.assert_allclose(motion[crank.alpha], -weight * np.cos(angle) / inertia, atol=1e-4)
     assert motion.drift.position < 1e-12 and motion.drift.velocity < 1e-11
     assert any("redundant" in note for note in motion.statistics.notes)
-    # the sum of the feet is unique all the same
+    # the sum of the feet is unique nevertheless
     feet = sum(motion[j.reaction_on(b).force] for j, b in zip(f.joints, f.cranks, strict=False))
     bodies = [*f.cranks, f.coupler]
     inertial = sum(b.mass * motion[b.a[:2]] for b in bodies) + sum(b.mass for b in bodies) * np.array([0, G])

@@ -438,3 +438,13 @@ def test_a_model_without_any_mass_is_judged_by_its_springs():
         spring = mbd.Torque("spring", rod, -stiffness * rod.phi)
         rest = mbd.equilibrium(mbd.Mechanism(bodies=[rod], joints=[hinge], forces=[spring]), prefer="nearest")
         assert rest.stable is (stiffness > 0)
+
+
+def test_smoothed_friction_on_an_incline_is_named():
+    """It creeps: there is no state at rest, and no body falls."""
+    block = mbd.Body("block", mass=1, inertia=0.1)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, -0.3), block.at(0, 0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.Coulomb(0.5, 1e-3))
+    model = mbd.Mechanism([block], [guide], forces=[mbd.Gravity(), rub])
+    with pytest.raises(mbd.EquilibriumError, match=r"smoothed friction \(friction 'rub'\) gives way.*DryFriction"):
+        mbd.equilibrium(model)

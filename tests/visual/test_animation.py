@@ -233,8 +233,10 @@ def test_mp4(crank, tmp_path):
     """A film of the right length."""
     mbd.animate(crank[1], tmp_path / "motion.mp4", fps=10)
     assert (tmp_path / "motion.mp4").read_bytes()[4:8] == b"ftyp"
-    told = subprocess.run(["ffmpeg", "-i", tmp_path / "motion.mp4"], capture_output=True, text=True, check=False).stderr
-    assert "00:00:03.10" in told and "h264" in told
+    output = subprocess.run(
+        ["ffmpeg", "-i", tmp_path / "motion.mp4"], capture_output=True, text=True, check=False
+    ).stderr
+    assert "00:00:03.10" in output and "h264" in output
 
 
 def test_mp4_without_ffmpeg(crank, tmp_path, monkeypatch):

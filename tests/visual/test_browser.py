@@ -1,4 +1,4 @@
-"""The page of an animation in a real browser: it plays, scrubs, tells numbers, and shows the pose that it should.
+"""The page of an animation in a real browser: it plays, scrubs, shows numbers, and the pose the pose that it should.
 
 Needs the extra ``browser`` and a Chromium: Playwright's own, or one on the path.
 """
@@ -67,7 +67,7 @@ def test_numbers_and_poses_are_those_of_the_motion(page, crank):
     for time in (0.0, 0.333, 1.7, 4.0):
         page.evaluate(f"mechanism.seek({time})")
         state = motion.at(time).initial
-        told = page.evaluate("mechanism.reading('rod')")
+        shown = page.evaluate("mechanism.reading('rod')")
         expected = {
             "x, m": model.rod.x,
             "y, m": model.rod.y,
@@ -75,7 +75,7 @@ def test_numbers_and_poses_are_those_of_the_motion(page, crank):
             "omega, rad/s": model.rod.omega,
         }
         for label, expression in expected.items():
-            assert told[label] == pytest.approx(state[expression], abs=2e-4), label
+            assert shown[label] == pytest.approx(state[expression], abs=2e-4), label
         load = page.evaluate("mechanism.reading('wrist pin')")["force on slider, x, N"]
         assert load == pytest.approx(state[model.wrist.reaction_on(model.slider).force[0]], abs=1e-3)
         pin, wrist, main = (
@@ -254,7 +254,7 @@ def rebounding():
 
 
 def kicked():
-    """A force that jumps at a time that nobody told."""
+    """A force that jumps at a time that is not given."""
     model = mbd.library.pendulum_chain(2).mechanism
     (arm, _), push = model.bodies, mbd.if_else(mbd.t > 1 / 3, 5.0, 0.0)
     kick = mbd.Force("kick", arm.at(0, 0), (push, 0))

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 _LEAST_POINTS = {"cubic": 4, "monotone": 2, "linear": 2}
+#: Samples that a curve of degree five takes.
+_LEAST_SAMPLES = 6
 _OUTSIDE = ("error", "constant", "linear", "periodic")
 
 #: Part of the data's width by which rounding may carry the argument beyond the data.
@@ -114,6 +116,51 @@ def closed_spline(x: ca.SX, xs: np.ndarray, ys: np.ndarray) -> ca.SX:
 
     coefficients = _taylor(make_interp_spline(xs, ys, k=5, bc_type="periodic"), xs[:-1], 6)
     return piecewise(x, xs, xs, np.column_stack([coefficients, coefficients[:, :1]]), "periodic")
+
+
+def expression_of(x: ca.SX, curve: Any) -> Any:
+    """Return a curve of SciPy (``CubicSpline``, ``make_interp_spline``, ``UnivariateSpline``) as an expression in `x`.
+
+    Anything else is returned as it is. Outside its data the value is NaN, as with ``outside="error"``.
+
+    Raises
+    ------
+    ModelError
+        For a curve with several values at a point.
+    """
+    if not callable(curve) or isinstance(curve, ca.SX):
+        return curve
+    if hasattr(curve, "get_knots") and hasattr(curve, "get_coeffs"):  # UnivariateSpline and those like it
+        xs = np.asarray(curve.get_knots(), float)
+        order = len(curve.get_coeffs()) - len(xs) + 2
+    elif all(hasattr(curve, name) for name in ("t", "c", "k")):  # BSpline
+        xs, order = np.unique(curve.t[curve.k : len(curve.t) - curve.k]), curve.k + 1
+    elif all(hasattr(curve, name) for name in ("x", "c", "derivative")):  # PPoly and those like it
+        xs, order = np.asarray(curve.x, float), len(curve.c)
+    else:
+        return curve
+    if np.ndim(curve(xs[0])):
+        raise ModelError(
+            f"{type(curve).__name__}: a curve with one value at each point is needed, this one has several"
+        )
+    return piecewise(x, xs, xs, _taylor(curve, xs, order), "error")
+
+
+def through_samples(x: ca.SX, xs: Any, ys: Any) -> ca.SX:
+    """Return a curve of degree five through samples of a motion: its accelerations are smooth.
+
+    Raises
+    ------
+    ModelError
+        For fewer than six samples, and as :func:`spline` does.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    xs, ys = _points(xs, ys, "linear", "error")
+    if len(xs) < _LEAST_SAMPLES:
+        raise ModelError(f"samples of a motion: at least {_LEAST_SAMPLES} are needed, got {len(xs)}")
+    curve: ca.SX = expression_of(x, make_interp_spline(xs, ys, k=_LEAST_SAMPLES - 1))
+    return curve
 
 
 def _numbers(values: Any, name: str) -> np.ndarray:

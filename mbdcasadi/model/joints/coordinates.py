@@ -24,7 +24,7 @@ class _Absolute(ConstraintElement):
         self.marker = as_marker(marker, what, "marker")
         self.value = quantity(value, what, "value")
         if self._is_angle:
-            in_radians(self.value, what, "value", stacklevel=3)
+            in_radians(self.value, what, "value")
         super().__init__(name, self._coordinate() - self.value, (), (self.marker,))
 
     def _coordinate(self) -> ca.SX:
@@ -108,7 +108,7 @@ class _Relative(Joint):
         what = f"constraint '{name}'"
         self.value = quantity(value, what, "value")
         if self._is_angle:
-            in_radians(self.value, what, "value", stacklevel=3)
+            in_radians(self.value, what, "value")
         super().__init__(name, a, b, self._coordinate(b) - self._coordinate(a) - self.value)
 
     @staticmethod

@@ -19,19 +19,18 @@ from ...model.forces.friction.modes import Senses, switching, variant_in
 from ...model.mechanism import Mechanism
 from ...model.rates import time_derivative
 from ...numerics.rank import analyse_rank
+from ...numerics.tolerances import AT_REST
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from ..impacts import jump_to
 from ..modes import Modes
 
-#: Sliding speed, relative to the largest velocity, that counts as rest where a piece begins.
-REST = 1e-9
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
-ROUNDING = 1e-7
+FRICTION_TOLERANCE = 1e-7
 #: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
 #: alone makes a joint turn: the guide of a crank at its dead centre.
 TURNS = 1e-6
-#: Modes of the frictions at rest that are tried at one instant, at the most.
+#: Modes of the frictions at rest that are tried at one instant, at most.
 TRIALS = 729
 
 #: Sign of the sliding speed in each sense.
@@ -40,7 +39,7 @@ SENSE = {"forth": 1.0, "back": -1.0, "sticks": 0.0, "free": 0.0}
 
 @dataclass(frozen=True)
 class FrictionMode:
-    """What sticks and what slides.
+    """A choice of which frictions stick and which slide.
 
     Attributes
     ----------
@@ -144,7 +143,7 @@ class FrictionModes(Modes):
     @property
     def rest(self) -> ca.SX:
         """Sliding speed from which what the pose held at rest counts as sliding, m/s."""
-        return 2 * REST * (1 + ca.norm_2(equations(self.variant(self.free)).v))
+        return 2 * AT_REST * (1 + ca.norm_2(equations(self.variant(self.free)).v))
 
     # --- which mode holds -----------------------------------------------------------------------------
     def pull(self, index: int, state: State) -> float:
@@ -181,7 +180,7 @@ class FrictionModes(Modes):
             Frictions that break away just there, and the sense in which they were pulled.
         """
         speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
-        limit = REST * (1 + float(np.max(np.abs(state.v))))
+        limit = AT_REST * (1 + float(np.max(np.abs(state.v))))
         resting = [i for i, speed in enumerate(speeds) if abs(speed) <= limit]
         if 3 ** len(resting) > TRIALS:
             raise SimulationError(
@@ -254,7 +253,7 @@ class FrictionModes(Modes):
         by_pose: Sequence[int],
         broken: dict[int, float],
     ) -> bool:
-        """Whether friction at rest is below its limit, and what starts to slide does so in its sense.
+        """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
         What others that stick hold may exert any force up to its limit.
         """
@@ -263,14 +262,15 @@ class FrictionModes(Modes):
             if sense == "sticks":
                 pull = abs(trial.lam[self.row(mode, friction)])
                 limit = trial[ca.SX(friction.law.static_coefficient * friction.load)]
-                if not pull <= limit * (1 + ROUNDING):
+                if not pull <= limit * (1 + FRICTION_TOLERANCE):
                     return False
                 continue
             if sense == "free" or (i in mode.held and i not in by_pose):
                 continue
             onset = SENSE[sense] * trial[time_derivative(friction.sliding_speed)]
             largest = float(np.max(np.abs(trial.a)))
-            slack = -ROUNDING * largest if i in by_pose else ROUNDING * (1 + largest) if i in broken else 0.0
+            rounding = FRICTION_TOLERANCE
+            slack = -rounding * largest if i in by_pose else rounding * (1 + largest) if i in broken else 0.0
             if not onset > -slack:
                 return False
         return True

@@ -34,7 +34,7 @@ class Sample:
     Parameters
     ----------
     source : State or Trajectory
-        Where they come from.
+        Their source.
     times : numpy.ndarray, optional
         Times of a motion, s; by default those of its outputs.
 

@@ -55,13 +55,13 @@ class Label:
     Attributes
     ----------
     frame, point : int, tuple of float
-        Where the point is, m.
+        The point, m.
     text : str
         The name, of one line or more.
     body : bool
         Whether a body is named.
     shift : tuple of float
-        Where the middle of the text is from the point, points of the paper.
+        Middle of the text from the point, points of the paper.
     """
 
     frame: int
@@ -157,7 +157,7 @@ class Scene:
 
     @property
     def has_arrows(self) -> bool:
-        """Whether there are arrows that are to scale."""
+        """True if there are arrows that are to scale."""
         return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
 
     def poses(self, sample: Any) -> np.ndarray:

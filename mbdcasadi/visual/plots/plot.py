@@ -49,7 +49,7 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
     Raises
     ------
     MechanismError
-        Where there is nothing to draw.
+        If there is nothing to draw.
 
     Examples
     --------

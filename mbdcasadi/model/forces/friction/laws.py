@@ -148,7 +148,7 @@ class Coulomb(FrictionLaw):
 
 
 #: Largest ratio of velocity tolerance to Stribeck velocity: above it the static peak is cut off.
-SHARE = 0.2
+STRIBECK_SHARE = 0.2
 
 
 class Stribeck(FrictionLaw):
@@ -177,10 +177,10 @@ class Stribeck(FrictionLaw):
         self.velocity_tolerance = read(velocity_tolerance, "velocity_tolerance", above=0.0)
         check_static(read, self.coefficient, self.static_coefficient)
         tolerance, velocity = known_value(self.velocity_tolerance), known_value(self.stribeck_velocity)
-        if tolerance is not None and velocity is not None and tolerance > SHARE * velocity:
+        if tolerance is not None and velocity is not None and tolerance > STRIBECK_SHARE * velocity:
             raise ModelError(
                 f"Stribeck: velocity_tolerance = {tolerance:g} m/s cuts off the static peak, which is "
-                f"{velocity:g} m/s wide; take at most {SHARE * velocity:g}"
+                f"{velocity:g} m/s wide; take at most {STRIBECK_SHARE * velocity:g}"
             )
         self.limits = read.limits
 

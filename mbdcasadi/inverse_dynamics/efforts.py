@@ -1,4 +1,7 @@
-"""Efforts that make a given motion: ``[Phi_q^T, -B] [lam; u] = Q_0 - M a``, rank-checked."""
+"""Efforts that make a given motion: ``M a + Phi_q^T lam - Q(lam, u) = 0``, rank-checked.
+
+Linear unless friction depends on reactions; then it is solved by Newton's method at all times together.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,10 @@ from ..errors import MechanismError, SingularityError
 from ..numerics.tolerances import RANK
 from ..results.trajectory import Trajectory
 
-#: Equations of motion that no effort can balance are told from this share of the loads on.
+#: An equation of motion counts as out of balance from this share of the loads on.
 BALANCE_TOLERANCE = 1e-6
+#: Steps of Newton's method, halvings of a step, and the relative step that is rounding.
+NEWTON_STEPS, HALVINGS, NO_STEP = 60, 12, 1e-13
 
 
 class EffortProblem:
@@ -34,56 +39,88 @@ class EffortProblem:
         eom = numeric.eom
         self._labels = [eom.mechanism.inputs[k].label for k in self.unknown]
         sought = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
-        slope = ca.jacobian(eom.Q, sought)
-        for what, symbols in (("the efforts sought", sought), ("the multipliers", eom.lam)):
-            if symbols.numel() and ca.depends_on(slope if what.startswith("the e") else eom.Q, symbols):
-                raise MechanismError(
-                    f"inverse_dynamics: the forces depend on {what} in a way that is not linear; "
-                    "drive the mechanism instead, and read driver.effort"
-                )
-        rest = ca.substitute(eom.Q, sought, ca.SX.zeros(sought.numel()))
-        arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.u, eom.p]
-        terms = [eom.Phi_q, slope, rest - eom.mass_diagonal * eom.a]
-        self._terms = ca.Function("terms", arguments, [ca.densify(term) for term in terms])
+        if sought.numel() and ca.depends_on(ca.jacobian(eom.Q, sought), sought):
+            raise MechanismError(
+                "inverse_dynamics: the forces depend on the efforts sought in a way that is not linear; drive the "
+                "mechanism instead, and read driver.effort"
+            )
+        unknowns = ca.vertcat(eom.lam, sought)
+        residual = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
+        slope = ca.jacobian(residual, unknowns)
+        self._linear = not ca.depends_on(slope, unknowns)
+        arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, eom.p]
+        self._terms = ca.Function("terms", arguments, [ca.densify(residual), ca.densify(slope)])
 
     def solve(self, frame: Trajectory) -> tuple[np.ndarray, np.ndarray]:
         """Multipliers (k, m) and all inputs (k, n_u) along a motion."""
-        count = frame.t.size
-        n, m, w = self.numeric.eom.q.numel(), self.numeric.eom.lam.numel(), len(self.unknown)
-        arguments = (frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, frame.inputs.T, self.numeric.p)
-        jacobian, slope, load = (x.full() for x in self._terms(*arguments))
-        matrix = np.zeros((count, n, m + w))
-        matrix[:, :, :m] = _blocks(jacobian, count, m, n).transpose(0, 2, 1)
-        matrix[:, :, m:] = -_blocks(slope, count, n, w)
-        right = np.broadcast_to(load.T, (count, n))
-        self._check_rank(frame.t, matrix, m, w)
-        unknowns = _least_norm(matrix, right)
+        m, w = self.numeric.eom.lam.numel(), len(self.unknown)
+        unknowns = np.zeros((frame.t.size, m + w))
+        residual, matrix = self._at(frame, unknowns)
+        if self._linear:
+            right = -residual
+            self._check_rank(frame.t, matrix, m, w)
+            unknowns = _least_norm(matrix, right)
+        else:
+            unknowns = self._by_newton(frame, unknowns)
+            residual, matrix = self._at(frame, unknowns)
+            right = np.einsum("kij,kj->ki", matrix, unknowns) - residual
+            self._check_rank(frame.t, matrix, m, w)
         self._check_balance(frame.t, matrix, right, unknowns)
+        return unknowns[:, :m], self._inputs(frame, unknowns)
+
+    def _inputs(self, frame: Trajectory, unknowns: np.ndarray) -> np.ndarray:
         u = frame.inputs.copy()
-        u[:, self.unknown] = unknowns[:, m:]
-        return unknowns[:, :m], u
+        u[:, self.unknown] = unknowns[:, self.numeric.eom.lam.numel() :]
+        return u
+
+    def _at(self, frame: Trajectory, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (k, n) and their slopes (k, n, m + w)."""
+        n, m, count = self.numeric.eom.q.numel(), self.numeric.eom.lam.numel(), frame.t.size
+        motion = (frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T)
+        u = self._inputs(frame, unknowns)
+        residual, slope = (x.full() for x in self._terms(*motion, unknowns[:, :m].T, u.T, self.numeric.p))
+        return np.broadcast_to(residual.T, (count, n)), _blocks(slope, count, n, unknowns.shape[1])
+
+    def _by_newton(self, frame: Trajectory, unknowns: np.ndarray) -> np.ndarray:
+        """Solutions at all times by Newton's method, each step shortened until its residual falls."""
+        residual, matrix = self._at(frame, unknowns)
+        for _ in range(NEWTON_STEPS):
+            step = -_least_norm(matrix, residual)
+            before, share = np.linalg.norm(residual, axis=1), np.ones(frame.t.size)
+            for _ in range(HALVINGS):
+                moved, _ = self._at(frame, unknowns + share[:, None] * step)
+                worse = ~(np.linalg.norm(moved, axis=1) < before) & (before > 0)
+                if not np.any(worse):
+                    break
+                share = np.where(worse, share / 2, share)
+            share = np.where(worse, 0.0, share)  # rounding: nothing is better there
+            unknowns = unknowns + share[:, None] * step
+            residual, matrix = self._at(frame, unknowns)
+            if np.all(share[:, None] * np.abs(step) <= NO_STEP * (1 + np.abs(unknowns))):
+                break
+        return unknowns
 
     def _check_rank(self, times: np.ndarray, matrix: np.ndarray, m: int, w: int) -> None:
         n = matrix.shape[1]
         rank_rows = _rank(matrix[:, :, :m]) if m else np.zeros(times.size, int)
         freedom = n - int(np.median(rank_rows))
         self.redundant = bool(np.median(rank_rows) < m)
-        sought = ", ".join(repr(label) for label in self._labels) or "none"
+        names = ", ".join(repr(label) for label in self._labels) or "none"
         if w < freedom:
             raise MechanismError(
                 f"the motion is over-determined by {freedom - w}: the mechanism has {freedom} degrees of freedom and "
-                f"{w} effort{'s' if w != 1 else ''} ({sought}) to move them; name more inputs in efforts="
+                f"{w} effort{'s' if w != 1 else ''} ({names}) to move them; name more inputs in efforts="
             )
         if w > freedom:
             raise MechanismError(
-                f"the efforts are under-determined by {w - freedom}: {w} efforts ({sought}) for {freedom} degree"
+                f"the efforts are under-determined by {w - freedom}: {w} efforts ({names}) for {freedom} degree"
                 f"{'s' if freedom != 1 else ''} of freedom; fix some of them by inputs="
             )
         short = rank_rows + w - _rank(matrix)
         if np.any(short > 0):
             k = int(np.argmax(short > 0))
             raise SingularityError(
-                f"the efforts {sought} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
+                f"the efforts {names} cannot make the motion at t = {times[k]:.6g} s: in that pose they work against "
                 "the joints alone (a dead point for them); let them act at another place",
                 time=float(times[k]),
             )

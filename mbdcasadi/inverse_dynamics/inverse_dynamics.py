@@ -9,20 +9,21 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import read_signals
-from ..arguments.values import pairs_of, parameter_vector, position_in, time_grid
-from ..equations import Equations, equations
+from ..arguments.values import pairs_of, position_in
+from ..assembly.setup import Setup
+from ..equations import Equations
 from ..equations.driven import driven_equations
-from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, SingularityError
+from ..kinematics.kinematics import driven_motion, kinematic_trajectory
 from ..model.drivers import Driver
+from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
 from ..numerics.console import call_each
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
-from .inverse_dynamics_system import EffortProblem
-from .kinematics import driven_motion, kinematic_trajectory, kinematics
+from ..simulation.simulate import simulate
+from .efforts import EffortProblem
 
 #: Largest violation of a constraint by a motion given from outside (m, rad and their rates), relative to its size.
 MOTION_TOLERANCE = 1e-6
@@ -32,6 +33,7 @@ def inverse_dynamics(
     mechanism: Mechanism,
     times: Any = None,
     *,
+    duration: float | None = None,
     motion: Any = None,
     efforts: Sequence[Any] = (),
     inputs: Any = None,
@@ -53,9 +55,13 @@ def inverse_dynamics(
         The model.
     times : sequence of float, optional
         Times, s; with a trajectory as motion its own times if none are given.
+    duration : float, optional
+        Instead of `times`: 201 outputs from 0 to the duration, s.
     motion : Trajectory, or mapping of expression to function of time, optional
-        The motion: a trajectory of the same bodies, or what is prescribed, as
-        expressions in ``mbd.t`` or callables of it; then a list of pairs
+        The motion: a trajectory of the same bodies, or what is prescribed:
+        expressions in ``mbd.t``, callables of it, splines of SciPy, or samples
+        at `times`, which a curve of degree five interpolates (noise in them
+        must be removed before: accelerations amplify it). A list of pairs
         ``[(expression, value)]`` does the same.
     efforts : sequence of Input
         Inputs to find, on which the forces depend linearly.
@@ -88,15 +94,21 @@ def inverse_dynamics(
     Haug 1989, section 6.3 (inverse dynamics of kinematically driven systems).
     """
     began = clock.perf_counter()
-    eom = equations(mechanism)
-    numeric = NumericEquations(eom, parameter_vector(eom, parameters))
+    if isinstance(motion, Trajectory) and times is None and duration is None:
+        times = motion.t
+    arguments = {"times": times, "duration": duration, "inputs": inputs, "parameters": parameters}
+    setup = Setup(mechanism, "inverse_dynamics", fewest_times=1, **arguments)
     if motion is None:
         if efforts:
             raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
-        result = _of_drivers(numeric, time_grid(times, least=1), inputs, progress)
+        result = _of_drivers(setup, inputs, progress)
     else:
-        course = _course(mechanism, times, motion, parameters, progress)
-        result = _of_motion(numeric, course, tuple(efforts), inputs, tolerance)
+        unknown = [position_in(mechanism.inputs, effort, "efforts=") for effort in efforts]
+        given = {key for key, _ in pairs_of(inputs, "inputs=")} & set(efforts)
+        if given:
+            names = ", ".join(repr(e.label) for e in given)
+            raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
+        result = _of_motion(setup, _course(setup, motion, progress), unknown, tolerance)
     result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
     result.statistics.seconds = clock.perf_counter() - began
     report_validity(result)
@@ -104,12 +116,12 @@ def inverse_dynamics(
 
 
 # --- a mechanism with drivers --------------------------------------------------------------
-def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progress: bool) -> Trajectory:
-    eom = numeric.eom
-    course = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
+def _of_drivers(setup: Setup, inputs: Any, progress: bool) -> Trajectory:
+    numeric, eom = setup.numeric, setup.eom
+    course = driven_motion(numeric, setup.grid, progress=progress, what="inverse_dynamics")
     frame = kinematic_trajectory(numeric, course)
-    frame.z = _first_order_states(numeric, frame.t, inputs)
-    u = _given_inputs(numeric, frame, inputs)
+    frame.z = _first_order_states(setup, inputs)
+    u = _inputs(setup, frame)
     function = driven_equations(eom).multipliers
     lam = call_each(function, frame.t[None, :], frame.q.T, frame.v.T, frame.a.T, frame.z.T, u.T, numeric.p)[0].T
     _finite(eom.row_names, frame.t, lam)
@@ -118,21 +130,20 @@ def _of_drivers(numeric: NumericEquations, grid: np.ndarray, inputs: Any, progre
 
     def refine(t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, _u: np.ndarray) -> tuple[np.ndarray, ...]:
         part = kinematic_trajectory(numeric, course).at(t)
-        there = _given_inputs(numeric, part, inputs) if not _sampled(inputs) else _u
+        part.z = z
+        there = _inputs(setup, part)
         load = call_each(function, t[None, :], part.q.T, part.v.T, part.a.T, z.T, there.T, numeric.p)[0].T
         return part.q, part.v, part.a, load, there
 
     return _result(frame, u, lam, notes, refine, numeric.p)
 
 
-def _first_order_states(numeric: NumericEquations, grid: np.ndarray, inputs: Any) -> np.ndarray:
+def _first_order_states(setup: Setup, inputs: Any) -> np.ndarray:
     """First-order states along a driven motion (k, n_z): their rates are integrated, the drivers holding the motion."""
-    mechanism = numeric.eom.mechanism
+    mechanism, grid = setup.mechanism, setup.grid
     if not mechanism.states or grid.size < 2:
-        return np.tile(numeric.eom.estimate[2], (grid.size, 1))
-    from ..simulation.simulate import simulate  # which stands above kinematics: it is asked for these states alone
-
-    values = dict(zip(mechanism.parameters, numeric.p, strict=True))
+        return np.tile(setup.eom.estimate[2], (grid.size, 1))
+    values = dict(zip(mechanism.parameters, setup.p, strict=True))
     return simulate(mechanism, grid, inputs=inputs, parameters=values, reltol=1e-10, abstol=1e-10).z
 
 
@@ -141,20 +152,9 @@ _LEAST_NORM = (
 )
 
 
-def _sampled(inputs: Any) -> bool:
-    return any(np.ndim(value) > 0 and not isinstance(value, ca.SX) for _, value in pairs_of(inputs, "inputs="))
-
-
-def _given_inputs(numeric: NumericEquations, frame: Trajectory, inputs: Any) -> np.ndarray:
+def _inputs(setup: Setup, frame: Trajectory) -> np.ndarray:
     """Values of the inputs along a motion (k, n_u)."""
-    signals = read_signals(numeric.eom, inputs, frame.t)
-    if signals.controller is not None:
-        raise MechanismError("inverse_dynamics takes numbers, samples or expressions as inputs, not a controller")
-    values = [
-        signals.samples[k] if k in signals.samples else frame[signals.expressions[k]]
-        for k in range(signals.expressions.numel())
-    ]
-    return np.column_stack(values) if values else np.zeros((frame.t.size, 0))
+    return setup.signals.values(frame.t, frame.q, frame.v, frame.z, setup.p, setup.eom)
 
 
 def _finite(names: Sequence[str], times: np.ndarray, values: np.ndarray) -> None:
@@ -178,63 +178,61 @@ def _result(
 
 
 # --- a motion from elsewhere ---------------------------------------------------------------
-def _course(mechanism: Mechanism, times: Any, motion: Any, parameters: Any, progress: bool) -> Trajectory:
+def _course(setup: Setup, motion: Any, progress: bool) -> Trajectory:
     """The prescribed motion as a trajectory of the mechanism's bodies."""
+    mechanism, grid = setup.mechanism, setup.grid
     if isinstance(motion, Trajectory):
-        if times is None:
-            return motion
-        grid = time_grid(times, least=1)
-        return (
-            motion
-            if grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
-            else motion.at(grid)
-        )
-    drivers = [_as_driver(k, expression, value) for k, (expression, value) in enumerate(pairs_of(motion, "motion="))]
+        same = grid.shape == motion.t.shape and np.allclose(grid, motion.t, rtol=0, atol=1e-12)
+        return motion if same else motion.at(grid)
+    prescribed = pairs_of(motion, "motion=")
+    drivers = [_as_driver(k, expression, value, grid) for k, (expression, value) in enumerate(prescribed)]
     if not drivers:
         raise MechanismError("inverse_dynamics: motion= prescribes nothing")
     driven = mechanism.replace(drivers=[*mechanism.drivers, *drivers])
-    eom = equations(driven)
-    short = eom.q.numel() - eom.lam.numel()
+    numeric = setup.numeric_of(driven)
+    short = numeric.eom.q.numel() - numeric.eom.lam.numel()
     if short > 0:
         raise MechanismError(
             f"the motion is under-determined by {short}: motion= prescribes {len(drivers)} quantities; "
             "prescribe as many as the mechanism has degrees of freedom"
         )
-    return kinematics(driven, times, parameters=parameters, progress=progress)
+    course = driven_motion(numeric, grid, progress=progress, what="inverse_dynamics")
+    return kinematic_trajectory(numeric, course)
 
 
-def _as_driver(index: int, expression: Any, value: Any) -> Driver:
-    course = value(time) if callable(value) and not isinstance(value, ca.SX) else value
-    return Driver(f"motion {index + 1} ({ca.SX(expression)})", expression, course)
+def _as_driver(index: int, expression: Any, value: Any, grid: np.ndarray) -> Driver:
+    name = f"motion {index + 1} ({ca.SX(expression)})"
+    course = expression_of(time, value)
+    if callable(course) and not isinstance(course, ca.SX):
+        course = course(time)
+    elif isinstance(course, Sequence | np.ndarray) and np.ndim(course):
+        if len(course) != grid.size:
+            raise MechanismError(f"{name}: one sample for each of the {grid.size} times is needed, got {len(course)}")
+        course = through_samples(time, grid, course)
+    return Driver(name, expression, course)
 
 
-def _of_motion(
-    numeric: NumericEquations, course: Trajectory, efforts: tuple[Any, ...], inputs: Any, tolerance: float
-) -> Trajectory:
-    eom = numeric.eom
+def _of_motion(setup: Setup, course: Trajectory, unknown: Sequence[int], tolerance: float) -> Trajectory:
+    numeric, eom = setup.numeric, setup.eom
     if eom.mechanism.states and not _knows_states(eom, course):
         names = ", ".join(f"'{z.label}'" for z in eom.mechanism.states)
         raise MechanismError(
             f"inverse_dynamics: the first-order states {names} do not follow from motion=; prescribe the motion by "
             "drivers of the mechanism, with which they are integrated"
         )
-    unknown = [position_in(eom.mechanism.inputs, effort, "efforts=") for effort in efforts]
     q, v, a = (course[x].reshape(course.t.size, -1) for x in (eom.q, eom.v, eom.a))
     z = course[eom.z].reshape(course.t.size, -1) if eom.z.numel() else np.zeros((course.t.size, 0))
     lam = np.full((course.t.size, eom.lam.numel()), np.nan)
     u = np.tile(eom.input_values, (course.t.size, 1))
     frame = Trajectory(eom.mechanism, course.t, q, v, a, z, lam, u, numeric.p)
     _check_motion(frame, tolerance)
-    given = {e for e, _ in pairs_of(inputs, "inputs=")} & set(efforts)
-    if given:
-        raise MechanismError(f"inverse_dynamics: {', '.join(repr(e.label) for e in given)} is given and sought")
-    frame.inputs = _given_inputs(numeric, frame, inputs)
+    frame.inputs = _inputs(setup, frame)
     problem = EffortProblem(numeric, unknown)
     lam, u = problem.solve(frame)
     notes = [_LEAST_NORM] if problem.redundant else []
 
     def refine(t: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, ...]:
-        part = _of_motion(numeric, course.at(t), efforts, inputs, tolerance)
+        part = _of_motion(setup, course.at(t), unknown, tolerance)
         return part.q, part.v, part.a, part.lam, part.inputs
 
     return _result(frame, u, lam, notes, refine, numeric.p)

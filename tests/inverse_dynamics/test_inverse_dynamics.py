@@ -241,7 +241,7 @@ def test_of_a_simulation():
 
 
 def test_output_driven_torque_at_the_input():
-    """The rocker's course is prescribed, the crank's torque is sought: by the power balance."""
+    """The rocker's course is prescribed, the crank's torque is found: by the power balance."""
     f = motor_four_bar()
     start = float(f.rocker.pose_estimate[2])
     law = start + 0.3 * mbd.sin(2 * mbd.t)
@@ -257,8 +257,56 @@ def test_output_driven_torque_at_the_input():
     np.testing.assert_array_equal(same.inputs, run.inputs)
 
 
+@pytest.mark.parametrize("form", ["CubicSpline", "make_interp_spline", "UnivariateSpline", "PPoly", "array", "list"])
+def test_a_motion_given_as_data(form):
+    """A pendulum along ``0.4 sin 3t``: ``tau = J phi'' + m g l/2 cos phi``; splines of SciPy and samples."""
+    from scipy import interpolate
+
+    rod = mbd.Body("rod", mass=2.0, inertia=2 / 12, pose=(0.5, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    tau = mbd.Input("tau")
+    forces = [mbd.Gravity(), mbd.Torque("motor", rod, tau)]
+    model = mbd.Mechanism([rod], [hinge], forces=forces, inputs=[tau])
+    times = np.linspace(0, 1, 101)
+    samples = 0.4 * np.sin(3 * times)
+    course = {
+        "CubicSpline": lambda: interpolate.CubicSpline(times, samples),
+        "make_interp_spline": lambda: interpolate.make_interp_spline(times, samples, k=5),
+        "UnivariateSpline": lambda: interpolate.UnivariateSpline(times, samples, k=5, s=0),
+        "PPoly": lambda: interpolate.PPoly.from_spline(interpolate.splrep(times, samples, k=5, s=0)),
+        "array": lambda: samples,
+        "list": lambda: samples.tolist(),
+    }[form]()
+    run = mbd.inverse_dynamics(model, times, motion={hinge.angle: course}, efforts=[tau])
+    wanted = -9 * samples * (2 / 12 + 2 * 0.25) + 2 * 9.81 * 0.5 * np.cos(samples)
+    np.testing.assert_allclose(run[hinge.angle], samples, atol=1e-10)
+    np.testing.assert_allclose(run[tau], wanted, atol=2e-2 if form == "CubicSpline" else 1e-4)
+    if form not in ("array", "list"):
+        driven = mbd.inverse_dynamics(model.replace(drivers=[mbd.Driver("d", hinge.angle, course)]), times)
+        np.testing.assert_allclose(driven[rod.phi], samples, atol=1e-10)
+
+
+def test_refuses_data_that_are_no_motion():
+    from scipy.interpolate import CubicSpline
+
+    f = motor_four_bar()
+    times = np.linspace(0, 1, 11)
+
+    def run(value, at=times):
+        return mbd.inverse_dynamics(f.mechanism, at, motion={f.D.angle: value}, efforts=[f.crank_torque])
+
+    with pytest.raises(mbd.MechanismError, match="one sample for each of the 11 times is needed, got 5"):
+        run(np.zeros(5))
+    with pytest.raises(mbd.MechanismError, match="at least 6 are needed, got 3"):
+        run([1.0, 1.1, 1.2], times[:3])
+    with pytest.raises(mbd.MechanismError, match=r"must be finite, got ys\[2\]"):
+        run([1.0, 1.1, np.nan, *[1.0] * 8])
+    with pytest.raises(mbd.MechanismError, match="one value at each point is needed"):
+        run(CubicSpline(times, np.ones((11, 2))))
+
+
 def test_other_inputs_are_known():
-    """What is not sought is given: a brake at the rocker takes its power."""
+    """Other inputs are given: a brake at the rocker takes its power."""
     f = motor_four_bar()
     start = float(f.rocker.pose_estimate[2])
     run = mbd.inverse_dynamics(
@@ -268,7 +316,7 @@ def test_other_inputs_are_known():
     given = run[f.crank_torque * f.crank.omega + f.rocker_torque * f.rocker.omega]
     np.testing.assert_allclose(given, power(run, f.mechanism.bodies), atol=1e-9)
     np.testing.assert_allclose(run[f.rocker_torque], -0.5 * run[f.rocker.omega], atol=1e-12)
-    with pytest.raises(mbd.MechanismError, match="crank torque.*given and sought"):
+    with pytest.raises(mbd.MechanismError, match="crank torque.*in inputs= and in efforts="):
         mbd.inverse_dynamics(
             f.mechanism, TIMES, motion={f.D.angle: start}, efforts=[f.crank_torque], inputs={f.crank_torque: 1.0}
         )
@@ -285,7 +333,7 @@ def test_effort_elsewhere():
 
 
 def test_efforts_between_times():
-    """.at() solves anew for the efforts."""
+    """.at() solves again for the efforts."""
     f = motor_four_bar()
     motion = {f.A.angle: 0.5 + 0.4 * mbd.sin(3 * mbd.t)}
     fine = np.linspace(0.01, 0.99, 23)
@@ -295,7 +343,7 @@ def test_efforts_between_times():
 
 
 def test_efforts_with_redundant_rows():
-    """Two guides in line: the effort is found all the same, and the note says what is not unique."""
+    """Two guides in line: the effort is found nevertheless, and the note says what is not unique."""
     push = mbd.Input("push")
     block = mbd.Body("block", mass=2.0, inertia=0.1)
     guides = [mbd.Translational(f"guide {k}", mbd.ground.at(k, 0), block.at(k, 0)) for k in range(2)]
@@ -353,7 +401,7 @@ def test_refuses_rates_that_break_the_constraints():
 
 
 def test_too_few_and_too_many_efforts():
-    """By how many, and which are sought."""
+    """By how many, and which efforts are free."""
     f = motor_four_bar()
     motion = {f.A.angle: 0.5 + 0.4 * mbd.sin(3 * mbd.t)}
     with pytest.raises(mbd.MechanismError, match="under-determined by 1.*crank torque"):
@@ -395,6 +443,31 @@ def test_efforts_that_do_nothing():
     )
     with pytest.raises(mbd.MechanismError, match="side"):
         mbd.inverse_dynamics(mechanism, TIMES, motion={block.x: mbd.sin(mbd.t)}, efforts=[side])
+
+
+def test_efforts_against_friction_by_reactions():
+    """A block pushed up a slope by a horizontal force: ``F cos α - m g sin α - μ N = m a, N = m g cos α + F sin α``."""
+    slope, mu, mass = 0.3, 0.5, 2.0
+    block = mbd.Body("block", mass=mass, inertia=0.1, pose=(0, 0, slope))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0, slope), block.at(0, 0, 0))
+    F = mbd.Input("F")
+    forces = [
+        mbd.Gravity(),
+        mbd.JointFriction("rub", guide, mbd.Coulomb(mu, 1e-5)),
+        mbd.Force("push", block.at(0, 0), (F, 0)),
+    ]
+    model = mbd.Mechanism([block], [guide], forces=forces, inputs=[F])
+    course = mbd.t + 0.5 * mbd.t**2
+    run = mbd.inverse_dynamics(model, np.linspace(0, 1, 5), motion={guide.displacement: course}, efforts=[F])
+    c, s = np.cos(slope), np.sin(slope)
+    wanted = mass * (1 + 9.81 * s + mu * 9.81 * c) / (c - mu * s)
+    np.testing.assert_allclose(run[F], wanted, rtol=1e-6)
+    normal = np.linalg.norm(run[guide.reaction_on(block).force], axis=1)
+    np.testing.assert_allclose(normal, mass * 9.81 * c + wanted * s, rtol=1e-6)
+    again = mbd.simulate(
+        model, np.linspace(0, 1, 5), initial=[guide.displacement == 0, block.vx == c], inputs={F: wanted}
+    )
+    np.testing.assert_allclose(again[guide.displacement], run[guide.displacement], atol=1e-4)
 
 
 def test_refuses_what_is_not_linear():
@@ -441,7 +514,7 @@ def test_lock_up():
 
 
 def test_states_and_drivers_go_together():
-    """A first-order state follows its own equation, which a prescribed motion does not tell: said, or integrated."""
+    """A first-order state is not determined by a prescribed motion: reported, or integrated."""
     current = mbd.StateVariable("current", value=0.0)
     rod = mbd.Body("rod", mass=1, inertia=1, pose=(0.5, 0, 0))
     hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), rod.at(-0.5, 0))

@@ -74,7 +74,7 @@ def test_sensitivity_of_a_random_motion_to_its_start(seed):
         return mbd.simulate(case.mechanism, times, initial=moved, **tight)[output]
 
     for k in (0, -1):
-        difference = (run(k, 1e-4) - run(k, -1e-4)) / 2e-4
+        difference = (run(k, 1e-5) - run(k, -1e-5)) / 2e-5
         size = 1 + np.max(np.abs(difference))
         assert found[output, starts[k]] == pytest.approx(difference, abs=(1e-4 if redundant else 1e-5) * size)
 
