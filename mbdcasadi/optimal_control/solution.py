@@ -34,6 +34,7 @@ from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
 from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
+from .stability import Stability, stability
 from .transcription.motion import OptimalMotion, Polynomials
 
 if TYPE_CHECKING:
@@ -415,6 +416,31 @@ class Solution:
                     f"{missed:.3g}; give initial= as conditions, such as those of the problem"
                 )
         return simulate(mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=values, **settings)
+
+    @symbolic
+    def stability(self) -> Stability:
+        """Return the Floquet multipliers of a periodic motion, across its impacts.
+
+        The start is disturbed as constraints and initial conditions allow; inputs stay as they are. What closes, and
+        final conditions that are equalities, decide when phases end, and free parameters where they do; the boundary
+        conditions give the start of the next period. To the order of the transcription the result is that of the
+        motion itself: refine the mesh.
+
+        Returns
+        -------
+        Stability
+            ``.multipliers``, ``.matrix`` (monodromy), ``.is_stable``.
+
+        Raises
+        ------
+        ModelError
+            If the boundary conditions do not decide the next start, or hold more than it.
+
+        References
+        ----------
+        Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
+        """
+        return stability(self)
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property
