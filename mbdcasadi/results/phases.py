@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -205,7 +206,7 @@ class PhasedTrajectory(Trajectory):
         return in_whole(own, self.mechanism, self._values[number])
 
     def at(self, times: Any) -> Trajectory:
-        """Return the motion at other times within its span; at a change it is the one just after."""
+        """Return the motion at other times within its span; at a change it is the one just before."""
         wanted = np.atleast_1d(np.asarray(times, float))
         slack = 1e-12 * max(1.0, abs(self.t[-1]))
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
@@ -213,7 +214,7 @@ class PhasedTrajectory(Trajectory):
             return super().at(times)  # which refuses
         wanted = np.clip(wanted, self.t[0], self.t[-1])
         begins = np.array([part.t[0] for part in self._parts])
-        number = np.clip(np.searchsorted(begins, wanted, side="right") - 1, 0, len(begins) - 1)
+        number = np.maximum(np.searchsorted(begins, wanted, side="left") - 1, 0)
         cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), wanted.size]
         runs = [(int(number[a]), wanted[a:b]) for a, b in pairwise(cuts)]
         # rounding of an output at the end of a part
@@ -232,6 +233,30 @@ class PhasedTrajectory(Trajectory):
         if all(one is other for one, other in zip(parts, self._parts, strict=True)):
             return self
         return PhasedTrajectory(parts, self.mechanism, self._values, events=self.events, statistics=self.statistics)
+
+    @cached_property
+    def last_seen(self) -> np.ndarray:
+        """Last known values of the coordinates (n,)."""
+        known = np.isfinite(self.q)
+        last = len(self) - 1 - np.argmax(known[::-1], axis=0)
+        return np.asarray(self.q[last, np.arange(self.q.shape[1])])
+
+    def with_absent_bodies(self, last_seen: np.ndarray | None = None) -> Trajectory:
+        """Return the motion with bodies that have left where they were last seen, at rest: for pictures.
+
+        Parameters have their last values.
+        """
+        q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
+        others = [np.nan_to_num(x) for x in (self.v, self.a, self.z, self.lam, self.inputs)]
+        v, a, z, lam, u = others
+        return Trajectory(self.mechanism, self.t, q, v, a, z, lam, u, self._values[-1], events=self.events)
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: a file belongs to one mechanism."""
+        raise MechanismError(
+            "a motion through several mechanisms is saved phase by phase: motion.phases[k].save(path), which "
+            "read_trajectory(path, mechanism) reads; to_csv writes all of it as a table"
+        )
 
     @property
     def energy(self) -> Energy:

@@ -90,8 +90,9 @@ def test_results_evaluate_over_all_phases():
     assert np.all(motion[pins[1].reaction_on(body).force][on_first] == 0)
     assert motion.drift.position < 1e-12 and motion.drift.velocity < 1e-11
     before, at, after = motion.at([first - 1e-3, first, first + 1e-3])[body.omega]
-    assert at == motion.events[0].after[body.omega]
-    assert abs(before) > abs(at) and abs(after - at) < 0.01
+    assert at == pytest.approx(motion.events[0].state[body.omega], abs=1e-10)
+    assert abs(before - at) < 0.01 and abs(at - after) > 0.3
+    assert motion.at(np.nextafter(first, 9))[body.omega][0] == pytest.approx(motion.events[0].after[body.omega])
     # unsorted times, and one beyond the end
     np.testing.assert_allclose(motion.at([first + 1e-3, first - 1e-3])[body.omega], [after, before])
     with pytest.raises(mbd.MechanismError, match="covers"):
