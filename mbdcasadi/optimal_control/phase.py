@@ -126,7 +126,6 @@ class Phase(Immutable):
         self.restitution: dict[Any, float] = read_restitution(restitution, what)
         if self.restitution:
             _ = self.law  # refuses joints that cannot bounce
-        self._markers = markers_of(self.name, self)
         if self.is_instant:
             self._refuse_at_instant(what)
 
@@ -153,6 +152,10 @@ class Phase(Immutable):
     def law(self) -> ImpactLaw:
         """The law by which velocities jump at the change into the phase."""
         return ImpactLaw(self.equations, self.restitution)
+
+    @cached_property
+    def _markers(self) -> dict[str, tuple[ca.SX, Any]]:
+        return markers_of(self.name, self)
 
     # --- values between the phases ------------------------------------------------------------
     def at_start(self, expression: Any) -> ca.SX:

@@ -7,6 +7,7 @@ that says which value is meant. A placeholder therefore lives exactly as long as
 from __future__ import annotations
 
 import itertools
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -55,7 +56,8 @@ class Placeholder:
 def markers_of(name: str, owner: Any) -> dict[str, tuple[ca.SX, Any]]:
     """Return markers that mean the start, the end and the whole of one phase, with roles that live as long."""
     markers = {kind: ca.SX.sym(f"{name}.{kind}") for kind in MARKERS}
-    return {kind: (x, register(x, "placeholder", f"{name}.{kind}", owner=owner)) for kind, x in markers.items()}
+    weak = weakref.ref(owner)  # the phase holds its markers
+    return {kind: (x, register(x, "placeholder", f"{name}.{kind}", owner=weak)) for kind, x in markers.items()}
 
 
 def marked(marker: tuple[ca.SX, Any], expression: Any) -> ca.SX:
@@ -164,7 +166,7 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
 def _placeholder(marker: ca.SX, expression: ca.SX, node: ca.SX) -> Placeholder:
     role = role_of(marker)
     kind = marker.name().rsplit(".", 1)[-1]
-    return Placeholder(kind, expression, node, None if role is None or isinstance(role.owner, str) else role.owner)
+    return Placeholder(kind, expression, node, role.owner() if role is not None and callable(role.owner) else None)
 
 
 def _with_operands(node: ca.SX, old: list[ca.SX], new: list[ca.SX]) -> ca.SX:
