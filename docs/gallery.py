@@ -39,6 +39,7 @@ GROUPS = {
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
+    "Motions in phases": ("compass_walker",),
 }
 
 

@@ -149,7 +149,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     open_rows: dict[str, float] = {}
     if state is not None:
         q = np.atleast_1d(state[eom.q])
-        refuse_inconsistent(numeric, t, q, np.atleast_1d(state[eom.v]))
+        refuse_inconsistent(numeric, state, t, q, np.atleast_1d(state[eom.v]))
     else:
         q, open_rows = _pose(numeric, t)
     here = numeric.rank(t, q)

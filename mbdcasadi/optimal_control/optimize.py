@@ -20,7 +20,7 @@ from .checks.failure import OptimizationError
 from .guess.multistart import best_of, guesses
 from .guess.parameter_continuation import by_continuation, read_continuation
 from .nlp.held_limits import warn_of_passed_limits
-from .nlp.setup import Settings, is_open_chain
+from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
@@ -58,8 +58,8 @@ def optimize(
     problem : OptimalControlProblem
         Problem to solve.
     intervals : int or "auto"
-        Number of intervals of the mesh, of equal length between waypoints. With "auto", the default, there are 40, and
-        those that turn out to be too coarse for the motion that was found, or to pass limits, are split.
+        Number of intervals of the mesh of each phase, of equal length between waypoints. With "auto", the default,
+        there are 40, and those that are too coarse for the motion that was found, or pass limits, are split.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -156,11 +156,17 @@ class _Search:
     def _is_automatic(self) -> bool:
         return isinstance(self.intervals, str) and self.intervals == "auto"
 
+    def _mesh(self, setup: PhaseSetup) -> Mesh:
+        """Mesh of a phase to begin with."""
+        if setup.phase.is_instant:
+            return Mesh.instant()
+        waypoints = len(setup.phase.waypoints)
+        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
+        return Mesh.equal(counts, setup.path.segment_times)
+
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
         settings = Settings.read(*self.settings)
-        waypoints = len(self.problem.phases[0].waypoints)
-        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
         near = guess.solution if isinstance(guess, Shifted) else guess
         if isinstance(near, Solution) and starts is None:
             settings = replace(settings, angles=near.settings.angles)
@@ -171,7 +177,7 @@ class _Search:
 
         def solve(settings: Settings) -> tuple[Solver, Solution]:
             solver = Solver(self.problem, settings, parameters, self.initial, self.best)
-            meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
+            meshes = list(map(self._mesh, solver.setups))
             warm = isinstance(near, Solution) and starts is None
             settle = partial(refine_if_coarse, solver) if automatic else None
             return solver, best_of(solver, meshes, guesses(solver, starts, guess), warm=warm, settle=settle)

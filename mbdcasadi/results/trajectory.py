@@ -217,6 +217,11 @@ class Trajectory(HoldsSymbols):
         return self._at(wanted, q, v, a, z, lam, u)
 
     @property
+    def phases(self) -> tuple[Trajectory, ...]:
+        """The motion in each mechanism, one after the other: this one alone, unless the mechanism changes."""
+        return (self,)
+
+    @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None

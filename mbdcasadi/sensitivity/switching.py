@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..equations.impact_law import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
-from ..simulation.impacts import INSTANT, velocity_after
+from ..simulation.impacts import INSTANT
 from .held_system import HeldSystem
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
@@ -364,7 +365,7 @@ class BorderPassage:
         missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
         if missed <= NO_IMPULSE * (1 + self._speed):
             return False
-        self._x = np.r_[q, velocity_after(numeric.mass, jacobian, nu.ravel(), v), self._x[2 * n :]]
+        self._x = np.r_[q, jump(numeric.mass, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True
 
     def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:

@@ -152,7 +152,7 @@ class EventWatch:
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
         for index in self.at_zero(state):
             event = self.events[index]
-            if event.reset and rests[index]:
+            if (event.reset or event.becomes is not None) and rests[index]:
                 self.resting.setdefault(event, float(state[event.expression]))
                 continue
             moving = abs(rates[index]) > at_rest(state)

@@ -24,7 +24,7 @@ from ..numerics.rank import analyse_rank
 from ..numerics.tolerances import AT_REST
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from .impacts import velocities_with
+from .impacts import jump_to
 from .modes import Modes
 
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
@@ -283,7 +283,7 @@ class FrictionModes(Modes):
             return state.v
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
         numeric = NumericEquations(state.equations, state.parameters)
-        return velocities_with(numeric, state, speeds, np.zeros(len(resting)))[0]
+        return jump_to(numeric, state, speeds, np.zeros(len(resting))).v
 
 
 def _stops(friction: Any) -> str:

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
+from ..equations.impact_law import by_element, jump
 from ..errors import Interrupted, MechanismError, SimulationError
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
@@ -25,7 +27,7 @@ from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
-from .impacts import INSTANT, Impacts, velocity_after
+from .impacts import INSTANT, Impacts
 from .modes import Modes
 from .outputs import Outputs
 from .path import Path
@@ -54,6 +56,16 @@ SWITCHES = 20_000
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
 #: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
 REALLY_SINGULAR = 0.02
+
+
+def _ends(event: Event) -> bool:
+    """Return True for an event at which a run in one mechanism ends."""
+    return event.terminal or event.becomes is not None
+
+
+def _cuts(event: Event) -> bool:
+    """Return True for an event that decides how the run goes on."""
+    return bool(event.reset) or _ends(event)
 
 
 class _Arc:
@@ -130,11 +142,15 @@ class Run:
         self.resting: dict[Event, float] = {}
         self._arcs: dict[Any, _Arc] = {}
         self._switches = 0
-        self._builder = TrajectoryBuilder(modes, setup.p)
-        self._builder.statistics.notes += timed.notes
+        self._notes = timed.notes
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
+        #: events of the instant at which the run ended that change the mechanism, and the state there
+        self.changing: list[Event] = []
+        self.reached: State | None = None
+        #: whether an event ended the whole run
+        self.stops = False
 
     def _is_watched(self, integrator: Integrator) -> bool:
         """Whether something must be looked for between outputs."""
@@ -147,8 +163,13 @@ class Run:
         return bool(self.events or conditions or smoothed or switching(mechanism) or has_loops(eom))
 
     # --- the loop ------------------------------------------------------------------------
-    def run(self) -> Trajectory:
-        """Run over the output grid.
+    def run(self, entry: State | None = None) -> Trajectory:
+        """Run over the output grid, up to its end or to an event that ends the run.
+
+        Parameters
+        ----------
+        entry : State, optional
+            State of the mechanism at which the run goes on, in place of the start.
 
         Raises
         ------
@@ -158,12 +179,14 @@ class Run:
             On Ctrl-C, with ``.partial``.
         """
         began = clock.perf_counter()
+        self._prepare()
         builder = self._builder
         span = self._schedule.end - self._schedule.start
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
-                self._begin()
-                self._pieces(bar)
+                self._begin() if entry is None else self._resume(entry)
+                if not self._changes_at_once():
+                    self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
             except MechanismError as error:
@@ -178,6 +201,14 @@ class Run:
                     for arc in self._arcs.values():
                         arc.stepper.release()
         return builder.trajectory()
+
+    def _prepare(self) -> None:
+        """Empty the record of a run."""
+        self._builder = TrajectoryBuilder(self.modes, self.setup.p)
+        self._builder.statistics.notes += self._notes
+        self.resting.clear()
+        self._passed, self._extra_stops = [], np.zeros(0)
+        self.changing, self.reached, self.stops = [], None, False
 
     def _begin(self) -> None:
         """Find the consistent start, and the mode that holds there."""
@@ -199,6 +230,47 @@ class Run:
         state = self._ask_controller(state)
         self._enter(state, first=True)
         self._resolve_impacts(state, [])
+
+    def _resume(self, entry: State) -> None:
+        """Go on from a state at any time, at which the mechanism has changed."""
+        modes = self.modes
+        state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
+        self.redundant = modes.numeric(modes.free).has_redundant_rows(state.t, state.q)
+        if self.redundant:
+            modes.refuse_redundant_rows()
+        free = modes.numeric(modes.free)
+        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
+        self._mode, state = modes.decided(state)
+        if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
+            state = self._ask_controller(state)
+        self._enter(state, first=True)
+        self._resolve_impacts(state, [])
+
+    def only_start(self, entry: State) -> Trajectory:
+        """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
+        self._prepare()
+        self._resume(entry)
+        return self._builder.trajectory()
+
+    def _changes_at_once(self) -> bool:
+        """Return True if the mechanism changes at the state at which the run begins."""
+        watched = [event for event in self.events if event.becomes is not None]
+        if not watched:
+            return False
+        arc = self._arc
+        state = arc.stepper.outputs.state(self._time, self._x)
+        watch = EventWatch(arc.numeric.eom, watched, self.instant)
+        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
+        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k]]
+        # a reaction that has the wrong sign from the start on never passes zero
+        lam = arc.numeric.eom.lam
+        self.changing += [
+            e for e in watched if ca.depends_on(e.expression, lam) and e.direction * state[e.expression] > 0
+        ]
+        if self.changing:
+            self.reached = self.modes.whole(arc.mode, state)
+        return bool(self.changing)
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
@@ -229,7 +301,7 @@ class Run:
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
         arc = self._arc
-        steps, cuts = arc.stepper.steps, any(e.reset or e.terminal for e in arc.watch.events)
+        steps, cuts = arc.stepper.steps, any(map(_cuts, arc.watch.events))
         if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
             return size
         return size * -(-STEPS_PER_PIECE // max(steps, 1))
@@ -418,7 +490,7 @@ class Run:
         q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
         jacobian, nu = self._arc.numeric.velocity(after, q)
         if nu.size:
-            self._x = np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z]
+            self._x = np.r_[q, jump(self._arc.numeric.mass, jacobian, nu, v).v, z]
         self._trail.begin(self._time, self._x)
 
     def _decides(self, event: Event) -> bool:
@@ -427,7 +499,7 @@ class Run:
     @staticmethod
     def decides(event: Event, own_events: Sequence[Event]) -> bool:
         """Whether the run ends, or goes on otherwise, at an event."""
-        return bool(event.terminal or event.reset) or any(event is own for own in own_events)
+        return _cuts(event) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -519,9 +591,10 @@ class Run:
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
-        terminal = [c for c in crossings if c.event.terminal and not self._is_own(c.event)]
+        terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
         for crossing in terminal:
-            self._builder.events.append(self._occurrence(crossing))
+            if crossing.event.becomes is None:
+                self._builder.events.append(self._occurrence(crossing))
         if terminal and self._builder.last_time < time:
             self._keep(np.array([time]), first.x[None, :], np.array([time]))
         state = arc.stepper.outputs.state(time, first.x)
@@ -534,6 +607,9 @@ class Run:
             self._builder.events += [EventOccurrence(event.name, time, before, after) for event in own]
             self._count_switch(time)
         if terminal:
+            self.changing = [c.event for c in terminal if c.event.becomes is not None]
+            self.reached = self.modes.whole(self._arc.mode, state)
+            self.stops = any(c.event.terminal for c in terminal)
             return True
         self._enter(state)
         self._resolve_impacts(state, located)
@@ -559,7 +635,7 @@ class Run:
         for impact in impacts:
             moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
             self._mode, state = modes.decided(moving)
-            after = modes.whole(self._mode, state)
+            after = modes.whole(self._mode, state, by_element(modes.numeric(modes.free).eom, impact.impulses))
             self._builder.events += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
             before = after
         if impacts:

@@ -21,6 +21,7 @@ from .events import read_events
 from .friction_modes import FrictionModes
 from .loop import Run
 from .modes import Modes, SingleMode
+from .phases import PhasedRun
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
@@ -110,6 +111,11 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
+    read = read_events(events)
+    if any(event.becomes is not None for event in read):
+        chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+        given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+        return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
     setup = Setup(
         mechanism,
         "simulate",
@@ -120,7 +126,6 @@ def simulate(
         parameters=parameters,
         takes_controller=True,
     )
-    read = read_events(events)
     modes = _modes(setup, read)
     asked = chosen_integrator(
         method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
@@ -135,6 +140,27 @@ def simulate(
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
     _report_exceeded_limits(mechanism, motion)
     report_validity(motion, run.unresolved())
+    return motion
+
+
+def _through_phases(
+    mechanism: Mechanism, events: tuple[Event, ...], method: Any, chosen: Any, given: Any, *, progress: bool
+) -> Trajectory:
+    """Simulate through mechanisms that change at events."""
+
+    def integrator_of(modes: Modes) -> Integrator:
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
+        return suited_to_friction(asked, modes.numeric(modes.free))
+
+    run = PhasedRun(mechanism, events, _modes, integrator_of, progress=progress, **given)
+    motion = run.run()
+    notes = motion.statistics.notes
+    for part in motion.phases:
+        notes += [note for note in small_motions(part, run.integrator.abstol) if note not in notes]
+    for part in motion.phases:
+        _report_exceeded_limits(part.mechanism, part)
+        report_validity(part, run.unresolved() if part is motion.phases[0] else ())
+        notes += [note for note in part.statistics.notes if note not in notes]
     return motion
 
 

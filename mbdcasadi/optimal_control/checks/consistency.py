@@ -59,6 +59,8 @@ def check_conditions(problem: OptimalControlProblem) -> None:
         _refuse_fixed_path(problem, phase)
         if not isinstance(phase.initial, State):
             check_end(problem, phase, "initial", phase.initial)
+        if phase.is_instant:
+            continue
         if not isinstance(phase.final, State):
             boundary = at_end_alone(problem) if phase is problem.phases[-1] else []
             check_end(problem, phase, "final", [*phase.final, *boundary])
@@ -70,7 +72,7 @@ def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     """Boundary conditions that contain values at the end alone, as conditions there."""
     rows = []
     for condition in problem.boundary:
-        if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
+        if all(p.kind == "at_end" and p.phase is None for p in placeholders_in(condition.expression)):
             expression = with_values(condition.expression, lambda p: p.expression)
             rows.append(Condition(expression, condition.equality, condition.label))
     return rows
@@ -116,7 +118,7 @@ def check_end(
         if not limits:
             return
     try:
-        when = 0.0 if name == "initial" else phase.duration[1] if time is None else time
+        when = 0.0 if name == "initial" else phase.span[1] if time is None else time
         with without_warnings():  # the state is not used as a pose: its branch does not matter
             state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:

@@ -143,5 +143,7 @@ def violations_of(solution: Solution) -> list[Violation]:
         row, scaled = program.rows[k], float(amounts[k])
         interval = row.interval if row.repeated else None
         label, time = row.side(rows[k]), time_of(row, solution)
+        if len(solution.phases) > 1 and row.phase >= 0 and "phase '" not in label:
+            label += f" in phase '{solution.phases[row.phase].phase.name}'"
         result.append(Violation(label, scaled * row.size, row.unit, time, interval, row.tau, scaled))
     return sorted(result, key=lambda v: -v.scaled)

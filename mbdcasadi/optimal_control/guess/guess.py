@@ -120,7 +120,10 @@ class Guess:
         """Variables of a program, scaled."""
         x = np.zeros(program.size)
         for guess, phase, mesh in zip(self.phases, program.phases, meshes, strict=True):
-            guess.fill(x, phase, mesh)
+            if not phase.phase.is_instant:
+                guess.fill(x, phase, mesh)
+        for change, guess in zip(program.changes, self.phases, strict=False):
+            change.fill(x, float(guess.segment_times[-1]))
         x[program.parameter_index] = self.parameters
         return x / program.scale
 
@@ -157,7 +160,7 @@ def _stretched(motion: Trajectory, segment_times: np.ndarray) -> tuple[float, Ca
     """Factor by which a motion is to take longer, and the motion at times of the longer one."""
     begin, end = motion.t[0], motion.t[-1]
     stretch = (segment_times[-1] - segment_times[0]) / (end - begin)
-    return stretch, lambda wanted: motion.at(np.clip(begin + wanted / stretch, begin, end))
+    return stretch, lambda wanted: motion.at(np.clip(begin + (wanted - segment_times[0]) / stretch, begin, end))
 
 
 def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGuess:

@@ -34,6 +34,8 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
     if isinstance(starts, int) and not isinstance(starts, bool):
         if starts < 1:
             raise ModelError(f"optimize: starts must be at least 1, got {starts}")
+        if starts > 1 and len(solver.problem.phases) > 1:
+            raise ModelError("optimize: with several phases starts= takes a list of guesses, not a number")
         random = np.random.default_rng(0)
         first = (_usual_guesses(solver) if guess is None else [read_guess(solver, guess)])[:starts]
         return [*first, *[random_detour(solver, random) for _ in range(starts - len(first))]]
@@ -48,6 +50,8 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
 
 def read_guess(solver: Solver, guess: Any) -> Guess:
     """Return the guess that a user gave: nothing, a solution, or a trajectory."""
+    if len(solver.problem.phases) > 1:
+        return _guess_of_phases(solver, guess)
     if guess is None:
         return _usual_guess(solver)
     phase = solver.problem.phases[0]
@@ -56,12 +60,57 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     if isinstance(guess, Solution | Shifted):
         return guess.as_guess(solver.problem)
     if isinstance(guess, Trajectory):
-        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.duration))
+        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
         times = phase.segment_times(duration)
         if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")
         return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
     raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
+
+
+def _guess_of_phases(solver: Solver, guess: Any) -> Guess:
+    """A motion of several phases: through the key poses, or one that a user gave through the same mechanisms."""
+    problem, setups = solver.problem, solver.setups
+    if isinstance(guess, Solution) and guess.problem.phases != problem.phases:
+        guess = guess.trajectory
+    if isinstance(guess, Solution):
+        return guess.as_guess(problem)
+    if guess is None:
+        parts = [_through_poses(setup) for setup in setups]
+        return Guess(tuple(parts), solver.free_values, "kinematic")
+    if not isinstance(guess, Trajectory):
+        raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
+    given = [part for part in guess.phases if part.t[-1] > part.t[0]]
+    needed = [phase for phase in problem.phases if not phase.is_instant]
+    if [part.mechanism for part in given] != [phase.mechanism for phase in needed]:
+        raise ModelError(
+            f"optimize: the motion given as guess goes through {len(given)} mechanism{'s' * (len(given) != 1)}, which "
+            f"are not those of the phases {', '.join(repr(phase.name) for phase in needed)} in their order"
+        )
+    parts, time = [], 0.0
+    for phase, setup in zip(problem.phases, setups, strict=True):
+        if phase.is_instant:
+            parts.append(PhaseGuess(_through_poses(setup).sample, np.array([time, time])))
+            continue
+        motion = given.pop(0)
+        times = time + phase.segment_times(float(np.clip(motion.t[-1] - motion.t[0], *phase.span)))
+        parts.append(guess_from_motion(motion, times))
+        time = float(times[-1])
+    values = [_value_in(guess, p, value) for p, value in zip(problem.free_parameters, solver.free_values, strict=True)]
+    return Guess(tuple(parts), np.array(values), "trajectory")
+
+
+def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
+    """Last value of a parameter in a motion."""
+    if not any(parameter is own for own in motion.mechanism.parameters):
+        return otherwise
+    return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
+
+
+def _through_poses(setup: Any) -> PhaseGuess:
+    if setup.phase.is_instant:
+        return PhaseGuess(lambda _times: {}, setup.path.segment_times)
+    return kinematic_guess(setup.loads, setup.start, setup.path)
 
 
 def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:

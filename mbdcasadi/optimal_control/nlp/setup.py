@@ -18,7 +18,7 @@ from ...model.conditions import Condition
 from ...model.quantities import whole, yes_or_no
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
-from ..guess.kinematic_guess import kinematic_path
+from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..guess.least_squares_loads import LeastSquaresLoads
 from ..phase import Phase
 from ..problem import OptimalControlProblem
@@ -102,6 +102,12 @@ def is_open_chain(problem: OptimalControlProblem) -> bool:
     return bool(chains) and all(reduced_equations(eom, angles=True).is_chain for eom in chains)
 
 
+def typical_duration(phase: Phase) -> float:
+    """Return the duration of a phase to begin with, s."""
+    low, high = phase.span
+    return high if low == high else (low * high) ** 0.5 if low > 0 else high / 2
+
+
 class PhaseSetup:
     """Ends, sizes and transcription of a phase.
 
@@ -119,6 +125,10 @@ class PhaseSetup:
         First state, as far as the initial conditions decide it.
     initial : State or sequence of Condition
         Conditions at the start.
+    path : KinematicPath, optional
+        Poses of the phase among others.
+    time : float, optional
+        Typical time, s, for a phase of no duration.
 
     Attributes
     ----------
@@ -140,13 +150,16 @@ class PhaseSetup:
         numeric: NumericEquations,
         start: State,
         initial: State | Sequence[Condition],
+        path: KinematicPath | None = None,
+        time: float | None = None,
     ):
         self.phase, self.numeric, self.start = phase, numeric, start
-        low, high = phase.duration
-        times = phase.segment_times(high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
-        self.path = kinematic_path(problem, phase, numeric, start, times)
+        if path is None:
+            path = kinematic_path(problem, phase, numeric, start, phase.segment_times(typical_duration(phase)))
+        self.path = path
         self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
-        self.scales = scales_of(numeric, float(times[-1]), self.path.poses)
+        span = float(path.segment_times[-1] - path.segment_times[0])
+        self.scales = scales_of(numeric, span if time is None else time, self.path.poses)
         self.scheme = self._bound_scheme(problem, settings, initial)
 
     @property

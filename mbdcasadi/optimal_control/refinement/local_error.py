@@ -30,7 +30,8 @@ INTEGRATION_TOLERANCE = 1e-11
 def warn_of_coarse_mesh(solution: Solution) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
     for part in solution.phases:
-        _warn_of_coarse_phase(part)
+        if part.mesh.count:
+            _warn_of_coarse_phase(part)
 
 
 def coarseness(part: PhaseSolution) -> np.ndarray:
@@ -38,6 +39,8 @@ def coarseness(part: PhaseSolution) -> np.ndarray:
 
     Zero if they are certainly small, infinite if an interval cannot be integrated again.
     """
+    if not part.mesh.count:  # a phase of no duration
+        return np.zeros(0)
     sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
     steps = projection_steps(part) / sizes
     fine = max(np.max(inner_errors(part) / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
@@ -174,6 +177,8 @@ def local_errors(part: PhaseSolution) -> np.ndarray:
 
 def scaled_errors(part: PhaseSolution) -> np.ndarray:
     """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
+    if not part.mesh.count:
+        return np.zeros(0)
     n = part.phase.equations.q.numel()
     errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
     return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors

@@ -93,6 +93,9 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
         order = solution.phases[0].program.scheme.order
         meshes = []
         for part in solution.phases:
+            if not part.mesh.count:
+                meshes.append(part.mesh)
+                continue
             # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
             pieces = np.ceil((4 * coarseness(part) / COARSE_ERROR) ** (1 / order))
             pieces[coarseness(part) <= COARSE_ERROR] = 1
@@ -110,7 +113,7 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
             break
         finer.statistics = together(solution.statistics, finer.statistics)
         solution = finer
-    return solution, all(np.max(coarseness(part)) <= COARSE_ERROR for part in solution.phases)
+    return solution, all(np.max(coarseness(part), initial=0.0) <= COARSE_ERROR for part in solution.phases)
 
 
 def _count(meshes: Sequence[Mesh]) -> int:
