@@ -64,7 +64,7 @@ def refuse_branch_jump(solution: Solution) -> None:
 
 def _jump(part: PhaseSolution) -> BranchJump | None:
     scheme, numeric = part.program.scheme, part.numeric
-    if not scheme.eom.rows:
+    if not scheme.eom.rows or not part.mesh.count:
         return None
     rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
     motion, points = part.trajectory, part.points_per_interval

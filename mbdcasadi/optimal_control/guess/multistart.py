@@ -120,6 +120,8 @@ def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
 
 def _usual_guesses(solver: Solver) -> list[Guess]:
     """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two."""
+    if len(solver.problem.phases) > 1:
+        return [_guess_of_phases(solver, None)]
     usual, setup = _usual_guess(solver), solver.setups[0]
     if not setup.scheme.eom.is_chain:
         return [usual]

@@ -46,6 +46,8 @@ def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> se
     """
     found = set()
     for number, part in enumerate(solution.phases):
+        if not part.mesh.count:  # a phase of no duration
+            continue
         limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
         for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
             most = float(np.max(values))
@@ -58,6 +60,8 @@ def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> lis
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     found = []
     for number, part in enumerate(solution.phases):
+        if not part.mesh.count:  # a phase of no duration
+            continue
         limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
         sizes = np.array([part.program.size_of(c) for c in limits])
         near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))

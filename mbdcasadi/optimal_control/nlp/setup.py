@@ -97,6 +97,8 @@ def _scheme(transcription: Any, degree: Any) -> Transcription:
 
 def is_open_chain(problem: OptimalControlProblem) -> bool:
     """Return True if a mechanism is an open chain whose angles alone are a better choice than all coordinates."""
+    if len(problem.phases) > 1:  # impulses of the changes belong to the rows of all coordinates
+        return False
     mechanisms = [phase.equations for phase in problem.phases]
     chains = [eom for eom in mechanisms if reduced_equations(eom).rows]
     return bool(chains) and all(reduced_equations(eom, angles=True).is_chain for eom in chains)
