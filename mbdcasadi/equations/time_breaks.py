@@ -32,6 +32,11 @@ _SWITCHING = (
 #: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
 _TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
 
+#: Operations that switch with the motion.
+_IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
+#: Operations by whose values geometry divides: the lengths of springs, and powers of these.
+_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
+
 #: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
 FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
 #: Instants closer than this many units in the last place are one.
@@ -507,6 +512,56 @@ def _switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX
         if op in _TRANSIENT:
             transients.append(b if op == ca.OP_DIV else a)
     return _timed(zeros, t), _timed(integers, t), _timed(transients, t)
+
+
+def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Functions of a state at whose zeros expressions switch, and at whose zeros or extrema they may pass quickly.
+
+    Parameters
+    ----------
+    expressions : casadi.SX
+        Of any shape.
+    state : casadi.SX
+        Symbols on one of which a function must depend.
+    unknown : casadi.SX
+        Symbols on none of which it may depend.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
+    ([SX((2-x))], [SX((-sq(x)))])
+    """
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(expressions))
+    function = ca.Function("expressions", [symbols], [ca.vec(ca.densify(expressions))])
+    nodes = function.instructions_sx()
+    switches, transients = [], []
+    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
+        if op not in _IN_STATE and op not in _TRANSIENT:
+            continue
+        node = nodes[k]
+        operands = [node.dep(i) for i in range(node.n_dep())]
+        if op in _COMPARE:
+            switches.append(operands[0] - operands[1])
+        elif op in (ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN):
+            switches.append(operands[-1])
+        elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
+            whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
+            switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
+        elif operands[-1].op() not in _OF_GEOMETRY:
+            transients.append(operands[-1])
+    return _moving(switches, state, unknown), _moving(transients, state, unknown)
+
+
+def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:
+    """Those of the functions that depend on a state and on nothing unknown, each once."""
+    functions = _distinct(functions)
+    if not functions:
+        return []
+    column = ca.vertcat(*functions)
+    moving = ca.which_depends(column, state, 1, True)
+    blurred = ca.which_depends(column, unknown, 1, True) if unknown.numel() else [False] * len(functions)
+    return [f for f, moves, blur in zip(functions, moving, blurred, strict=True) if moves and not blur]
 
 
 def _divisors(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:

@@ -23,7 +23,7 @@ from ..results.trajectory import EventOccurrence, Trajectory
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts, velocity_after
-from .modes import Modes
+from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
@@ -33,6 +33,7 @@ from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
+from .unseen_loads import UnseenLoads
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -60,6 +61,7 @@ class _Arc:
         self.mode, self.numeric = mode, modes.numeric(mode)
         self.resolution = Resolution(self.numeric)
         self.uniqueness = Uniqueness(self.numeric)
+        self.unseen_loads = UnseenLoads(self.numeric, setup.signals)
         self.own_events = modes.events(mode)
         self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
         self.stepper = Stepper(
@@ -126,6 +128,8 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
+        #: shortest of the loads that the steps passed over, s
+        self.shortest_load = np.inf
 
     # --- the loop ------------------------------------------------------------------------
     def run(self) -> Trajectory:
@@ -210,8 +214,8 @@ class Run:
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
         arc = self._arc
-        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
-        self._extra_stops = np.zeros(0)
+        stops, self._extra_stops = self._extra_stops, np.zeros(0)
+        piece = self._schedule.piece(self._time, self._index, last).through(stops)
         path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
@@ -221,7 +225,24 @@ class Run:
             piece = piece.until(touch[0])
             path, failure = self._integrated(piece)
             self._extra_stops = touch[1]
+        elif failure is None and not stops.size:
+            piece, path = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
+
+    def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path]:
+        """A piece and its path up to a load that the steps of the integrator passed over, or across it."""
+        arc = self._arc
+        tolerances = self.integrator.reltol, self.integrator.abstol
+        load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
+        if load is None:
+            return piece, path
+        self.shortest_load = min(self.shortest_load, load.duration)
+        if load.interval == 0:
+            across = piece.until(float(path.times[1])).through(load.stops)
+            return across, arc.stepper.advance(across, self._x, self._interruption)
+        self._extra_stops = load.stops
+        end = float(path.times[load.interval])
+        return piece.until(end), path.until(end)
 
     def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
         """The path of the integrator over a piece, or up to where it fails."""
@@ -565,3 +586,20 @@ class Run:
         reltol, abstol = self.integrator.reltol, self.integrator.abstol
         found = [s for arc in self._arcs.values() for s in arc.resolution.sentences(reltol, abstol)]
         return list(dict.fromkeys(found))
+
+
+def shortest_unseen_load(setup: Setup, integrator: Integrator) -> float:
+    """Duration of the shortest load that the steps of an integrator would pass over in a simulation, s.
+
+    Infinite if there is none. A simulation stops around such loads; analyses whose steps are compiled beforehand limit
+    these by it. Where the simulation stops early, what came before counts.
+    """
+    modes = SingleMode(setup)
+    if not UnseenLoads(modes.numeric(modes.free), setup.signals).watched:
+        return float("inf")
+    run = Run(setup, modes, (), integrator)
+    try:
+        run.run()
+    except SimulationError:  # the analysis itself says why
+        pass
+    return run.shortest_load
