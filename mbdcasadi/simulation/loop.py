@@ -226,23 +226,23 @@ class Run:
             path, failure = self._integrated(piece)
             self._extra_stops = touch[1]
         elif failure is None and not stops.size:
-            piece, path = self._with_unseen_loads(piece, path)
+            piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
 
-    def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path]:
+    def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
         """A piece and its path up to a load that the steps of the integrator passed over, or across it."""
         arc = self._arc
         tolerances = self.integrator.reltol, self.integrator.abstol
         load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
         if load is None:
-            return piece, path
+            return piece, path, None
         self.shortest_load = min(self.shortest_load, load.duration)
         if load.interval == 0:
             across = piece.until(float(path.times[1])).through(load.stops)
-            return across, arc.stepper.advance(across, self._x, self._interruption)
+            return across, *self._integrated(across)
         self._extra_stops = load.stops
         end = float(path.times[load.interval])
-        return piece.until(end), path.until(end)
+        return piece.until(end), path.until(end), None
 
     def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
         """The path of the integrator over a piece, or up to where it fails."""

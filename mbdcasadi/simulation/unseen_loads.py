@@ -18,6 +18,7 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..equations.time_breaks import state_switches
+from ..integrators.compiled import IntegrationFailure
 from .gap_closings import has_gap
 from .outputs import Outputs
 from .path import Path, hermite_states
@@ -32,7 +33,7 @@ AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
 #: its dense output, and of the path between outputs are below it.
-MISSED = 200.0
+MISSED = 30.0
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
 #: Nodes and weights of Gauss's quadrature over [0, 1].
@@ -52,7 +53,7 @@ class UnseenLoad:
     stops : numpy.ndarray
         Times over which no step may go, the last one the end of the interval, s.
     duration : float
-        Shortest duration between two of the instants at which something switches, s.
+        Time for which it is above half of its peak, s.
     """
 
     interval: int
@@ -112,7 +113,10 @@ class UnseenLoads:
         n = self._numeric.eom.q.numel()
         for load in self._suspects(path, outputs, instants, durations, reltol, abstol):
             k = load.interval
-            found = way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
+            try:
+                found = way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
+            except IntegrationFailure:  # the run itself will say why
+                return load
             missed = np.abs(found - path.x[k + 1])[n:]
             if np.any(missed > self._limits(path, reltol, abstol)):
                 return load
@@ -239,22 +243,20 @@ class UnseenLoads:
         of, begins, lengths = np.vstack(parts).T
         times = (begins[:, None] + lengths[:, None] * _NODES).ravel()
         weights = (lengths[:, None] * _WEIGHTS).ravel()
-        rates = self._rates(path, outputs, times) * weights[:, None]
+        rates = self._rates(path, outputs, times)
         n = self._numeric.eom.q.numel()
         places = np.searchsorted(intervals, np.repeat(of, _NODES.size).astype(int))
         integral = np.zeros((intervals.size, rates.shape[1]))
-        np.add.at(integral, places, rates)
-        missed = np.abs(np.diff(path.x[:, n:], axis=0)[intervals] - integral)
-        bad = np.any(~(missed <= self._limits(path, reltol, abstol)), axis=1)
-        return [UnseenLoad(int(k), stops[int(k)], self._shortest(path, int(k), stops[int(k)])) for k in intervals[bad]]
-
-    @staticmethod
-    def _shortest(path: Path, interval: int, stops: np.ndarray) -> float:
-        """Shortest time between two instants of an interval that are not one by rounding, s."""
-        start, end = path.times[interval], path.times[interval + 1]
-        lengths = np.diff(stops[:-1])
-        lengths = lengths[lengths > 1e-6 * (end - start)]
-        return float(np.min(lengths, initial=end - start))
+        np.add.at(integral, places, rates * weights[:, None])
+        change = np.diff(path.x[:, n:], axis=0)[intervals]
+        share = np.abs(change - integral) / self._limits(path, reltol, abstol)
+        found = []
+        for row in np.flatnonzero(~np.all(share <= 1, axis=1)):
+            k, worst = int(intervals[row]), int(np.argmax(share[row]))
+            own = places == row
+            load = np.abs(rates[own, worst] - change[row, worst] / (path.times[k + 1] - path.times[k]))
+            found.append(UnseenLoad(k, stops[k], _duration(load, weights[own])))
+        return found
 
     def _rates(self, path: Path, outputs: Outputs, times: np.ndarray) -> np.ndarray:
         """Rates of the velocities and first-order states on the path (k, n_x - n)."""
@@ -264,6 +266,13 @@ class UnseenLoads:
             return a
         z_rate = self._z_rate(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, self._numeric.p).full().T
         return np.hstack([a, z_rate])
+
+
+def _duration(load: np.ndarray, weights: np.ndarray) -> float:
+    """Time for which a load is above half of its peak, of several ones their mean, s."""
+    high = load > np.max(load) / 2
+    loads = int(np.sum(np.diff(high.astype(int), prepend=0) > 0))
+    return float(np.sum(weights[high])) / max(loads, 1)
 
 
 def state_quantities(numeric: NumericEquations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
