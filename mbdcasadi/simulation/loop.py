@@ -11,7 +11,7 @@ import numpy as np
 from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
-from ..errors import Interrupted, MechanismError, SimulationError
+from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..kinematics.singular import describe_singularity
@@ -175,7 +175,9 @@ class Run:
         self._mode, state = modes.decided(state)
         state = self._ask_controller(state)
         self._enter(state, first=True)
-        self._resolve_impacts(state, [])
+        for remark in self._impacts.remarks_on_start(state):
+            warn(remark)
+        self._resolve_impacts(state, self._impacts.passed_by_rounding(state))
 
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
