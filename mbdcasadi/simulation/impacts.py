@@ -23,6 +23,8 @@ RESET_TOLERANCE = 1e-9
 INSTANT = 1e-10
 #: Distance beyond the zero of an event, relative to the coordinates, that a rounded start explains.
 BEYOND_BY_ROUNDING = 1e-5
+#: Times in a row that an event may take place again at once, before it counts as one that does so without end.
+IN_A_ROW = 20
 #: Rounds of impacts at one instant after which the events drive each other without end.
 ROUNDS = 1000
 #: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
@@ -64,6 +66,7 @@ class Impacts:
     numeric: NumericEquations
     watch: EventWatch
     _last: dict[str, float] = field(default_factory=dict)
+    _in_a_row: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for event in self.watch.events:
@@ -156,9 +159,9 @@ class Impacts:
             beyond = self._beyond(event, state)
             if beyond > limit and k not in at_zero and self._turns_back(event, state):
                 found.append(
-                    f"event '{event.name}' is beyond its zero by {beyond:.3g} at the start, t = {state.t:.6g} s, on the "
-                    "side from which its reset turns the motion back: it cannot take place before the motion has come "
-                    "back; start on the other side"
+                    f"event '{event.name}' is beyond its zero by {beyond:.3g} at the start, t = {state.t:.6g} s, on "
+                    "the side from which its reset turns the motion back: it cannot take place before the motion has "
+                    "come back; start on the other side"
                 )
         return found
 
@@ -215,7 +218,10 @@ class Impacts:
         for event in events:
             before = self._last.get(event.name)
             self._last[event.name] = time
-            if before is not None and time - before < 10 * self.watch.instant:
+            soon = before is not None and time - before < 10 * self.watch.instant
+            # a few impacts that follow each other at once are the answers of other ones, and come to an end
+            self._in_a_row[event.name] = self._in_a_row.get(event.name, 0) + 1 if soon else 0
+            if before is not None and self._in_a_row[event.name] > IN_A_ROW:
                 raise SimulationError(
                     f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
                     f"{time - before:.3g} s later; its resets come to rest, which a reset cannot hold: make the event "

@@ -40,6 +40,8 @@ APART = 1e-8
 #: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
 #: relative tolerances, from which a constraint counts as one that jumps.
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
+#: Points of an output interval by which a jump is told from drift.
+CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
@@ -401,10 +403,16 @@ class Run:
         numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
         correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
         limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)
-        found = np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
-        if not found.size:
+        begins = np.r_[piece.start, times]
+        states = np.vstack([self._x, x])
+        found = (
+            int(k)
+            for k in np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
+            if self._jumps_within(begins[k : k + 2], states[k], limit)
+        )
+        k = next(found, -1)
+        if k < 0:
             return None
-        k = int(found[0])
         phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
         row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
         moved = int(np.argmax(correction[k]))
@@ -414,6 +422,17 @@ class Run:
         )
         last = x[k - 1] if k else self._x
         return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+
+    def _jumps_within(self, interval: np.ndarray, x: np.ndarray, limit: float) -> bool:
+        """True if the correction by projection jumps between two outputs; drift grows little by little instead."""
+        arc, n = self._arc, self._arc.numeric.eom.q.numel()
+        times = np.linspace(interval[0], interval[1], CLOSER_LOOK + 1)[1:]
+        try:
+            integrated = arc.stepper.unprojected(float(interval[0]), x, times)
+        except IntegrationFailure:
+            return True
+        moved = (arc.stepper.outputs.projected(times, integrated) - integrated)[:, :n] / arc.numeric.column_scale
+        return bool(np.max(np.abs(np.diff(moved, axis=0, prepend=0.0))) > limit)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
