@@ -23,8 +23,8 @@ RESET_TOLERANCE = 1e-9
 INSTANT = 1e-10
 #: Distance beyond the zero of an event, relative to the coordinates, that a rounded start explains.
 BEYOND_BY_ROUNDING = 1e-5
-#: Times in a row that an event may take place again at once, before it counts as one that does so without end.
-IN_A_ROW = 20
+#: Times in a row that an event may take place again at once as others answer it, before it does so without end.
+ANSWERS = 20
 #: Rounds of impacts at one instant after which the events drive each other without end.
 ROUNDS = 1000
 #: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
@@ -67,6 +67,7 @@ class Impacts:
     watch: EventWatch
     _last: dict[str, float] = field(default_factory=dict)
     _in_a_row: dict[str, int] = field(default_factory=dict)
+    _latest: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         for event in self.watch.events:
@@ -215,13 +216,17 @@ class Impacts:
             )
 
     def _refuse_accumulation(self, events: Sequence[Event], time: float) -> None:
+        names = {event.name for event in events}
+        alone, self._latest = names == self._latest, names
         for event in events:
             before = self._last.get(event.name)
             self._last[event.name] = time
-            soon = before is not None and time - before < 10 * self.watch.instant
-            # a few impacts that follow each other at once are the answers of other ones, and come to an end
-            self._in_a_row[event.name] = self._in_a_row.get(event.name, 0) + 1 if soon else 0
-            if before is not None and self._in_a_row[event.name] > IN_A_ROW:
+            if before is None or time - before >= 10 * self.watch.instant:
+                self._in_a_row[event.name] = 0
+                continue
+            self._in_a_row[event.name] = self._in_a_row.get(event.name, 0) + 1
+            # an impact that another one answers comes to an end after a few of them
+            if alone or self._in_a_row[event.name] > ANSWERS:
                 raise SimulationError(
                     f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
                     f"{time - before:.3g} s later; its resets come to rest, which a reset cannot hold: make the event "
