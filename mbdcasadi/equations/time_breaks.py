@@ -43,8 +43,10 @@ FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
 SAME_INSTANT = 32
 #: Offset from an instant at which its sides are evaluated, relative to the distance of the next one.
 SIDE = 1e-6
+#: The same for the size of a jump that is known: limits of ``acos(cos(t))`` are rounded near to its corners.
+AWAY_FROM_CORNERS = 1e-3
 #: Relative jumps, of a value and of its first and second derivatives, that are more than rounding.
-JUMP_TOLERANCES = (1e-9, 1e-8, 1e-7)
+JUMP_TOLERANCES = (1e-11, 1e-8, 1e-7)
 #: A transient counts as short below this share of the interval.
 SHORT_TRANSIENT = 1 / 20
 #: Steps in which a bracketed root is found to the last bit: by halving alone in the worst case.
@@ -237,13 +239,13 @@ class TimeFunctions:
         return _values(self._of_whole, p, times)
 
     def sides(
-        self, p: np.ndarray, start: float, times: np.ndarray, end: float
+        self, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Limits of ``f, f', f''`` of the expressions before and after instants, and what is rounding between them.
 
-        Each (3, expressions, k).
+        Each (3, expressions, k). They are evaluated at a distance `side`, relative to that of the next instant.
         """
-        return _sides(self._of_whole, p, start, times, end)
+        return _sides(self._of_whole, p, start, times, end, side)
 
 
 def _values(function: ca.Function, p: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -251,13 +253,13 @@ def _values(function: ca.Function, p: np.ndarray, times: np.ndarray) -> np.ndarr
 
 
 def _sides(
-    function: ca.Function, p: np.ndarray, start: float, times: np.ndarray, end: float
+    function: ca.Function, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Limits on both sides, and what is rounding; see :meth:`TimeFunctions.sides`."""
     borders = np.r_[start, times, end]
     gap = np.minimum(np.diff(borders)[:-1], np.diff(borders)[1:])
     width = resolution(start, end)
-    offset = np.maximum(SIDE * gap, width)
+    offset = np.maximum(side * gap, width)
     points = [times - 2 * offset, times - offset, times + offset, times + 2 * offset]
     points += [borders[:-1] + share * np.diff(borders) for share in (0.2, 0.5, 0.8)]
     places = np.cumsum([part.size for part in points])[:-1]

@@ -40,6 +40,8 @@ APART = 1e-8
 #: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
 #: relative tolerances, from which a constraint counts as one that jumps.
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
+#: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
+NEAR_CORNER = 1e-5
 #: Points of an output interval by which a jump is told from drift.
 CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
@@ -108,7 +110,7 @@ class Run:
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         self._progress = progress
         timed = time_dependence(setup)
-        self.max_step, self._obstacle = timed.max_step, timed.obstacle()
+        self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
         span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
@@ -581,7 +583,13 @@ class Run:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)
         outputs = self._arc.stepper.outputs
-        cause = cause_of_failure(self._arc.numeric, reached, *outputs.split(last[None, :]), failure.flag, ahead)
+        near = NEAR_CORNER * (self._schedule.end - self._schedule.start)
+        corner = next((jump for jump in self._corners if abs(jump.time - reached) <= near), None)
+        if corner is not None:
+            cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
+        else:
+            state = outputs.split(last[None, :])
+            cause = cause_of_failure(self._arc.numeric, reached, *state, failure.flag, ahead, self.integrator.name)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,

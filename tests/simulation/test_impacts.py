@@ -205,7 +205,7 @@ def test_ends_of_a_nearly_flat_rod_answer_each_other(tilt):
     mechanism = mbd.Mechanism(bodies=[rod], forces=[mbd.Gravity()])
     start = [rod.x == 0, rod.y == 1, rod.phi == tilt, rod.vx == 0, rod.vy == 0, rod.omega == 0]
     motion = mbd.simulate(mechanism, np.linspace(0, 0.6, 13), initial=start, events=events)
-    # an impulse P at a tip changes vy by P and omega by ±6 P; the speed of that tip changes by 4 P, of the other by -2 P
+    # an impulse P at a tip changes vy by P and omega by ±6 P, its own speed by 4 P, that of the other by -2 P
     fall = np.sqrt(2 * 9.81)
     vy, omega = -fall, 0.0
     for side in (-1, 1, -1):
