@@ -29,6 +29,8 @@ from .path import Path
 MISSED = 0.5
 #: Loads below this share of the largest one of a run do not count.
 SMALL = 1e-3
+#: Difference of a gap's change from that by its rates, relative to the larger one, over which no blow came.
+SMOOTH = 0.1
 #: Share of the way to a contact after which the integrator is started again where its steps went too deep.
 BEFORE = 0.95
 
@@ -82,6 +84,8 @@ class Resolution:
         courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
         scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
         self._normal = [next(k for k, s in enumerate(self._smoothings) if s is e.smoothings[0]) for e in self._owner]
+        owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
+        self._gap_of = [owners.get(id(s)) for s in self._smoothings]
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
@@ -165,8 +169,30 @@ class Resolution:
         n = len(self._smoothings)
         courses = self._at(self._courses, path.times, path.x)
         missed = np.abs(np.diff(courses[:, :n], axis=0) - path.integrals[:, :n])
+        missed[self._open(path)] = 0.0
         size = np.abs(courses[:, n:])
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
+
+    def _open(self, path: Path) -> np.ndarray:
+        """Intervals in which a contact was open all the time, by its smoothed quantities (k, n).
+
+        There its forces are zero, while a long step that ends in the contact, and would not count for the motion,
+        leaves its rate in the integral.
+        """
+        found = np.zeros((path.times.size - 1, len(self._smoothings)), bool)
+        if not self._owner:
+            return found
+        lengths = np.diff(path.times)[:, None]
+        gaps, rates = np.split(self._at(self._approach, path.times, path.x), 2, axis=1)
+        fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
+        # no blow between the ends: the gap changes as its rates say, and does not turn
+        smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
+        turned = (rates[:-1] < 0) & (rates[1:] > 0)
+        is_open = (gaps[:-1] > 0) & (gaps[1:] > 0) & smooth & ~turned
+        for k, owner in enumerate(self._gap_of):
+            if owner is not None:
+                found[:, k] = is_open[:, owner]
+        return found
 
     def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         n = self._numeric.eom.q.numel()

@@ -1,5 +1,6 @@
 """What depends on time explicitly is met by every method, whatever came before: rest, equilibrium, uniform motion."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
