@@ -292,7 +292,8 @@ class Run:
             count = int(np.searchsorted(times, deciding[0].time + self.instant, side="right"))
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
-            arc.resolution.note(path.until(deciding[0].time if deciding else float(times[-1])))
+            counted = path.until(deciding[0].time if deciding else float(times[-1]))
+            arc.resolution.note(counted, arc.stepper.way_from, self.integrator.reltol, self.integrator.abstol)
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:

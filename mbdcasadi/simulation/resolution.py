@@ -18,6 +18,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
+from ..integrators.compiled import IntegrationFailure
 from ..model.rates import time_derivative
 from ..model.validity import Smoothing
 from ..results.validity import validity_conditions
@@ -31,6 +32,9 @@ MISSED = 0.5
 SMALL = 1e-3
 #: Difference of a gap's change from that by its rates, relative to the larger one, over which no blow came.
 SMOOTH = 0.1
+#: Suspicions that are verified in a run, at most; stops of the integration that does so; and the difference from it,
+#: in relative tolerances, that confirms the motion.
+VERIFICATIONS, CAREFUL, CONFIRMED = 10, 64, 30.0
 #: Share of the way to a contact after which the integrator is started again where its steps went too deep.
 BEFORE = 0.95
 
@@ -96,6 +100,7 @@ class Resolution:
             self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
             approach = ca.vertcat(gaps, time_derivative(gaps, eom.mechanism)) if gaps.numel() else gaps
             self._approach = ca.Function("approach", known, [ca.densify(approach)])
+        self._verifications = VERIFICATIONS
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
         self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
@@ -151,12 +156,28 @@ class Resolution:
             found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
         return found
 
-    def note(self, path: Path) -> None:
-        """Take note of a piece that counts."""
+    def note(
+        self,
+        path: Path,
+        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        reltol: float,
+        abstol: float,
+    ) -> None:
+        """Take note of a piece that counts.
+
+        Parameters
+        ----------
+        way_from : callable
+            ``(time, x) -> (times -> states)``: short integrations, by which a suspicion is verified.
+        reltol, abstol : float
+            Tolerances of the integrator.
+        """
         if not self.rates.numel() or path.times.size < 2:
             return
         if self._smoothings:
-            self._blocks.append((path.times[1:], np.diff(path.times), *self._followed(path)))
+            missed, seen = self._followed(path)
+            self._acquit(path, missed, seen, way_from, reltol, abstol)
+            self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
         for closing in self._closings.unseen(path, self._closed(path)):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
         if self._validity:
@@ -172,6 +193,36 @@ class Resolution:
         missed[self._open(path)] = 0.0
         size = np.abs(courses[:, n:])
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
+
+    def _acquit(
+        self,
+        path: Path,
+        missed: np.ndarray,
+        seen: np.ndarray,
+        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        reltol: float,
+        abstol: float,
+    ) -> None:
+        """Take back what intervals missed of normal forces, if small steps confirm their motion.
+
+        The rates are integrated outside the error test: a long step that ends just inside a contact, where its force
+        is still small, spoils their integral and not the motion.
+        """
+        matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
+        suspected = matters & (missed > MISSED * self._spans * seen)
+        for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
+            if self._verifications <= 0:
+                return
+            self._verifications -= 1
+            times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)[1:]
+            try:
+                found = way_from(float(path.times[k]), path.x[k])(times)[-1]
+            except IntegrationFailure:
+                return
+            if np.max(np.abs(found - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(found))):
+                missed[k, self._normal] = 0.0
+            else:  # there will be a warning anyway
+                self._verifications = 0
 
     def _open(self, path: Path) -> np.ndarray:
         """Intervals in which a contact was open all the time, by its smoothed quantities (k, n).
