@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -24,6 +26,9 @@ BROWSER = HERE / "_pages"
 #: Runs the code of a page of the documentation in the current folder.
 RUN_PAGE = "import sys, pathlib, documentation_blocks as d; d.run_page(pathlib.Path(sys.argv[1]))"
 
+#: Pages of the documentation that show pages for the browser, which their code writes.
+SHOWING = ("pictures.md", "play.md")
+
 #: Width of a picture, pixels, and its colours.
 WIDTH, COLOURS = 1100, 96
 
@@ -34,6 +39,7 @@ GROUPS = {
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
+    "Motions in phases": ("compass_walker",),
 }
 
 
@@ -120,18 +126,21 @@ def animated() -> list[str]:
     return [path.stem for path in sorted(EXAMPLES.glob("*.py")) if '.html"' in path.read_text(encoding="utf-8")]
 
 
-def make_browser_page(script: Path, target: Path, *arguments: str) -> None:
-    """Make the page that a script writes, unless there is one younger than the script and the package."""
+def make_browser_page(script: Path, targets: Sequence[Path], *arguments: str) -> None:
+    """Make the pages that a script writes, unless there are some younger than the script and the package."""
     sources = [
         script,
         *(path for path in (HERE.parent / "mbdcasadi").rglob("*") if path.suffix in (".py", ".js", ".css", ".html")),
     ]
-    if target.exists() and target.stat().st_mtime > max(path.stat().st_mtime for path in sources):
+    newest = max(path.stat().st_mtime for path in sources)
+    if all(target.exists() and target.stat().st_mtime > newest for target in targets):
         return
     with tempfile.TemporaryDirectory() as folder:
         run(folder, *arguments, str(copied(script, folder) if script.suffix == ".py" else script))
-        (page,) = Path(folder).rglob("*.html")
-        shutil.copy(page, target)
+        pages = list(Path(folder).rglob("*.html"))
+        for target in targets:
+            page = pages[0] if len(pages) == 1 else next(page for page in pages if page.name == target.name)
+            shutil.copy(page, target)
 
 
 def copied(script: Path, folder: str) -> Path:
@@ -141,10 +150,12 @@ def copied(script: Path, folder: str) -> Path:
 
 
 def make_browser_pages(app: object, config: object) -> None:
-    """Make the pages for the browser: those of the examples, and the one that ``pictures.md`` shows."""
+    """Make the pages for the browser: those of the examples, and those that pages of the documentation show."""
     (BROWSER / "gallery").mkdir(parents=True, exist_ok=True)
-    jobs = [partial(make_browser_page, EXAMPLES / f"{n}.py", BROWSER / "gallery" / f"{n}.html") for n in animated()]
-    jobs.append(partial(make_browser_page, HERE / "pictures.md", BROWSER / "motion.html", "-c", RUN_PAGE))
+    jobs = [partial(make_browser_page, EXAMPLES / f"{n}.py", [BROWSER / "gallery" / f"{n}.html"]) for n in animated()]
+    for page in SHOWING:
+        shown = re.findall(r'src="([\w-]+\.html)"', (HERE / page).read_text(encoding="utf-8"))
+        jobs.append(partial(make_browser_page, HERE / page, [BROWSER / name for name in shown], "-c", RUN_PAGE))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         for job in [pool.submit(job) for job in jobs]:
             job.result()
@@ -162,6 +173,31 @@ def make_pictures(names: list[str]) -> None:
         print(name)
 
 
+#: Part of the film of the walking leg that the front page shows, pixels: the drawing without its axes.
+CROP = (90, 92, 585, 612)
+
+
+def make_film() -> None:
+    """Make the picture that moves on the front page, from the film of the walking leg."""
+    with tempfile.TemporaryDirectory() as folder:
+        run(folder, str(copied(EXAMPLES / "walking_leg.py", folder)))
+        crop_film(Path(folder) / "output" / "walking_leg.gif", HERE / "walking_leg.gif")
+
+
+def crop_film(film: Path, target: Path) -> None:
+    """Keep a part of every frame of a film."""
+    from PIL import Image, ImageSequence
+
+    with Image.open(film) as whole:
+        times = [frame.info.get("duration", 100) for frame in ImageSequence.Iterator(whole)]
+        frames = [frame.convert("RGB").crop(CROP) for frame in ImageSequence.Iterator(whole)]
+    for frame in frames:
+        frame.info.clear()  # what is transparent in one frame has another number in the next
+    palette = frames[0].quantize(COLOURS, dither=Image.Dither.NONE)
+    frames = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    frames[0].save(target, save_all=True, append_images=frames[1:], duration=times, loop=0, optimize=True)
+
+
 def setup(app: object) -> dict[str, bool]:
     """Write the pages before anything is read, and those for the browser before they are looked for."""
     app.connect("config-inited", make_browser_pages)  # type: ignore[attr-defined]
@@ -170,4 +206,7 @@ def setup(app: object) -> dict[str, bool]:
 
 
 if __name__ == "__main__":
-    make_pictures(sys.argv[1:] or [name for names in GROUPS.values() for name in names])
+    if sys.argv[1:] != ["film"]:
+        make_pictures(sys.argv[1:] or [name for names in GROUPS.values() for name in names])
+    if sys.argv[1:] in ([], ["film"]):
+        make_film()

@@ -11,6 +11,7 @@ Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 from . import library
 from .arguments.inputs import SampledController
 from .assembly.assemble import assemble
+from .assembly.impact import impact
 from .equations import Equations, equations
 from .errors import (
     AssemblyError,
@@ -29,7 +30,7 @@ from .files.adm import read_adm
 from .identification.data import Experiment, IdentificationError
 from .identification.fit import Fit
 from .identification.identify import identify
-from .integrators import IDAS, Integrator, Rosenbrock, RungeKutta
+from .integrators import DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
 from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics
@@ -78,10 +79,11 @@ from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .model.validity import Smoothing, ValidityCondition
 from .optimal_control.checks.failure import OptimizationError
 from .optimal_control.optimize import optimize
-from .optimal_control.phase import Waypoint
+from .optimal_control.phase import Phase, Waypoint
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
 from .optimal_control.solution import Solution
+from .optimal_control.stability import Stability
 from .optimal_control.storage import read_solution
 from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
 from .optimal_control.transcription.points import CollocationPoint

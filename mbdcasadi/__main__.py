@@ -12,6 +12,7 @@ from typing import Any
 
 import mbdcasadi as mbd
 
+from .files import read_model
 from .files.acf import Analysis
 from .numerics.writing import whole_file, writable
 from .results.summary import summary
@@ -91,7 +92,7 @@ def _outputs(options: argparse.Namespace) -> dict[str, Path]:
 def _run(options: argparse.Namespace) -> None:
     _check_outputs(_outputs(options), (options.model, options.analysis))
     with _notes() as notes:
-        mechanism = mbd.read_adm(options.model)
+        mechanism = read_model(options.model)
         analysis = mbd.read_acf(options.analysis)
         motion = _analyse(mechanism, analysis, options)
         _write(motion, _outputs(options))
@@ -181,7 +182,7 @@ def _notes() -> Iterator[list[str]]:
 # --- check ---------------------------------------------------------------------------
 def _check(options: argparse.Namespace) -> None:
     with _notes() as notes:
-        report = mbd.check(mbd.read_adm(options.model))
+        report = mbd.check(read_model(options.model))
     print(report)
     for note in notes:
         print(f"note: {note}")

@@ -98,6 +98,15 @@ def test_cart_pole(found):
 
 
 @pytest.mark.slow
+def test_compass_walker(found):
+    """Step, period and the landing against shooting; the gait is stable."""
+    solution, check = found["solution"], found["check"]
+    assert solution.duration == pytest.approx(0.7343463911587, abs=1e-8)
+    assert solution.parameters[found["step"]] == pytest.approx(0.535445415430, abs=1e-8)
+    assert check.time_error < 1e-8 and check.final_error < 1e-7 and found["stability"].is_stable
+
+
+@pytest.mark.slow
 def test_five_bar_robot(found):
     free, around, quick = found["solutions"].values()
     assert largest_error(free, around, quick) < 1e-6

@@ -151,12 +151,14 @@ class Signals:
             ),
         )[0]
         times = np.atleast_1d(np.asarray(t, float))
-        given = self.level_values if levels is None else levels
+        level_values = self.level_values if levels is None else levels
         if channel is None:
             channel = self.channel_from(times)
         columns = np.zeros((0, times.size)) if channel is None else channel
-        found = function(times[None, :], np.atleast_2d(q).T, np.atleast_2d(v).T, np.atleast_2d(z).T, p, given, columns)
-        return np.broadcast_to(found.full().T, (times.size, self.expressions.numel()))
+        values = function(
+            times[None, :], np.atleast_2d(q).T, np.atleast_2d(v).T, np.atleast_2d(z).T, p, level_values, columns
+        )
+        return np.broadcast_to(values.full().T, (times.size, self.expressions.numel()))
 
 
 @dataclass
@@ -312,12 +314,12 @@ def read_answer(controller: SampledController, state: Any, levels: np.ndarray) -
 
 def _of_solution(value: Any, symbol: Any) -> Any:
     """The course of an input in a solution of optimal control; any other value as it is."""
-    found = getattr(value, "inputs", None)
-    if not isinstance(found, Mapping):
+    courses = getattr(value, "inputs", None)
+    if not isinstance(courses, Mapping):
         return value
-    if not any(key is symbol for key in found):
+    if not any(key is symbol for key in courses):
         raise ModelError(f"inputs= holds a solution without the input '{symbol.label}'")
-    return found[symbol]
+    return courses[symbol]
 
 
 def _check_feedback(eom: Equations, expression: ca.SX, what: str) -> None:

@@ -39,8 +39,8 @@ class PiecewisePolynomial:
     def interval(self, times: np.ndarray) -> np.ndarray:
         """Interval in which each time lies; the later one at a break."""
         slack = 1e-12 * max(1.0, abs(self.breaks[-1]))
-        found = np.searchsorted(self.breaks, np.asarray(times, float) + slack, side="right") - 1
-        return np.clip(found, 0, self.breaks.size - 2)
+        index = np.searchsorted(self.breaks, np.asarray(times, float) + slack, side="right") - 1
+        return np.clip(index, 0, self.breaks.size - 2)
 
     def __call__(self, times: np.ndarray) -> np.ndarray:
         """Values at times."""

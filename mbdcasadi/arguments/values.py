@@ -39,15 +39,15 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
     raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
 
 
-def inputs_and_parameters(mechanism: Mechanism, given: Any, argument: str) -> tuple[Any, ...]:
+def inputs_and_parameters(mechanism: Mechanism, listed: Any, argument: str) -> tuple[Any, ...]:
     """Inputs and parameters of the mechanism as they were listed, none of them twice."""
-    found = entries(given, argument)
-    for symbol in found:
+    symbols = entries(listed, argument)
+    for symbol in symbols:
         if not isinstance(symbol, Input | Parameter):
             raise ModelError(f"{argument} takes inputs and parameters, got {symbol!r}")
         position_in(mechanism.inputs if isinstance(symbol, Input) else mechanism.parameters, symbol, argument)
-    refuse_twice(found, argument)
-    return found
+    refuse_twice(symbols, argument)
+    return symbols
 
 
 def parameter_vector(eom: Equations, parameters: Any) -> np.ndarray:

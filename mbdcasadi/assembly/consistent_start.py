@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
+from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, SimulationError, SingularityError
 from ..model.conditions import Condition, read_conditions
@@ -52,10 +53,12 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     """
     eom = numeric.eom
     if isinstance(initial, State):
-        # the state may come from another mechanism on the same bodies
-        q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
-        z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
-        refuse_inconsistent(numeric, time, q, v)
+        if initial.mechanism is eom.mechanism:
+            q, v, z = initial.q, initial.v, initial.z
+        else:  # another one on the same bodies
+            q, v = np.atleast_1d(initial[eom.q]), np.atleast_1d(initial[eom.v])
+            z = np.atleast_1d(initial[eom.z]) if eom.z.numel() else np.zeros(0)
+        refuse_inconsistent(numeric, initial, time, q, v)
         return complete_state(numeric, signals, time, q, v, z)
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
@@ -65,25 +68,50 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     return complete_state(numeric, signals, time, q, v, z)
 
 
-def refuse_inconsistent(numeric: NumericEquations, time: float, q: np.ndarray, v: np.ndarray) -> None:
+def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q: np.ndarray, v: np.ndarray) -> None:
     """Raise for a pose and velocity, given as a state, that break the constraints."""
-    eom, length = numeric.eom, numeric.scale.length
+    eom = numeric.eom
     phi, _ = numeric.position(time, q)
     jacobian, nu = numeric.velocity(time, q)
     rows = np.r_[np.abs(phi), np.abs(jacobian @ v - nu)]
     if not rows.size:
         return
     angular = np.r_[eom.angular_rows[eom.position_rows], eom.angular_rows]
-    allowed = CONSISTENCY_TOLERANCE * np.where(angular, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
-    excess = rows / allowed
+    excess = rows / position_limits(numeric, angular)
     worst = int(np.argmax(excess >= (1 - 1e-9) * np.max(excess)))  # of equal ones the first
     if excess[worst] > 1:
         names = [eom.row_names[k] for k in eom.position_rows] + list(eom.row_names)
         level = "position" if worst < phi.size else "velocity"
         raise SimulationError(
             f"the state given as initial= breaks the constraint {names[worst]} at {level} level by {rows[worst]:.3g} "
-            f"at t = {time:.6g} s; use assemble to make it consistent"
+            f"at t = {time:.6g} s; {_remedy(state, eom, closed=bool(np.all(excess[: phi.size] <= 1)))}"
         )
+
+
+def _remedy(state: State, eom: Equations, *, closed: bool) -> str:
+    """What makes a state consistent: an impact if bodies move apart at joints that their mechanism does not have."""
+    if not closed or state.mechanism is eom.mechanism:
+        return "use assemble to make it consistent"
+    return (
+        "the positions hold and the velocities do not: if joints close here, as when bodies latch, the state after the "
+        "plastic impact is impact(mechanism, state), or Event(…, becomes=mechanism) leads there; assemble would not "
+        "keep the momentum"
+    )
+
+
+def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None) -> np.ndarray:
+    """Return misses up to which rows count as met, m or rad; by default those of the position rows.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations of the mechanism.
+    angular : numpy.ndarray of bool, optional
+        Which of other rows are angles.
+    """
+    length = numeric.scale.length
+    rows = numeric.eom.angular_rows[numeric.eom.position_rows] if angular is None else angular
+    return CONSISTENCY_TOLERANCE * np.where(rows, 1.0, max(min(1.0, 10 * length), 1e-3 * length))
 
 
 def complete_state(

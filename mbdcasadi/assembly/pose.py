@@ -216,8 +216,8 @@ class PoseProblem:
         target = self.rows_with(conditions)
         guesses = (start, estimate, self._perturbed(start))
         outcomes = [self._solve(target, guess, step_limit=self.numeric.step_limit) for guess in guesses]
-        found = [outcome.x for outcome in outcomes if outcome.converged]
-        q = found[0] if found else self._by_optimisation(estimate, conditions, [])
+        poses = [outcome.x for outcome in outcomes if outcome.converged]
+        q = poses[0] if poses else self._by_optimisation(estimate, conditions, [])
         if q is None:
             q = self._from_other_starts(target, estimate)
         if q is None:

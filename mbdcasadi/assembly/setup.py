@@ -100,9 +100,9 @@ class Setup:
         else:
             self.grid = duration_grid(duration, analysis) if times is None else time_grid(times, least=fewest_times)
         carried = carried_by(initial, mechanism)
-        own = dict(fixed or {})
+        fixed_values = dict(fixed or {})
         pairs = pairs_of(parameters, "parameters=")
-        over = {key: value for key, value in own.items() if isinstance(key, Parameter)}
+        over = {key: value for key, value in fixed_values.items() if isinstance(key, Parameter)}
         self.p = parameter_vector(self.eom, carried["parameters"] | dict(pairs) | over)
         _report_exceeded_limits(mechanism, self.p, analysis)
         self.signals: Signals = read_signals(
@@ -110,7 +110,7 @@ class Setup:
             inputs,
             self.grid if t is _UNSET else None,
             carried=carried["inputs"],
-            fixed={key: value for key, value in own.items() if key not in over},
+            fixed={key: value for key, value in fixed_values.items() if key not in over},
         )
         if self.signals.controller is not None and not takes_controller:
             raise ModelError(

@@ -12,10 +12,9 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ConditionError
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, project_velocity
 from ..numerics.nearest import multipliers_at, nearest, nearest_by_ipopt, project_with_inequalities
 from ..numerics.newton import Equations, refine_root, solve
-from ..numerics.projection import project_velocity
 from ..numerics.rank import analyse_rank
 
 #: Violation of an inequality by which it counts as held, m/s or rad/s.

@@ -44,9 +44,9 @@ def effective_masses(eom: Equations, p: np.ndarray, mass: np.ndarray, scale: Sca
     if not eom.lam.numel() or np.min(alike, initial=np.inf) > ALIKE * most:
         return None
     total = float(np.sum(alike)) or 1.0
-    found = [np.asarray(eom.jacobian(0.0, pose, p)[0].full()) for pose in generic_poses(eom)]
+    jacobians = [np.asarray(eom.jacobian(0.0, pose, p)[0].full()) for pose in generic_poses(eom)]
     units = np.where(scale.rows > 0, scale.rows, 1.0)
-    scaled = [matrix * scale.coordinates / units[:, None] for matrix in found if np.all(np.isfinite(matrix))]
+    scaled = [matrix * scale.coordinates / units[:, None] for matrix in jacobians if np.all(np.isfinite(matrix))]
     if not scaled:
         return np.full(eom.lam.numel(), total) if np.any(mass == 0) else None
     # what has no mass counts as much as the lightest part that has: a force on it is balanced by multipliers, and their
@@ -76,6 +76,6 @@ def _effective(matrix: np.ndarray, total: float) -> np.ndarray:
     triangle, pivots = qr(rows[order], mode="r", pivoting=True)
     triangle = triangle[: len(matrix)]
     inverse = solve_triangular(triangle, np.eye(len(matrix)))
-    found = np.empty(len(matrix))
-    found[pivots] = np.sum(inverse**2, axis=1)
-    return found
+    masses = np.empty(len(matrix))
+    masses[pivots] = np.sum(inverse**2, axis=1)
+    return masses

@@ -73,7 +73,7 @@ def _functions(eom: Equations, stem: str) -> list[ca.Function]:
     unknown = dict(zip(_NAMES[1:6], eom.symbols[1:6], strict=True))
     slopes = [ca.densify(ca.jacobian(residual, symbol)) for symbol in unknown.values()]
     whole = list(eom.symbols)
-    given, known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p], ["t", "q", "v", "z", "u", "p"]
+    arguments, known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p], ["t", "q", "v", "z", "u", "p"]
     functions = [
         ca.Function(f"{stem}_mass_matrix", [eom.p], [ca.densify(eom.M)], ["p"], ["M"]),
         ca.Function(
@@ -89,7 +89,7 @@ def _functions(eom: Equations, stem: str) -> list[ca.Function]:
     ]
     forward = _forward(eom, f"{stem}_forward_dynamics")
     closed = forward.is_a("SXFunction")
-    symbols = [(ca.SX if closed else ca.MX).sym(name, *s.shape) for name, s in zip(known, given, strict=True)]
+    symbols = [(ca.SX if closed else ca.MX).sym(name, *s.shape) for name, s in zip(known, arguments, strict=True)]
     t, q, v, z, u, p = symbols
     a, lam = forward(*symbols)
     rates = ca.Function("z_rate", whole, [eom.z_rate])(t, q, v, a, z, lam, u, p)
@@ -101,7 +101,7 @@ def _forward(eom: Equations, name: str) -> ca.Function:
     """Forward dynamics in the form that this mechanism needs, with solvers that can be written as C."""
     numeric = NumericEquations(eom, eom.parameter_values)
     redundant = numeric.has_redundant_rows(0.0, eom.estimate[0])
-    found = forward_dynamics(eom, augmentation=numeric.augmentation, redundant=redundant, portable=True)
-    symbols = found.sx_in() if found.is_a("SXFunction") else found.mx_in()
-    results = [ca.densify(result) for result in found(*symbols)]
-    return ca.Function(name, symbols, results, found.name_in(), found.name_out())
+    function = forward_dynamics(eom, augmentation=numeric.augmentation, redundant=redundant, portable=True)
+    symbols = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    results = [ca.densify(result) for result in function(*symbols)]
+    return ca.Function(name, symbols, results, function.name_in(), function.name_out())

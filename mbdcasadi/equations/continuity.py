@@ -103,14 +103,14 @@ class _Trial:
         before, after = (sides_of(self._at(points), self._whole) for points in (low, high))
         crossed = before[owner, np.arange(owner.size)] != after[owner, np.arange(owner.size)]
         agrees = self._agree(low, offset, before, after, owner)
-        found = set()
+        nodes = set()
         for k, switch in enumerate(self._switches):
-            own = np.flatnonzero(owner == k)
-            if np.sum(crossed[own]) >= FEWEST_HITS and np.all(agrees[own]):
-                place = low[:, own], offset[:, own], before[:, own], after[:, own]
+            places = np.flatnonzero(owner == k)
+            if np.sum(crossed[places]) >= FEWEST_HITS and np.all(agrees[places]):
+                place = low[:, places], offset[:, places], before[:, places], after[:, places]
                 if self._holds_beyond_others(k, *place):
-                    found.add(switch.node)
-        return found
+                    nodes.add(switch.node)
+        return nodes
 
     # --- points on the borders -------------------------------------------------------------
     def _points(self, count: int) -> np.ndarray:
@@ -180,10 +180,10 @@ class _Trial:
 
     def _narrowed(self, first: np.ndarray, last: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Brackets of the borders of some switches, made as narrow as rounding by regula falsi and halving in turn."""
-        begin, way = first, last - first
+        begin, along = first, last - first
 
         def value_at(share: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-            points = begin[:, chosen] + way[:, chosen] * share
+            points = begin[:, chosen] + along[:, chosen] * share
             return self._at(points)[owner[chosen], np.arange(chosen.size)]
 
         everywhere = np.arange(owner.size)
@@ -207,7 +207,7 @@ class _Trial:
             same = np.where(self._whole[owner[open_]], (value >= 0) == (fa >= 0), (value > 0) == (fa > 0))
             low[open_], high[open_] = np.where(same, middle, a), np.where(same, b, middle)
             at_low[open_], at_high[open_] = np.where(same, value, fa), np.where(same, fb, value)
-        return begin + way * low, begin + way * high
+        return begin + along * low, begin + along * high
 
     # --- both sides ---------------------------------------------------------------------------
     def _holds_beyond_others(
@@ -250,5 +250,5 @@ class _Trial:
             firsts = np.flatnonzero(np.diff(owner, prepend=-1))
             rounding = np.maximum.reduceat(sizes, firsts, axis=1)[:, np.searchsorted(owner[firsts], owner)]
             same = np.abs(two - one) <= rounding + GROWN * grown
-            found: np.ndarray = np.all(same | ~np.isfinite(one) | ~np.isfinite(two), axis=0)
-            return found
+            agree: np.ndarray = np.all(same | ~np.isfinite(one) | ~np.isfinite(two), axis=0)
+            return agree

@@ -188,6 +188,10 @@ class Equations:
         make = partial(self._of_expression, expression)
         return self.mechanism.cache.get_or_create(ExpressionKey(expression), make, bounded=True)
 
+    def contains(self, expression: ca.SX) -> bool:
+        """Return True if the mechanism has every symbol of an expression."""
+        return all(symbol.element_hash() in self._known for symbol in symbols_of(expression))
+
     def _of_expression(self, expression: ca.SX) -> ca.Function:
         for symbol in symbols_of(expression):
             if symbol.element_hash() not in self._known:
@@ -199,6 +203,11 @@ class Equations:
         role = role_of(symbol)
         if role is not None and role.kind == "input rate":
             return f"{describe(symbol)}, which is known in optimal control alone"
+        if role is not None and role.kind == "impulse":
+            return (
+                f"{describe(symbol)}, which is known just after an impact alone: in event.after[…], and in initial= "
+                "and boundary= of optimal control"
+            )
         owner = getattr(role.owner, "name", None) if role else None
         return describe(symbol) + (f" of '{owner}'" if owner else "") + ", which the mechanism does not have"
 
@@ -215,17 +224,17 @@ class Equations:
     def angles(self) -> np.ndarray:
         """True for coordinates that are angles of bodies (n,)."""
         places = np.arange(self.q.numel())
-        found: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
-        return found
+        angles: np.ndarray = (places % 3 == 2) & (places < 3 * len(self.mechanism.bodies))
+        return angles
 
     @cached_property
     def angular_rows(self) -> np.ndarray:
         """True for constraint rows in angles of bodies alone, which are in rad (m,)."""
         rows, columns = (np.array(part, int) for part in self.Phi_q.sparsity().get_triplet())
         lengths = rows[~self.angles[columns]]
-        found = np.ones(self.lam.numel(), bool)
-        found[lengths] = False
-        return found
+        angular = np.ones(self.lam.numel(), bool)
+        angular[lengths] = False
+        return angular
 
     @cached_property
     def forward_dynamics(self) -> ca.Function:

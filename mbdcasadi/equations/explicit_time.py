@@ -152,10 +152,10 @@ class ExplicitTime:
             At which of them accelerations jump, so that an integrator must start again (k,); it may go on
             smoothly from the others, but must not step over them.
         """
-        found = {kind: group.breaks(p, start, end) for kind, group in self._groups.items()}
-        whole = merge_breaks(list(found.values()))
+        breaks = {kind: group.breaks(p, start, end) for kind, group in self._groups.items()}
+        whole = merge_breaks(list(breaks.values()))
         restart = np.zeros(whole.times.size, bool)
-        for kind, part in found.items():
+        for kind, part in breaks.items():
             jumps = part.times[part.order <= _ACCELERATIONS_JUMP[kind]]
             # the same instants: the merging took the first of those that are one
             restart[np.searchsorted(whole.times, jumps + whole.width, side="right") - 1] = True
@@ -167,19 +167,19 @@ class ExplicitTime:
         """Constraint rows that switch in time, each with its level and place."""
         eom = self._eom
         places = {"position": eom.position_rows, "velocity": np.setdiff1d(range(eom.lam.numel()), eom.position_rows)}
-        found = []
+        rows = []
         for level, expression in (("position", eom.Phi), ("velocity", eom.velocity_rows)):
             for place, row in zip(places[level], ca.vertsplit(expression), strict=True):
                 if level in self._groups and self._is_timed(row):
-                    found.append((level, int(place), self._functions(row)))
-        return [entry for entry in found if entry[2].switch]
+                    rows.append((level, int(place), self._functions(row)))
+        return [entry for entry in rows if entry[2].switch]
 
     def jumps(self, p: np.ndarray, start: float, end: float) -> list[ConstraintJump]:
         """Return the constraint rows whose position or velocity jumps between two times, both included, in order.
 
         At the ends of the interval the value there itself is one of the two sides.
         """
-        found: list[ConstraintJump] = []
+        jumps: list[ConstraintJump] = []
         margin = 4 * resolution(start, end)
         levels = ("position", "velocity")
         groups = [
@@ -190,8 +190,8 @@ class ExplicitTime:
         for level, place, functions in self._rows:
             times = functions.breaks(p, start - margin, end + margin).times
             if times.size:
-                found += self._row_jumps(level, place, functions, p, times, (start, end), margin)
-        return sorted(found, key=lambda jump: jump.time)
+                jumps += self._row_jumps(level, place, functions, p, times, (start, end), margin)
+        return sorted(jumps, key=lambda jump: jump.time)
 
     def _row_jumps(
         self,
@@ -212,7 +212,7 @@ class ExplicitTime:
         smoother = row.sides(p, start - margin, times, end + margin, AWAY_FROM_CORNERS)[:2]
         element = eom.row_elements[place].description
         unit = "rad" if eom.angular_rows[place] else "m"
-        found = []
+        jumps = []
         for k, time in enumerate(times):
             for order, rate in enumerate(("position", "velocity") if level == "position" else ("velocity",)):
                 before, after = float(left[order, 0, k]), float(right[order, 0, k])
@@ -222,9 +222,9 @@ class ExplicitTime:
                     name = eom.row_names[place]
                     size, refined = after - before, float(smoother[1][order, 0, k] - smoother[0][order, 0, k])
                     size = refined if abs(refined - size) < ROUNDED_SIZE * abs(size) else size
-                    found.append(ConstraintJump(element, name, float(time), rate, size, units))
+                    jumps.append(ConstraintJump(element, name, float(time), rate, size, units))
                     break
-        return found
+        return jumps
 
 
 def first_jump(jumps: Sequence[ConstraintJump], level: str) -> ConstraintJump | None:

@@ -54,18 +54,18 @@ def _parts(numeric: NumericEquations) -> list[JumpingPart]:
     eom = numeric.eom
     if not jumps_anywhere([eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi_q, eom.Phi]):
         return []
-    found: list[JumpingPart] = []
+    parts: list[JumpingPart] = []
     for element in eom.mechanism.constraints:
         rows = [k for k, owner in enumerate(eom.row_elements) if owner is element]
         levels = eom.Phi[_among_positions(eom, rows)], eom.Phi_q[rows, :], eom.nu[rows], eom.gamma[rows]
-        found += part_of(numeric, "rows", tuple(rows), levels, element.description)
+        parts += part_of(numeric, "rows", tuple(rows), levels, element.description)
     for k, state in enumerate(eom.mechanism.states):
         description = f"the rate of state variable '{state.label}'"
-        found += part_of(numeric, "rate", k, (eom.z_rate[k],), description)
+        parts += part_of(numeric, "rate", k, (eom.z_rate[k],), description)
     for k, element in enumerate(eom.mechanism.elements):
         if element.virtual_work and jumps_anywhere([ca.SX(x) for pair in element.virtual_work for x in pair]):
-            found += part_of(numeric, "force", k, (_share_of_Q(eom, [element]),), element.description)
-    return found
+            parts += part_of(numeric, "force", k, (_share_of_Q(eom, [element]),), element.description)
+    return parts
 
 
 def part_of(

@@ -14,11 +14,12 @@ import numpy as np
 
 from ..numerics.console import call_each
 from ..numerics.least_squares import largest
-from ..numerics.tolerances import ACCURACY
 from .derivation import Equations
 from .numeric import NumericEquations
 from .saddle import shifted
 
+#: Residual of a constraint, relative to 1 + |q|, that is rounding.
+ROUNDING = 1e-14
 #: ``(t, q, v, z, p, u given) -> u``: the inputs at states, each by column.
 InputRule = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -44,13 +45,13 @@ class Recovery:
 
     @cached_property
     def position_step(self) -> ca.Function:
-        """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``."""
+        """``(t, q, p, weights) -> (q, |Phi|, regularity)``: one step towards ``Phi = 0``, and what is left after it."""
         eom = self.numeric.eom
         return eom.mechanism.cache.get_or_create("position step", lambda: _position_step(eom))
 
     @cached_property
     def velocity_step(self) -> ca.Function:
-        """``(t, q, v, p, weights) -> v``: one step towards ``Phi_q v = nu``."""
+        """``(t, q, v, p, weights) -> v`` with ``Phi_q v = nu``."""
         eom = self.numeric.eom
         return eom.mechanism.cache.get_or_create("velocity step", lambda: _velocity_step(eom))
 
@@ -66,10 +67,11 @@ class Recovery:
             self.regularity = quality.full().ravel()
             worst = largest(size.full())
             if not np.isfinite(worst) or worst >= before / 2:
+                self.left_over = self.left_over or worst
                 break
             self.left_over = worst
             columns, before = moved.full(), worst
-            if worst <= ACCURACY * (1 + largest(columns)):
+            if worst <= ROUNDING * (1 + largest(columns)):
                 break
         return columns.T
 
@@ -77,11 +79,8 @@ class Recovery:
         """Bring velocities (k, n) onto ``Phi_q v = nu``."""
         if not self.numeric.eom.lam.numel() or not t.size:
             return v
-        columns = v.T
-        for _ in range(2):  # the second step removes the rounding of the first
-            weights = self.numeric.projection_weights
-            columns = self.velocity_step(t[None, :], q.T, columns, self.numeric.p, weights).full()
-        return columns.T
+        weights = self.numeric.projection_weights
+        return self.velocity_step(t[None, :], q.T, v.T, self.numeric.p, weights).full().T
 
     def accelerations(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
@@ -110,19 +109,26 @@ class Recovery:
 def _position_step(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("w", eom.q.numel())
     jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
-    step, quality = _towards(jacobian, eom.Phi, weights, eom.angular_rows[eom.position_rows])
-    results = [ca.densify(eom.q - step), ca.norm_inf(ca.densify(eom.Phi)), quality]
+    towards, quality = _towards(jacobian, weights, eom.angular_rows[eom.position_rows])
+    moved = ca.densify(eom.q - towards(eom.Phi))
+    left = ca.Function("left", [eom.t, eom.q, eom.p], [ca.norm_inf(ca.densify(eom.Phi))])
+    results = ca.cse([moved, left(eom.t, moved, eom.p), quality])
     return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], results)
 
 
 def _velocity_step(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("w", eom.q.numel())
-    step, _ = _towards(eom.Phi_q, eom.Phi_q @ eom.v - eom.nu, weights, eom.angular_rows)
-    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(eom.v - step)])
+    towards, _ = _towards(eom.Phi_q, weights, eom.angular_rows)
+    v = eom.v
+    for _ in range(2):  # the second step removes the rounding of the first
+        v = v - towards(eom.Phi_q @ v - eom.nu)
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], ca.cse([ca.densify(v)]))
 
 
-def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[ca.SX, ca.SX]:
-    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r``, orthogonal in the metric of the weights, and smallest pivot.
+def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[Callable[[ca.SX], ca.SX], ca.SX]:
+    """Step ``W⁻¹ J^T (J W⁻¹ J^T + epsilon D)⁻¹ r`` by residual, orthogonal in the metric of the weights.
+
+    The second result is the smallest pivot of the factorisation, which serves all residuals.
 
     The shift keeps the step short if the pose is nearly singular: there
     a residual of rounding size would else throw the state onto another
@@ -132,4 +138,4 @@ def _towards(jacobian: ca.SX, residual: ca.SX, weights: ca.SX, angular: np.ndarr
     schur = jacobian @ over
     pivots, lower, order = shifted(schur, angular)
     smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
-    return over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest
+    return lambda residual: over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest

@@ -11,10 +11,10 @@ from .derivation import Equations
 from .explicit import ExplicitRow, explicit_rows
 
 
-def reduced_equations(eom: Equations, *, curved: bool = True) -> ReducedEquations:
+def reduced_equations(eom: Equations, *, curved: bool = True, angles: bool = False) -> ReducedEquations:
     """:class:`ReducedEquations` of a mechanism, made once and kept."""
     return eom.mechanism.cache.get_or_create(
-        ("reduced equations", curved), lambda: ReducedEquations(eom, curved=curved)
+        ("reduced equations", curved, angles), lambda: ReducedEquations(eom, curved=curved, angles=angles)
     )
 
 
@@ -46,6 +46,8 @@ class ReducedEquations:
         Equations in all coordinates.
     curved : bool
         True if rows that are not linear are solved as well.
+    angles : bool
+        True if open chains are left with their angles alone.
 
     Attributes
     ----------
@@ -66,10 +68,10 @@ class ReducedEquations:
     analysis of constrained dynamic systems", Journal of Mechanical Design 104 (1982).
     """
 
-    def __init__(self, eom: Equations, *, curved: bool = True):
-        self.whole, self.mechanism = eom, eom.mechanism
+    def __init__(self, eom: Equations, *, curved: bool = True, angles: bool = False):
+        self.whole, self.mechanism, self.angles = eom, eom.mechanism, angles
         self.t, self.z, self.u, self.p = eom.t, eom.z, eom.u, eom.p
-        solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved)
+        solved = [] if eom.Q_depends_on_lam else explicit_rows(eom, curved=curved, angles=angles)
         if len(solved) == eom.q.numel():
             solved = []
         self.explicit = [int(eom.position_rows[row.place]) for row in solved]
@@ -113,6 +115,11 @@ class ReducedEquations:
     def symbols(self) -> tuple[ca.SX, ...]:
         """``(t, q, v, a, z, lam, u, p)``."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
+
+    @property
+    def is_chain(self) -> bool:
+        """True if the mechanism is an open chain in its angles alone, with no row left."""
+        return self.angles and not self.rows
 
     @property
     def estimate(self) -> np.ndarray:

@@ -98,10 +98,10 @@ def _scale(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
     def largest_of_rows(chosen: np.ndarray) -> np.ndarray:
         """Largest entry of each row in some of the columns (poses, m)."""
-        found = np.zeros((len(values), m))
+        sizes = np.zeros((len(values), m))
         here = chosen[columns]
-        np.maximum.at(found.T, rows[here], values[:, here].T)
-        return found
+        np.maximum.at(sizes.T, rows[here], values[:, here].T)
+        return sizes
 
     moved, turned = largest_of_rows(straight), largest_of_rows(eom.angles)
     held = moved > 0
@@ -147,6 +147,6 @@ def _extent(eom: Equations, p: np.ndarray) -> float:
 
 def _gyration(eom: Equations, mass: np.ndarray) -> float:
     """Median radius of gyration of the bodies that have mass and inertia, m."""
-    own = mass[: 3 * len(eom.mechanism.bodies)].reshape(-1, 3)
-    both = (own[:, 0] > 0) & (own[:, 2] > 0)
-    return float(np.sqrt(np.median(own[both, 2] / own[both, 0]))) if np.any(both) else 0.0
+    properties = mass[: 3 * len(eom.mechanism.bodies)].reshape(-1, 3)
+    both = (properties[:, 0] > 0) & (properties[:, 2] > 0)
+    return float(np.sqrt(np.median(properties[both, 2] / properties[both, 0]))) if np.any(both) else 0.0

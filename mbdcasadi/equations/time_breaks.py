@@ -104,36 +104,6 @@ def merge_breaks(parts: Sequence[TimeBreaks]) -> TimeBreaks:
     return TimeBreaks(times[first], merged, np.vstack([part.transients for part in parts]), parts[0].width)
 
 
-def time_breaks(expressions: ca.SX, t: ca.SX, p: ca.SX, p_values: np.ndarray, start: float, end: float) -> TimeBreaks:
-    """Find the instants at which expressions switch in time alone.
-
-    Parameters
-    ----------
-    expressions : casadi.SX
-        Of any shape, in time, parameters and any other symbols.
-    t : casadi.SX
-        Time.
-    p : casadi.SX
-        Symbols whose values are known (k,).
-    p_values : numpy.ndarray
-        Their values.
-    start, end : float
-        The interval, s; its ends do not count.
-
-    Returns
-    -------
-    TimeBreaks
-        A comparison with a coordinate is none of these, as it switches with the motion.
-
-    Examples
-    --------
-    >>> t, k = ca.SX.sym("t"), ca.SX.sym("k")
-    >>> time_breaks(ca.if_else(t < k, 1, 0), t, k, [2.0], 0.0, 10.0).times.tolist()
-    [2.0]
-    """
-    return TimeFunctions(expressions, t, p).breaks(np.asarray(p_values, float), start, end)
-
-
 class TimeFunctions:
     """Parts of expressions that depend on time and known symbols alone, and the instants at which they switch.
 
@@ -149,6 +119,12 @@ class TimeFunctions:
         Symbols whose values are known (k,).
     others : (casadi.SX, numpy.ndarray), optional
         Other symbols with typical values, at which it is seen what jumps; other ones get values near to one.
+
+    Examples
+    --------
+    >>> t, k = ca.SX.sym("t"), ca.SX.sym("k")
+    >>> TimeFunctions(ca.if_else(t < k, 1, 0), t, k).breaks(np.array([2.0]), 0.0, 10.0).times.tolist()
+    [2.0]
     """
 
     def __init__(self, expressions: ca.SX, t: ca.SX, p: ca.SX, others: tuple[ca.SX, np.ndarray] | None = None):
@@ -190,8 +166,8 @@ class TimeFunctions:
         times = np.zeros(0)
         for level in range(1 + max(self._zeros.depth, self._integers.depth)):
             borders = np.r_[start, times, end]
-            found = [group.roots(level, p, borders) for group in (self._integers, self._zeros)]
-            times = _unique(np.concatenate([times, *found]), start, end)
+            roots = [group.roots(level, p, borders) for group in (self._integers, self._zeros)]
+            times = _unique(np.concatenate([times, *roots]), start, end)
         transients = self._transients.transients(p, np.r_[start, times, end])
         short = transients[:, 1] < SHORT_TRANSIENT * (end - start)
         return TimeBreaks(times, self.orders(p, start, times, end), transients[short], resolution(start, end))
@@ -316,11 +292,11 @@ class _Switches:
 
     def roots(self, level: int, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of the functions of one depth of nesting; between two borders those of lower depth do not switch."""
-        found = [np.zeros(0)]
+        roots = [np.zeros(0)]
         for straight, search in ((True, self._affine_roots), (False, self._sampled_roots)):
             if self.count and (level, straight) in self._groups:
-                found.append(search(self._groups[level, straight], p, borders))
-        return np.concatenate(found)
+                roots.append(search(self._groups[level, straight], p, borders))
+        return np.concatenate(roots)
 
     def _affine_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of functions that are affine between borders."""
@@ -335,12 +311,12 @@ class _Switches:
                 return root[np.isfinite(root)]
             half = np.abs(slope) * (high - low) / 2
             lowest, highest = np.ceil(value - half), np.floor(value + half)
-        found = []
+        roots = []
         moving = np.isfinite(value) & np.isfinite(slope) & (slope != 0) & (highest >= lowest)
         for g, k in np.argwhere(moving):
             integers = np.arange(lowest[g, k], highest[g, k] + 1)
-            found.append(middle[k] + (integers - value[g, k]) / slope[g, k])
-        return np.concatenate([np.zeros(0), *found])
+            roots.append(middle[k] + (integers - value[g, k]) / slope[g, k])
+        return np.concatenate([np.zeros(0), *roots])
 
     def _sampled_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
         """Roots of other functions: samples are made denser until no more of them appear."""
@@ -360,15 +336,15 @@ class _Switches:
             return np.zeros((0, 2))
         points = _samples(borders, FEWEST_SAMPLES)
         value, slope, bend = (x.full() for x in self._curved(points[None, :], p))
-        found = [np.zeros((0, 2))]
+        transients = [np.zeros((0, 2))]
         for g in range(self.count):
             for level, samples, rates in ((0, value[g], slope[g]), (1, slope[g], bend[g])):
                 places = _Sampled(self._curved, g, p, points, samples, rates, level=level).crossings()
                 if places.size:
                     rate = np.abs(self._curved(places[None, :], p)[level + 1].full()[g])
                     with np.errstate(divide="ignore"):
-                        found.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
-        return np.vstack(found)
+                        transients.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
+        return np.vstack(transients)
 
 
 class _Sampled:

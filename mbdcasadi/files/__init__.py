@@ -1,0 +1,17 @@
+"""Model files, one kind a file; :data:`MODEL_READERS` lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..model.mechanism import Mechanism
+from .adm import read_adm
+
+#: Readers of mechanisms by the ending of their files; the command line takes every one of them.
+MODEL_READERS: dict[str, Callable[[Path], Mechanism]] = {".adm": read_adm}
+
+
+def read_model(path: Path) -> Mechanism:
+    """Read a mechanism by the ending of its file; of an ending that is not known as an ``.adm`` file."""
+    return MODEL_READERS.get(path.suffix.lower(), read_adm)(path)

@@ -67,35 +67,36 @@ class Experiment(Immutable):
     def _samples(self, expression: ca.SX, values: Any, what: str) -> np.ndarray:
         label = to_text(expression) if expression.numel() == 1 else f"a vector of {expression.numel()}"
         try:
-            found = np.asarray(values, float)
+            samples = np.asarray(values, float)
         except (TypeError, ValueError):
             raise ModelError(f"{what}: the samples of {label} must be numbers, got {values!r}") from None
-        found = found[:, None] if found.ndim == 1 else found
-        if found.shape != (self.times.size, expression.numel()):
+        samples = samples[:, None] if samples.ndim == 1 else samples
+        if samples.shape != (self.times.size, expression.numel()):
+            columns = samples.shape[1] if samples.ndim > 1 else 1
             raise ModelError(
-                f"{what}: {found.shape[0]} samples of {found.shape[1] if found.ndim > 1 else 1} values are given for "
-                f"{label} at {self.times.size} times; missing ones are NaN"
+                f"{what}: {samples.shape[0]} samples of {columns} values are given for {label} at "
+                f"{self.times.size} times; missing ones are NaN"
             )
-        if np.any(np.isinf(found)):
+        if np.any(np.isinf(samples)):
             raise ModelError(f"{what}: a sample of {label} is infinite")
-        return found.T
+        return samples.T
 
     def _read_weights(self, weights: Any, what: str) -> np.ndarray:
-        found = np.ones(self.samples.shape)
+        all_weights = np.ones(self.samples.shape)
         for key, value in pairs_of(weights, "weights="):
             rows = self.rows_of(key)
             if rows is None:
                 raise ModelError(f"{what}: weights= holds {key!r}, which is not among data=")
             try:
-                given = np.asarray(value, float)
+                weight = np.asarray(value, float)
             except (TypeError, ValueError):
                 raise ModelError(f"{what}: weights must be numbers, got {value!r}") from None
-            if given.ndim > 1 or (given.ndim == 1 and given.size != self.times.size):
+            if weight.ndim > 1 or (weight.ndim == 1 and weight.size != self.times.size):
                 raise ModelError(f"{what}: a weight is a number or one for each of {self.times.size} times")
-            if not np.all(np.isfinite(given)) or np.any(given < 0):
+            if not np.all(np.isfinite(weight)) or np.any(weight < 0):
                 raise ModelError(f"{what}: weights must be finite and not negative, got {value!r}")
-            found[rows] = given
-        return found
+            all_weights[rows] = weight
+        return all_weights
 
     def rows_of(self, key: Any) -> slice | None:
         """Rows of an output among the samples."""
@@ -120,17 +121,17 @@ class Experiment(Immutable):
         return names
 
 
-def read_experiments(times: Any, data: Any, experiments: Any, **given: Any) -> tuple[Experiment, ...]:
+def read_experiments(times: Any, data: Any, experiments: Any, **of_one: Any) -> tuple[Experiment, ...]:
     """One experiment from the arguments of ``identify``, or the list of them."""
     if experiments is None:
         if times is None or data is None:
             raise ModelError("identify: give times and data=, or experiments=[Experiment(…), …]")
-        return (Experiment(times, data, **given),)
-    if times is not None or data is not None or any(v not in (None, ()) for v in given.values()):
+        return (Experiment(times, data, **of_one),)
+    if times is not None or data is not None or any(v not in (None, ()) for v in of_one.values()):
         raise ModelError("identify: with experiments= the times, data, starts, inputs and weights stand in these")
     if isinstance(experiments, Experiment | Mapping) or not isinstance(experiments, Iterable):
         raise ModelError("identify: experiments= takes a list of Experiment")
-    found = tuple(experiments)
-    if not found or not all(isinstance(e, Experiment) for e in found):
+    listed = tuple(experiments)
+    if not listed or not all(isinstance(e, Experiment) for e in listed):
         raise ModelError(f"identify: experiments= takes a list of Experiment, got {experiments!r}")
-    return found
+    return listed

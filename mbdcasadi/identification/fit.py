@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
+from ..results.notebook import html_table
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate
 from .data import Experiment
@@ -142,7 +143,7 @@ class Fit:
         return f"{names} cannot be distinguished: change {moves}, and no sample changes"
 
     def _hardly(self, errors: np.ndarray) -> list[str]:
-        found = []
+        pairs = []
         for i in range(len(errors)):
             for j in range(i):
                 if (
@@ -152,10 +153,10 @@ class Fit:
                 ):
                     pair = f"'{self.unknowns[j].label}' and '{self.unknowns[i].label}'"
                     correlation = f"their correlation is {self.correlation[i, j]:.4f}"
-                    found.append(f"{pair} can hardly be distinguished: {correlation}")
+                    pairs.append(f"{pair} can hardly be distinguished: {correlation}")
             if np.isfinite(errors[i]) and errors[i] > abs(self.values[i]):
-                found.append(f"'{self.unknowns[i].label}' is hardly determined: its standard error exceeds its value")
-        return found
+                pairs.append(f"'{self.unknowns[i].label}' is hardly determined: its standard error exceeds its value")
+        return pairs
 
     # --- use ------------------------------------------------------------------------
     def __getitem__(self, unknown: Any) -> float:
@@ -192,3 +193,11 @@ class Fit:
         for u, value in zip(self.unknowns, self.values, strict=True):
             lines.append(f"  {u.label:<{width}} = {value:.6g} ± {self.standard_error[u]:.2g}")
         return "\n".join(lines + [f"  note: {remark}" for remark in self.identifiability])
+
+    def _repr_html_(self) -> str:
+        """Values with their standard errors as a table, for notebooks."""
+        rows = [
+            (u.label, f"{value:.6g}", f"{self.standard_error[u]:.2g}")
+            for u, value in zip(self.unknowns, self.values, strict=True)
+        ]
+        return html_table(repr(self).splitlines()[0], rows, ["", "value", "standard error"], self.identifiability)

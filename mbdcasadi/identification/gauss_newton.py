@@ -24,7 +24,7 @@ DAMPING = 1e-12
 
 
 @dataclass
-class Outcome:
+class GaussNewtonOutcome:
     """End of the Gauss–Newton iteration.
 
     Attributes
@@ -58,8 +58,8 @@ def gauss_newton(
     weights: Sequence[np.ndarray],
     iterations: int,
     loss: Loss,
-    report: Callable[[Outcome], None] = lambda outcome: None,
-) -> Outcome:
+    report: Callable[[GaussNewtonOutcome], None] = lambda outcome: None,
+) -> GaussNewtonOutcome:
     """Minimise the loss of the weighted residuals with all gaps closed.
 
     Parameters
@@ -81,13 +81,13 @@ def gauss_newton(
     """
     penalty, typical = 1.0, np.abs(theta)
     for count in range(iterations + 1):
-        found = [s.linearise(theta) for s in shootings]
-        residual, jacobian, closing, gaps = _stacked(shootings, found, weights)
+        linearised = [s.linearise(theta) for s in shootings]
+        residual, jacobian, closing, gaps = _stacked(shootings, linearised, weights)
         of_residual, of_slope = loss.factors(residual)
         scaled, slopes, closed = of_residual * residual, of_slope[:, None] * jacobian, of_slope * closing
         step = _step(slopes, scaled + closed, limits[0] - theta, limits[1] - theta)
         size = largest(step / np.maximum(np.maximum(np.abs(theta), typical), 1e-12))
-        outcome = Outcome(theta, jacobian, residual, [f.outputs for f in found], count, False)
+        outcome = GaussNewtonOutcome(theta, jacobian, residual, [f.outputs for f in linearised], count, False)
         report(outcome)
         if size <= SETTLED and largest(gaps) <= CLOSED:
             outcome.converged = True
@@ -99,27 +99,27 @@ def gauss_newton(
         if square > 0:
             penalty = max(penalty, 2 * slope / square)
         before = loss.cost(residual) + penalty * square
-        share = _shorten(shootings, found, weights, theta, step, before, penalty, loss)
+        share = _shorten(shootings, linearised, weights, theta, step, before, penalty, loss)
         if share is None:
             outcome.converged = size <= STALLED and largest(gaps) <= 1e2 * CLOSED
             return outcome
-        for shooting, f in zip(shootings, found, strict=True):
+        for shooting, f in zip(shootings, linearised, strict=True):
             shooting.nodes = shooting.nodes + share * (f.node_slope @ step + f.node_closing)
         theta = np.clip(theta + share * step, *limits)
     raise AssertionError("the loop returns")
 
 
 def _stacked(
-    shootings: Sequence[Shooting], found: Sequence[Linearised], weights: Sequence[np.ndarray]
+    shootings: Sequence[Shooting], linearised: Sequence[Linearised], weights: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Weighted residuals, Jacobian, change by closing gaps, and gaps of all experiments."""
     residual, jacobian, closing = [], [], []
-    for s, f, w in zip(shootings, found, weights, strict=True):
+    for s, f, w in zip(shootings, linearised, weights, strict=True):
         there = s.experiment.measured
         residual.append((w * (f.outputs - np.where(there, s.experiment.samples, 0.0)))[there])
         jacobian.append((w[:, :, None] * f.slope)[there])
         closing.append((w * f.closing)[there])
-    gaps = np.concatenate([f.gaps.ravel() for f in found])
+    gaps = np.concatenate([f.gaps.ravel() for f in linearised])
     return np.concatenate(residual), np.vstack(jacobian), np.concatenate(closing), gaps
 
 
@@ -141,7 +141,7 @@ def _step(jacobian: np.ndarray, residual: np.ndarray, lower: np.ndarray, upper: 
 
 def _shorten(
     shootings: Sequence[Shooting],
-    found: Sequence[Linearised],
+    linearised: Sequence[Linearised],
     weights: Sequence[np.ndarray],
     theta: np.ndarray,
     step: np.ndarray,
@@ -154,7 +154,7 @@ def _shorten(
     def lower(share: float) -> float | None:
         try:
             cost = 0.0
-            for s, f, w in zip(shootings, found, weights, strict=True):
+            for s, f, w in zip(shootings, linearised, weights, strict=True):
                 nodes = s.nodes + share * (f.node_slope @ step + f.node_closing)
                 outputs, gaps, _ = s.evaluate(theta + share * step, nodes)
                 there = s.experiment.measured

@@ -19,7 +19,7 @@ from ..numerics.console import keyboard_interrupts
 from ..sensitivity.compiled_run import MotionSetup
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
-from .gauss_newton import Outcome, gauss_newton
+from .gauss_newton import GaussNewtonOutcome, gauss_newton
 from .loss import LINEAR, Loss
 from .shooting import Shooting
 
@@ -130,8 +130,8 @@ def identify(
         raise ModelError("identify: unknowns= is empty; name the parameters to identify")
     equations(mechanism)  # refuses what is none
     places = [position_in(mechanism.parameters, u, "unknowns=") for u in wanted]
-    given = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
-    motions = read_experiments(times, data, experiments, **given)
+    of_one = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
+    motions = read_experiments(times, data, experiments, **of_one)
     counts = Loss(loss, f_scale)
     if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 0:
         raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
@@ -142,11 +142,11 @@ def identify(
         tolerances = {name: TOLERANCE if value is None else value for name, value in tolerances.items()}
     own = [pairs_of(e.parameters, "parameters=") for e in motions]
 
-    def fit_of(outcome: Outcome) -> Fit:
-        found = outcome.theta, outcome.jacobian, outcome.residual, outcome.outputs, outcome.iterations
-        return Fit(mechanism, motions, wanted, *found, own, counts)
+    def fit_of(outcome: GaussNewtonOutcome) -> Fit:
+        results = outcome.theta, outcome.jacobian, outcome.residual, outcome.outputs, outcome.iterations
+        return Fit(mechanism, motions, wanted, *results, own, counts)
 
-    so_far: list[Outcome] = []
+    so_far: list[GaussNewtonOutcome] = []
     try:
         with keyboard_interrupts():
             shootings = [
@@ -214,8 +214,8 @@ def _search(
     motions: Sequence[Experiment],
     iterations: int,
     loss: Loss,
-    so_far: list[Outcome],
-) -> Outcome:
+    so_far: list[GaussNewtonOutcome],
+) -> GaussNewtonOutcome:
     """Gauss–Newton with the weights given, or with those that the residuals ask for.
 
     A robust loss knows outliers from the noise only near to the solution: the
@@ -224,7 +224,7 @@ def _search(
     noise, taken = _first_noise(motions), 0
     present = LINEAR
 
-    def report(outcome: Outcome) -> None:
+    def report(outcome: GaussNewtonOutcome) -> None:
         so_far[:] = [replace(outcome, iterations=taken + outcome.iterations)]
 
     for _ in range(ROUNDS):
@@ -268,18 +268,18 @@ def _range(experiment: Experiment) -> np.ndarray:
             for row, there in zip(experiment.samples, experiment.measured, strict=True)
         ]
     )
-    found = np.where(spread > 0, spread, size)
-    return np.where(found > 0, found, 1.0)
+    ranges = np.where(spread > 0, spread, size)
+    return np.where(ranges > 0, ranges, 1.0)
 
 
-def _noise(motions: Sequence[Experiment], outcome: Outcome, loss: Loss) -> list[np.ndarray]:
+def _noise(motions: Sequence[Experiment], outcome: GaussNewtonOutcome, loss: Loss) -> list[np.ndarray]:
     """Standard deviation of the residuals of each row, not below rounding; with weights the one factor of all rows."""
-    found = []
+    noise = []
     residuals = [y - e.samples for e, y in zip(motions, outcome.outputs, strict=True)]
     weighted = [(e.weights * r)[e.measured] for e, r in zip(motions, residuals, strict=True) if e.weighted]
     factor = loss.spread(np.concatenate(weighted)) if weighted else 1.0
     for e, r in zip(motions, residuals, strict=True):
         rows = [loss.spread(row[there]) for row, there in zip(r, e.measured, strict=True)]
         least = NOISE_TOLERANCE * _range(e)
-        found.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
-    return found
+        noise.append(np.full(len(rows), max(factor, 1e-300)) if e.weighted else np.maximum(rows, least))
+    return noise

@@ -24,11 +24,16 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..numerics.console import call
+from ..numerics.least_squares import least_norm, project_velocity
+from ..numerics.newton import solve
+from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, still
-from ..sensitivity.differentiable_motion import Course
+from ..sensitivity.differentiable_motion import Cuts
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
-from .nodes import nodes_from_data
+
+#: Singular values below this share of the largest one are directions that the data do not show.
+DISTINGUISHED = 1e-6
 
 
 @dataclass
@@ -100,7 +105,7 @@ class Shooting:
         channel = self.motion.channel()
         return channel[:, first:last] if channel.size else channel
 
-    def _function(self, k: int, course: Course) -> ca.Function:
+    def _function(self, k: int, course: Cuts) -> ca.Function:
         """``(x0, theta, cuts, sides, borders) -> (end on the constraints, outputs, clock)`` of a segment."""
         motion, (first, last) = self.motion, self.spans[k]
         x0, theta = ca.MX.sym("x0", self.nodes.shape[1]), ca.MX.sym("theta", len(self.places))
@@ -161,11 +166,11 @@ class Shooting:
         self, k: int, theta: np.ndarray, seeds: np.ndarray, towards: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, self.nodes[k], theta)
-        given = [self.nodes[k], theta, *cuts]
+        arguments = [self.nodes[k], theta, *cuts]
         directions = [seeds, towards, *still(cuts, seeds.shape[1])]
         try:
-            results = call(segment.function, *given)
-            moved = call(segment.derivative("forward", seeds.shape[1]), *given, *results, *directions)
+            results = call(segment.function, *arguments)
+            moved = call(segment.derivative("forward", seeds.shape[1]), *arguments, *results, *directions)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
         # the directions of a matrix stand side by side
@@ -189,11 +194,11 @@ class Shooting:
     def _start_slope(self, theta: np.ndarray) -> np.ndarray:
         start, count = self.setup.differentiable_start, len(self.places)
         p = self._parameters(theta)
-        given = [p, start.right, start.z_estimate, self.guess]
-        seeds = [np.zeros((np.size(g), count)) for g in given]
+        arguments = [p, start.right, start.z_estimate, self.guess]
+        seeds = [np.zeros((np.size(g), count)) for g in arguments]
         seeds[0][self.places] = np.eye(count)
         forward = start.function.forward(count)
-        return forward(*given, *start.function(*given), *seeds)[0].full()
+        return forward(*arguments, *start.function(*arguments), *seeds)[0].full()
 
     def _run(self, k: int, x0: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, x0, theta)
@@ -204,3 +209,53 @@ class Shooting:
         if not self.motion.reached(states.full(), self.spans[k][0]):
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}")
         return end.full().ravel(), values.full()
+
+
+def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, guess: np.ndarray) -> np.ndarray:
+    """State ``(q, v, z)`` at a time of the experiment.
+
+    What is measured of positions moves the pose, its differences in time the
+    velocity, as little as need be; the constraints hold to rounding. First-order
+    states, and whatever is not seen in the data, stay as guessed.
+    """
+    numeric, eom = setup.numeric, setup.eom
+    n, time = eom.q.numel(), float(setup.grid[index])
+    q, v, z = guess[:n], guess[n : 2 * n], guess[2 * n :]
+    outputs = ca.vertcat(*[ca.vec(e) for e in experiment.outputs])
+    others = ca.vertcat(eom.v, eom.a, eom.z, eom.lam, eom.u)
+    usable = [k for k in np.flatnonzero(experiment.measured[:, index]) if not ca.depends_on(outputs[int(k)], others)]
+    if not usable:
+        return guess
+    rows = ca.densify(outputs[[int(k) for k in usable]])
+    function = ca.Function(
+        "measured", [eom.q, eom.t, eom.p], [rows, ca.jacobian(rows, eom.q), ca.jacobian(rows, eom.t)]
+    )
+    target = experiment.samples[usable, index]
+
+    def both(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        phi, jacobian = numeric.position(time, q)
+        values, slope, _ = function(q, time, numeric.p)
+        return np.r_[phi, values.full().ravel() - target], np.vstack([jacobian, slope.full()])
+
+    led = solve(both, q, numeric.weights, iterations=20, step_limit=0.5)
+    closed = solve(lambda q: numeric.position(time, q), led.x, numeric.weights, iterations=20)
+    if not closed.converged:
+        return guess
+    q = closed.x
+    jacobian, nu = numeric.velocity(time, q)
+    _, slope, drift = function(q, time, numeric.p)
+    rates = np.array([_rate(setup.grid, experiment.samples[k], index) for k in usable])
+    seen = np.isfinite(rates)
+    free = analyse_rank(jacobian).null_columns
+    v = project_velocity(jacobian, nu, v)
+    missing = (rates - drift.full().ravel() - slope.full() @ v)[seen]
+    v = v + free @ least_norm(slope.full()[seen] @ free, missing, threshold=DISTINGUISHED)
+    return np.concatenate([q, v, z])
+
+
+def _rate(times: np.ndarray, samples: np.ndarray, index: int) -> float:
+    """Slope of a line through the samples around a time; NaN where there are not two."""
+    near = [k for k in range(max(index - 2, 0), min(index + 3, times.size)) if np.isfinite(samples[k])]
+    if len(near) < 2:
+        return np.nan
+    return float(np.polyfit(times[near] - times[index], samples[near], 1)[0])

@@ -7,14 +7,15 @@ from typing import Any
 
 from ..errors import SimulationError
 from .base import Integrator
+from .dop853 import DOP853
 from .idas import IDAS
 from .rosenbrock import Rosenbrock
 from .runge_kutta import RungeKutta
 
-__all__ = ["IDAS", "INTEGRATORS", "Integrator", "Rosenbrock", "RungeKutta", "as_integrator"]
+__all__ = ["DOP853", "IDAS", "INTEGRATORS", "Integrator", "Rosenbrock", "RungeKutta", "as_integrator"]
 
 #: Every method that ``method=`` takes by its name.
-INTEGRATORS: tuple[type[Integrator], ...] = (IDAS, RungeKutta, Rosenbrock)
+INTEGRATORS: tuple[type[Integrator], ...] = (IDAS, RungeKutta, Rosenbrock, DOP853)
 
 
 def as_integrator(

@@ -48,6 +48,9 @@ class Integrator(Immutable):
         Whether it stops where an input changes, so that stops need not be known when it is compiled.
     quadratures_in_error_test : bool
         Whether integrals that are carried along take part in the error test.
+    runs_whole : bool
+        Whether it runs in code of this package over a whole run, finds what happens inside its steps, and returns
+        states on the constraints.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class Integrator(Immutable):
     is_multistep: ClassVar[bool] = False
     stops_by_input: ClassVar[bool] = False
     quadratures_in_error_test: ClassVar[bool] = True
+    runs_whole: ClassVar[bool] = False
 
     def __init__(
         self,

@@ -134,6 +134,10 @@ class CompiledIntegrator:
             self._system["quad"] = self._quad_scale * length * dae.quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
+        self.restart_counting()
+
+    def restart_counting(self) -> None:
+        """Count from zero, for another run."""
         self.starts = self.steps = self.all_steps = 0
         self.integrals = np.zeros((0, 0))
 

@@ -17,6 +17,7 @@ from ..model.forces.friction.modes import without_exact_friction
 from ..model.mechanism import Mechanism
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
+from ..results.notebook import html_table
 from ..results.state import State
 from ..results.validity import broken_at_pose, turning_angles
 from .mobility import Joints, Mobility, mobility
@@ -80,6 +81,17 @@ class Report:
         return not (self.contradictory or self.residuals or self.singular or self.without_mass)
 
     def __str__(self) -> str:
+        lines = self._lines()
+        width = max(len(name) for name, _ in lines)
+        return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+
+    def _repr_html_(self) -> str:
+        """The findings as a table, for notebooks."""
+        verdict = "the mechanism can" if self.ok else "the mechanism cannot"
+        return html_table(f"Report: {verdict} be simulated as it stands", self._lines())
+
+    def _lines(self) -> list[tuple[str, str]]:
+        """Findings by name."""
         lines = [
             ("degrees of freedom", str(self.degrees_of_freedom)),
             ("by Grübler's count", f"{self.coordinates} coordinates - {self.rows} rows = {self.gruebler}"),
@@ -95,9 +107,7 @@ class Report:
             ("moves without mass", ", ".join(self.without_mass)),
             ("remarks", "; ".join(self.remarks)),
         )
-        lines += [(name, value) for name, value in optional if value]
-        width = max(len(name) for name, _ in lines)
-        return "\n".join(f"{name:<{width}}  {value}" for name, value in lines)
+        return lines + [(name, value) for name, value in optional if value]
 
 
 def _count(number: int, names: tuple[str, ...]) -> str:
@@ -139,7 +149,7 @@ def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any =
     open_rows: dict[str, float] = {}
     if state is not None:
         q = np.atleast_1d(state[eom.q])
-        refuse_inconsistent(numeric, t, q, np.atleast_1d(state[eom.v]))
+        refuse_inconsistent(numeric, state, t, q, np.atleast_1d(state[eom.v]))
     else:
         q, open_rows = _pose(numeric, t)
     here = numeric.rank(t, q)

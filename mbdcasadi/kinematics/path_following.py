@@ -12,10 +12,9 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, warn
 from ..numerics.console import interruptible, quiet
 from ..numerics.homotopy import Step, follow
-from ..numerics.least_squares import largest
+from ..numerics.least_squares import largest, project_velocity
 from ..numerics.newton import solve
 from ..numerics.progress import progress_bar
-from ..numerics.projection import project_velocity
 from .driven_motion import DrivenMotion, MotionFollower
 
 #: Points that are solved by one call of the compiled recursion.

@@ -48,12 +48,12 @@ class VelocityLevelMotion(MotionFollower):
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
                 try:
-                    found, _ = integrator.advance(poses[-1], v, float(grid[done - 1]), times, self.numeric.p)
+                    states, _ = integrator.advance(poses[-1], v, float(grid[done - 1]), times, self.numeric.p)
                 except KeyboardInterrupt:
                     raise self._interrupted(self.correct(grid[:done], poses)) from None
                 except IntegrationFailure as failure:
                     raise self._stopped(integrator, failure.flag, grid, poses, v) from None
-                poses = np.vstack([poses, self._recovery.positions(times, found)])
+                poses = np.vstack([poses, self._recovery.positions(times, states)])
                 done += times.size
                 bar.update(times.size)
         return self.correct(grid, poses)

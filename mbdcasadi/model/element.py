@@ -180,6 +180,19 @@ class ConstraintElement(Element):
             for k in range(count)
         )
 
+    @cached_property
+    def impulses(self) -> ca.SX:
+        """Impulses ``Λ`` of the rows at an impact (k,), the integrals of the multipliers over its instant."""
+        return ca.vertcat(ca.SX(0, 1), *[symbol for symbol, _ in self._impulse_symbols])
+
+    @cached_property
+    def _impulse_symbols(self) -> list[tuple[ca.SX, Any]]:
+        """Symbols of the impulses, with the roles that must live as long as they do."""
+        count = self.multipliers.numel()
+        labels = [f"{self.name}.impulse" + (f"[{k}]" if count > 1 else "") for k in range(count)]
+        symbols = [ca.SX.sym(label) for label in labels]
+        return [(s, register(s, "impulse", label, self)) for s, label in zip(symbols, labels, strict=True)]
+
     @property
     def row_names(self) -> tuple[str, ...]:
         """Name of each row: the name of the element and the label of the row."""
@@ -212,11 +225,31 @@ class ConstraintElement(Element):
         Reaction
             ``.force``, ``.torque``, ``.force_in_joint`` as expressions.
         """
+        self._refuse_other(body)
+        return Reaction(self, body)
+
+    def impulse_on(self, body: Body) -> Impulse:
+        """Return the impulse on a body at an impact or a change of the mechanism.
+
+        Parameters
+        ----------
+        body : Body
+            A body that it connects, or ``ground``.
+
+        Returns
+        -------
+        Impulse
+            ``.force`` (N s), ``.torque`` (N m s), ``.force_in_joint`` as expressions; they have values in
+            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase and in ``boundary=``.
+        """
+        self._refuse_other(body)
+        return Impulse(self, body)
+
+    def _refuse_other(self, body: Body) -> None:
         if body not in self.bodies:
             names = ", ".join(f"'{b.name}'" for b in self.bodies)
             name = body.name if isinstance(body, Body) else repr(body)
             raise ModelError(f"{self.description} does not act on '{name}'; it acts on {names}")
-        return Reaction(self, body)
 
 
 class Reaction:
@@ -247,12 +280,16 @@ class Reaction:
 
     def _on_moving(self, body: Body) -> ca.SX:
         """Generalised reaction ``-Phi_q^T lam`` on ``[x, y, phi]`` of a body."""
-        element = self.element
+        element, multipliers = self.element, self._multipliers
         count = element.rows.numel()
-        load = ca.jtimes(element.rows, body.q, element.multipliers[:count], True) if count else ca.SX(3, 1)
+        load = ca.jtimes(element.rows, body.q, multipliers[:count], True) if count else ca.SX(3, 1)
         if element.velocity_rows.numel():
-            load += ca.jtimes(element.velocity_rows, body.v, element.multipliers[count:], True)
+            load += ca.jtimes(element.velocity_rows, body.v, multipliers[count:], True)
         return -load
+
+    @property
+    def _multipliers(self) -> ca.SX:
+        return self.element.multipliers
 
     @cached_property
     def _wrench(self) -> tuple[ca.SX, ca.SX]:
@@ -285,7 +322,28 @@ class Reaction:
         return self.marker.axes.T @ self.force
 
     def __repr__(self) -> str:
-        return f"Reaction of {self.element.description} on '{self.body.name}'"
+        return f"{type(self).__name__} of {self.element.description} on '{self.body.name}'"
+
+
+class Impulse(Reaction):
+    """Impulse and impulsive couple that a constraint exerts on a body at an impact.
+
+    As the reaction, with the impulses ``Λ`` in place of the multipliers:
+    ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``.
+
+    Attributes
+    ----------
+    force : casadi.SX
+        (2,), global axes, N s.
+    torque : casadi.SX
+        Scalar, about the joint marker on the body, N m s.
+    force_in_joint : casadi.SX
+        (2,), in the axes of the body's own marker, N s.
+    """
+
+    @property
+    def _multipliers(self) -> ca.SX:
+        return self.element.impulses
 
 
 def cross(a: ca.SX, b: ca.SX) -> ca.SX:

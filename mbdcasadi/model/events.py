@@ -8,10 +8,11 @@ from typing import Any
 import casadi as ca
 
 from ..errors import ModelError
-from .element import refuse_kinds
+from .element import ConstraintElement, refuse_kinds
 from .immutable import HoldsSymbols, Immutable
-from .quantities import is_relation, quantity, yes_or_no
-from .symbols import StateVariable, check_name, role_of, symbols_of
+from .mechanism import Mechanism
+from .quantities import entries, is_relation, quantity, yes_or_no
+from .symbols import Parameter, StateVariable, check_name, number, role_of, symbols_of
 
 
 class Event(Immutable, HoldsSymbols):
@@ -35,6 +36,17 @@ class Event(Immutable, HoldsSymbols):
         the joints respond with impulses Λ,
         ``M (v⁺ - v⁻) + Phi_q^T Λ + G^T P = 0``, ``Phi_q v⁺ = nu``, ``G v⁺ = g``,
         and nothing else of the motion changes.
+        At a change of the mechanism: a parameter of the new mechanism to its value from there on
+        (where a foot has landed), or a state variable, as an expression in the state just before.
+    becomes : Mechanism, optional
+        Mechanism by which the motion goes on: made of the same bodies or of some of them. Positions go on,
+        velocities jump by impulses of its joints, ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``, ``Phi_q v⁺ = nu``: a plastic impact
+        if a joint closes, no jump if one opens. A terminal event ends the run just after the change.
+    during : Mechanism or sequence of Mechanism, optional
+        Mechanisms in which the event is looked for; by default all that have its symbols, but the one it leads to.
+    restitution : mapping of joint to float, optional
+        Joints that are there at the instant of the change alone, with Newton's coefficients of restitution e:
+        ``Phi_q v⁺ - nu = -e (Phi_q v⁻ - nu)``.
 
     Raises
     ------
@@ -52,7 +64,17 @@ class Event(Immutable, HoldsSymbols):
     Contacts*, 1996, chapter 6 (impacts with constraints).
     """
 
-    def __init__(self, name: str, expression: Any, direction: int = 0, terminal: bool = False, reset: Any = None):
+    def __init__(
+        self,
+        name: str,
+        expression: Any,
+        direction: int = 0,
+        terminal: bool = False,
+        reset: Any = None,
+        becomes: Mechanism | None = None,
+        during: Any = None,
+        restitution: Any = None,
+    ):
         self.name = check_name(name, "Event")
         what = f"event '{name}'"
         self.expression = quantity(expression, what, "expression")
@@ -67,7 +89,18 @@ class Event(Immutable, HoldsSymbols):
             raise ModelError(f"{what}: direction must be -1, 0 or 1, got {direction!r}")
         self.direction = int(direction)
         self.terminal = yes_or_no(terminal, what, "terminal")
-        self.reset: tuple[tuple[ca.SX, ca.SX], ...] = _read_reset(reset, what)
+        self.becomes = _read_becomes(becomes, what)
+        self.during: tuple[Mechanism, ...] | None = _read_during(during, what)
+        self.restitution: dict[Any, float] = read_restitution(restitution, what)
+        #: values that parameters and state variables take at a change of the mechanism
+        self.new_values: tuple[tuple[Any, ca.SX], ...] = ()
+        self.reset: tuple[tuple[ca.SX, ca.SX], ...] = ()
+        if self.becomes is None:
+            self.reset = _read_reset(reset, what)
+            if self.restitution:
+                raise ModelError(f"{what}: restitution= belongs to a change of the mechanism; give becomes= too")
+        else:
+            self.new_values = _read_new_values(reset, self.becomes, what)
         if self.reset and self.terminal:
             raise ModelError(
                 f"{what}: a terminal event ends the run, and its reset would have no effect; leave one out"
@@ -76,23 +109,93 @@ class Event(Immutable, HoldsSymbols):
     def __repr__(self) -> str:
         return f"Event({self.name!r})"
 
+    def is_watched_in(self, mechanism: Mechanism) -> bool:
+        """Return True if the event is looked for in a mechanism."""
+        if self.during is not None:
+            if not any(mechanism is one for one in self.during):
+                return False
+        elif mechanism is self.becomes:
+            return False
+        known = mechanism.symbol_hashes | mechanism.acceleration_hashes
+        used = [self.expression, *(ca.SX(part) for pair in self.reset for part in pair)]
+        return all(symbol.element_hash() in known for part in used for symbol in symbols_of(part))
+
+
+def _read_becomes(becomes: Any, what: str) -> Mechanism | None:
+    if becomes is not None and not isinstance(becomes, Mechanism):
+        raise ModelError(f"{what}: becomes= takes a Mechanism, got {becomes!r}")
+    return becomes
+
+
+def _read_during(during: Any, what: str) -> tuple[Mechanism, ...] | None:
+    if during is None:
+        return None
+    mechanisms = (during,) if isinstance(during, Mechanism) else entries(during, f"{what}: during=")
+    for mechanism in mechanisms:
+        if not isinstance(mechanism, Mechanism):
+            raise ModelError(f"{what}: during= takes a Mechanism or a list of them, got {mechanism!r}")
+    if not mechanisms:
+        raise ModelError(f"{what}: during= is empty; the event would never be looked for")
+    return mechanisms
+
+
+def read_restitution(restitution: Any, what: str) -> dict[Any, float]:
+    """Return joints with coefficients of restitution, checked.
+
+    Raises
+    ------
+    ModelError
+        For what is not a joint, and coefficients that are not between 0 and 1.
+    """
+    if restitution is None:
+        return {}
+    if not isinstance(restitution, Mapping):
+        raise ModelError(f"{what}: restitution= takes {{joint: coefficient}}, got {restitution!r}")
+    found = {}
+    for joint, value in restitution.items():
+        if not isinstance(joint, ConstraintElement):
+            raise ModelError(f"{what}: restitution= takes {{joint: coefficient}}, got the key {joint!r}")
+        found[joint] = number(value, what, f"restitution of {joint.description}")
+        if not 0 <= found[joint] <= 1:
+            raise ModelError(f"{what}: restitution of {joint.description} must be from 0 to 1, got {value!r}")
+    return found
+
+
+def _read_new_values(reset: Any, becomes: Mechanism, what: str) -> tuple[tuple[Any, ca.SX], ...]:
+    """Return parameters and state variables of the new mechanism, and their values as expressions in the old one."""
+    found = []
+    for key, value in _pairs(reset, what):
+        if not isinstance(key, Parameter | StateVariable):
+            raise ModelError(
+                f"{what}: reset of {key!r} at a change of the mechanism; parameters and state variables take new "
+                "values there, velocities follow from the impulses of the joints (restitution= makes them bounce)"
+            )
+        if not any(key is own for own in (*becomes.parameters, *becomes.states)):
+            raise ModelError(f"{what}: reset of '{key.label}', which the mechanism of becomes= does not have")
+        found.append((key, ca.SX(quantity(value, what, "reset value"))))
+    return tuple(found)
+
 
 def _read_reset(reset: Any, what: str) -> tuple[tuple[ca.SX, ca.SX], ...]:
     """Return the targets of a reset and their values afterwards."""
+    targets = []
+    for key, value in _pairs(reset, what):
+        target = ca.SX(quantity(key, what, "reset key"))
+        _check_target(target, what)
+        targets.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
+    return tuple(targets)
+
+
+def _pairs(reset: Any, what: str) -> list[tuple[Any, Any]]:
     if reset is None:
-        return ()
+        return []
     try:
         pairs = list(reset.items()) if isinstance(reset, Mapping) else [(key, value) for key, value in reset]
     except (TypeError, ValueError):
         raise ModelError(f"{what}: reset takes {{velocity: value}} or a list of pairs, got {reset!r}") from None
     if not pairs:
         raise ModelError(f"{what}: reset is empty; leave it out if nothing jumps")
-    targets = []
-    for key, value in pairs:
-        target = ca.SX(quantity(key, what, "reset key"))
-        _check_target(target, what)
-        targets.append((key if isinstance(key, StateVariable) else target, ca.SX(quantity(value, what, "reset value"))))
-    return tuple(targets)
+    return pairs
 
 
 def _check_target(target: ca.SX, what: str) -> None:
@@ -104,7 +207,7 @@ def _check_target(target: ca.SX, what: str) -> None:
     if not speeds:
         raise ModelError(
             f"{what}: reset of {target}: velocities, expressions linear in them and state variables can jump; "
-            "positions cannot"
+            "positions cannot, and parameters at a change of the mechanism (becomes=) alone"
         )
     refuse_kinds(
         target, ("acceleration", "multiplier", "input", "state"), f"{what}: reset of {target}", "use velocities"

@@ -213,6 +213,14 @@ class Mechanism(Immutable, HoldsSymbols):
         return {s.element_hash() for s in symbols}
 
     @property
+    def acceleration_hashes(self) -> set[int]:
+        """Hashes of the accelerations, which results may contain and the equations may not."""
+        symbols = [c.acceleration for c in self.coordinates]
+        for body in self.bodies:
+            symbols += [body.ax, body.ay, body.alpha]
+        return {s.element_hash() for s in symbols}
+
+    @property
     def constraints(self) -> tuple[ConstraintElement, ...]:
         """Elements with constraint rows: joints, then drivers, then forces."""
         return tuple(e for e in self.elements if e.multipliers.numel())

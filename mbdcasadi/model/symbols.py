@@ -19,7 +19,18 @@ from ..errors import ExpressionError, ModelError, warn
 from .immutable import HoldsSymbols
 
 #: Kinds of symbols.
-KINDS = ("time", "position", "velocity", "acceleration", "multiplier", "input", "input rate", "parameter", "state")
+KINDS = (
+    "time",
+    "position",
+    "velocity",
+    "acceleration",
+    "multiplier",
+    "impulse",
+    "input",
+    "input rate",
+    "parameter",
+    "state",
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from math import comb
 from typing import Any
 
 import casadi as ca
@@ -27,6 +28,16 @@ def combine(coefficients: np.ndarray, base: Any) -> Any:
 def lagrange_coefficients(points: np.ndarray) -> np.ndarray:
     """Monomial coefficients of the Lagrange polynomials on points (k, k): one row for each, lowest power first."""
     return np.linalg.inv(np.vander(points, increasing=True)).T if len(points) else np.zeros((0, 0))
+
+
+def bernstein_coefficients(count: int) -> np.ndarray:
+    """Monomial coefficients of the Bernstein polynomials on the unit interval (k, k): one row for each.
+
+    A polynomial lies between the least and the largest of its Bernstein coefficients, its control points.
+    """
+    rows = [[comb(count - 1, i) * comb(count - 1 - i, j - i) * (-1.0) ** (j - i) if j >= i else 0.0
+             for j in range(count)] for i in range(count)]  # fmt: skip
+    return np.array(rows).reshape(count, count)
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
 
 @contextmanager
 def keyboard_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt for an error that compiled code raises on Ctrl-C."""
+    """Raise KeyboardInterrupt for Ctrl-C in CasADi, from which it comes back as another error, or as nothing."""
     with interruptible() as interruption:
         try:
             yield
@@ -90,6 +90,8 @@ def keyboard_interrupts() -> Iterator[None]:
             if interruption.requested:
                 raise KeyboardInterrupt from None
             raise
+        if interruption.requested:
+            raise KeyboardInterrupt
 
 
 def call(function: Any, *arguments: Any) -> Any:

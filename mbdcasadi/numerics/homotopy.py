@@ -53,7 +53,7 @@ class Step(Generic[P]):
 
 
 @dataclass(frozen=True)
-class Path(Generic[P]):
+class HomotopyEnd(Generic[P]):
     """End of a homotopy.
 
     Attributes
@@ -84,7 +84,7 @@ def follow(
     end: float = 1.0,
     step: float = 1.0,
     smallest: float = 1e-5,
-) -> Path[P]:
+) -> HomotopyEnd[P]:
     """Carry a solution from one value of a parameter to another.
 
     Parameters
@@ -109,5 +109,5 @@ def follow(
             point, at = reached.point, to
             control.accept(easily=reached.easily)
         elif not control.refuse():
-            return Path(point, at, to)
-    return Path(point, at)
+            return HomotopyEnd(point, at, to)
+    return HomotopyEnd(point, at)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,22 +15,28 @@ from ..model.symbols import number
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
+from .checks.branch import refuse_branch_jump
+from .checks.failure import OptimizationError
 from .guess.multistart import best_of, guesses
 from .guess.parameter_continuation import by_continuation, read_continuation
-from .nlp.setup import Settings
+from .nlp.held_limits import warn_of_passed_limits
+from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
 from .refinement.mesh import Mesh
-from .refinement.refine import refine
+from .refinement.refine import refine, refine_if_coarse
 from .solution import Shifted, Solution
 from .transcription import Transcription
+
+#: Intervals of a mesh whose number is not given.
+INTERVALS = 40
 
 
 def optimize(
     problem: OptimalControlProblem,
     *,
-    intervals: int = 40,
+    intervals: int | str = "auto",
     degree: int = 3,
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | None = None,
@@ -49,8 +57,9 @@ def optimize(
     ----------
     problem : OptimalControlProblem
         Problem to solve.
-    intervals : int, default 40
-        Number of intervals of the mesh, of equal length between waypoints.
+    intervals : int or "auto"
+        Number of intervals of the mesh of each phase, of equal length between waypoints. With "auto", the default,
+        there are 40, and those that are too coarse for the motion that was found, or pass limits, are split.
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
@@ -76,8 +85,7 @@ def optimize(
         ``GaussLegendre(degree=2)``.
     control : {"polynomial", "linear", "constant"}
         Course of the inputs on the intervals. Polynomials are those that the stages determine, of one degree less if
-        an input drives a first-order state. Their limits hold at the stages and at both ends; ``solution.limit_excess``
-        says how far they are passed in between.
+        an input drives a first-order state. Limits of inputs hold everywhere on the intervals.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
@@ -93,15 +101,17 @@ def optimize(
     OptimizationError
         If the solver does not succeed: its status in words,
         ``.largest_violations`` with labels, the last iterate in ``.partial``. Also if no mesh was found that meets
-        the `tolerance`; then ``.partial`` is the solution on the last one.
+        the `tolerance`, or if the mesh is so coarse that a linkage jumps to another branch within an interval; then
+        ``.partial`` is the solution on the last one.
     Interrupted
         After Ctrl-C: ``.partial`` is the best solution so far, or the last iterate if there is none yet.
 
     Warns
     -----
     MechanismWarning
-        If a contact of the solution would have to pull, or an element leaves its range of validity; if the mesh is
-        too coarse for the motion that was found (not checked if ``guess=`` is a solution).
+        If a contact of the solution would have to pull, or an element leaves its range of validity; if a path limit
+        is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse for
+        the motion that was found (not checked if ``guess=`` is a solution).
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
@@ -121,7 +131,9 @@ def optimize(
 
                 solution = by_continuation(steps, solve, guess)
             if accuracy is None and not isinstance(guess, Solution | Shifted):
+                refuse_branch_jump(solution)
                 warn_of_coarse_mesh(solution)
+            warn_of_passed_limits(solution)
             for part in solution.phases:
                 if validity_conditions(part.phase.mechanism):
                     report_validity(part.trajectory)
@@ -140,13 +152,45 @@ class _Search:
     settings: tuple[Any, ...]
     best: BestSoFar
 
+    @property
+    def _is_automatic(self) -> bool:
+        return isinstance(self.intervals, str) and self.intervals == "auto"
+
+    def _mesh(self, setup: PhaseSetup) -> Mesh:
+        """Mesh of a phase to begin with."""
+        if setup.phase.is_instant:
+            return Mesh.instant()
+        waypoints = len(setup.phase.waypoints)
+        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
+        return Mesh.equal(counts, setup.path.segment_times)
+
     def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
-        solver = Solver(self.problem, Settings.read(*self.settings), parameters, self.initial, self.best)
-        counts = _count(self.intervals, len(self.problem.phases[0].waypoints))
-        meshes = [Mesh.equal(counts, setup.path.segment_times) for setup in solver.setups]
-        is_solution = isinstance(guess, Solution | Shifted)
-        solution = best_of(solver, meshes, guesses(solver, starts, guess), warm=is_solution and starts is None)
+        settings = Settings.read(*self.settings)
+        near = guess.solution if isinstance(guess, Shifted) else guess
+        if isinstance(near, Solution) and starts is None:
+            settings = replace(settings, angles=near.settings.angles)
+        elif near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
+            settings = replace(settings, angles=True)
+
+        automatic = self._is_automatic and near is None and tolerance is None
+
+        def solve(settings: Settings) -> tuple[Solver, Solution]:
+            solver = Solver(self.problem, settings, parameters, self.initial, self.best)
+            meshes = list(map(self._mesh, solver.setups))
+            warm = isinstance(near, Solution) and starts is None
+            settle = partial(refine_if_coarse, solver) if automatic else None
+            return solver, best_of(solver, meshes, guesses(solver, starts, guess), warm=warm, settle=settle)
+
+        try:
+            solver, solution = solve(settings)
+        except OptimizationError as error:
+            if not settings.angles or near is not None:
+                raise
+            try:  # in all coordinates another way may be found
+                solver, solution = solve(replace(settings, angles=False))
+            except OptimizationError:
+                raise error from None
         return solution if tolerance is None else refine(solver, solution, tolerance)
 
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..equations import Equations, equations
+from ..equations.impact_law import ImpactLaw
 from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
+from ..model.events import read_restitution
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
 from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
+from ..model.symbols import t as time
 from ..printing import to_text
 from ..results.state import State
+from .placeholders import marked, markers_of
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
-BEYOND_STATES = ("acceleration", "multiplier", "input", "input rate")
+BEYOND_STATES = ("acceleration", "multiplier", "impulse", "input", "input rate")
 
 
 class Waypoint(Immutable):
@@ -46,7 +51,7 @@ class Waypoint(Immutable):
     _symbolic = True
 
     def __init__(self, time: Any, conditions: Any = ()):
-        self.time = _time_span(time, "Waypoint", "time")
+        self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = read_conditions(conditions)
 
     def __repr__(self) -> str:
@@ -58,6 +63,9 @@ class Waypoint(Immutable):
 class Phase(Immutable):
     """A mechanism, and what it must do from the start to the end of a phase of the motion.
 
+    Phases follow each other: positions go on, and velocities jump by impulses of the joints of the new mechanism,
+    ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``, ``Phi_q v⁺ = nu``. The mechanisms are made of the same bodies; bodies may leave.
+
     Parameters
     ----------
     name : str
@@ -65,20 +73,30 @@ class Phase(Immutable):
     mechanism : Mechanism
         Model; its inputs are free.
     duration : float or (float, float)
-        Time of the phase, s; two numbers: free between them.
+        Time of the phase, s; two numbers: free between them. 0: the state just after a change, such as a touch-down.
     initial, final : sequence of relations, or State
-        Conditions at the start and at the end; a state fixes everything, anything not stated is free.
+        Conditions at the start and at the end; a state fixes everything, anything not stated is free. Those at the
+        start hold just after the change into the phase, and may contain impulses; those at the end just before the
+        change out of it.
     path : sequence of relations
         Conditions that hold throughout the phase.
     running_cost : expression
         Integrand of the cost.
     waypoints : sequence of Waypoint
-        Conditions at times in between, in the order of time. They divide the phase into segments.
+        Conditions at times in between, in the order of time, s from the start of the phase. They divide the phase
+        into segments.
+    restitution : mapping of joint to float, optional
+        Joints that are there at the instant of the change into the phase alone, with Newton's coefficients of
+        restitution e: ``Phi_q v⁺ - nu = -e (Phi_q v⁻ - nu)``.
 
     Attributes
     ----------
     equations : Equations
         Equations of motion of the mechanism.
+    span : tuple of float
+        Limits of the duration, s.
+    duration : expression
+        Duration, for boundary conditions and the terminal cost.
     """
 
     _symbolic = True
@@ -93,17 +111,69 @@ class Phase(Immutable):
         path: Any = (),
         running_cost: Any = 0,
         waypoints: Any = (),
+        restitution: Any = None,
     ):
         self.name = check_name(name, "Phase")
         what = f"phase '{name}'"
         self.mechanism = mechanism
         self.equations: Equations = equations(mechanism)
-        self.duration = _time_span(duration, what, "duration")
+        self.span = time_span(duration, what, "duration", instant=True)
         self.initial = read_state_or_conditions(initial, mechanism)
         self.final = read_state_or_conditions(final, mechanism)
         self.path = read_conditions(path)
         self.running_cost = read_cost(running_cost, "running_cost")
-        self.waypoints = _read_waypoints(waypoints, self.duration)
+        self.waypoints = _read_waypoints(waypoints, self.span)
+        self.restitution: dict[Any, float] = read_restitution(restitution, what)
+        if self.restitution:
+            _ = self.law  # refuses joints that cannot bounce
+        if self.is_instant:
+            self._refuse_at_instant(what)
+
+    def _refuse_at_instant(self, what: str) -> None:
+        if self.path or self.waypoints or not self.running_cost.is_zero() or isinstance(self.initial, State):
+            raise ModelError(
+                f"{what} has no duration, and so no path=, waypoints= or running_cost=; conditions on its state are "
+                "given in initial="
+            )
+        if isinstance(self.final, State):
+            raise ModelError(f"{what} has no duration: its state follows from the impact; give conditions")
+
+    def has(self, expression: Any) -> bool:
+        """Return True if the mechanism has every symbol of an expression, rates of inputs included."""
+        rates = self.input_rates
+        return self.equations.contains(ca.substitute(ca.SX(expression), rates, ca.SX.zeros(rates.numel())))
+
+    @property
+    def is_instant(self) -> bool:
+        """True if the phase has no duration: the state just after a change."""
+        return self.span == (0.0, 0.0)
+
+    @cached_property
+    def law(self) -> ImpactLaw:
+        """The law by which velocities jump at the change into the phase."""
+        return ImpactLaw(self.equations, self.restitution)
+
+    @cached_property
+    def _markers(self) -> dict[str, tuple[ca.SX, Any]]:
+        return markers_of(self.name, self)
+
+    # --- values between the phases ------------------------------------------------------------
+    def at_start(self, expression: Any) -> ca.SX:
+        """Stand for the value of an expression at the start of the phase, just after the change into it."""
+        return marked(self._markers["at_start"], expression)
+
+    def at_end(self, expression: Any) -> ca.SX:
+        """Stand for the value of an expression at the end of the phase, just before the change out of it."""
+        return marked(self._markers["at_end"], expression)
+
+    def integral(self, expression: Any) -> ca.SX:
+        """Stand for the integral of an expression over the phase."""
+        return marked(self._markers["integral"], expression)
+
+    @property
+    def duration(self) -> ca.SX:
+        """Duration of the phase, s, in boundary conditions and in the terminal cost."""
+        return self.at_end(time) - self.at_start(time)
 
     @property
     def input_rates(self) -> ca.SX:
@@ -113,7 +183,7 @@ class Phase(Immutable):
     @property
     def time_spans(self) -> list[tuple[float, float]]:
         """Limits of the times of start, waypoints and end, s."""
-        return [(0.0, 0.0), *[w.time for w in self.waypoints], self.duration]
+        return [(0.0, 0.0), *[w.time for w in self.waypoints], self.span]
 
     @property
     def has_free_times(self) -> bool:
@@ -146,7 +216,7 @@ class Phase(Immutable):
         return np.array(times)
 
     def __repr__(self) -> str:
-        low, high = self.duration
+        low, high = self.span
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
         return f"Phase({self.name!r}, {self.mechanism!r}, duration {time})"
 
@@ -211,8 +281,8 @@ def read_state_or_conditions(end: Any, mechanism: Mechanism) -> State | tuple[Co
     return end
 
 
-def _time_span(value: Any, what: str, name: str) -> tuple[float, float]:
-    """A time or a range of times as ``(lower, upper)``."""
+def time_span(value: Any, what: str, name: str, *, instant: bool = False) -> tuple[float, float]:
+    """Return a time or a range of times as ``(lower, upper)``; `instant` allows a duration of 0."""
     if isinstance(value, ca.SX):
         raise ModelError(
             f"{what}: {name} is a number or a pair (lower, upper), not an expression; a pair is free between"
@@ -224,6 +294,8 @@ def _time_span(value: Any, what: str, name: str) -> tuple[float, float]:
     except ValueError:
         raise ModelError(f"{what}: {name} is a number or a pair (lower, upper), got {value!r}") from None
     low, high = number(low, what, name), number(high, what, name)
+    if instant and low == high == 0:
+        return 0.0, 0.0
     if low < 0 or high < low or high == 0:
         raise ModelError(f"{what}: {name} must be positive and the limits in order, got {value!r}")
     return low, high

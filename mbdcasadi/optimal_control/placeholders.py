@@ -7,6 +7,7 @@ that says which value is meant. A placeholder therefore lives exactly as long as
 from __future__ import annotations
 
 import itertools
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -37,11 +38,14 @@ class Placeholder:
         Scalar expression of the model.
     node : casadi.SX
         Node that stands for it in other expressions.
+    phase : Phase or None
+        Phase that is meant; None for the whole motion.
     """
 
     kind: str
     expression: ca.SX
     node: ca.SX
+    phase: Any = None
 
     @property
     def label(self) -> str:
@@ -49,12 +53,24 @@ class Placeholder:
         return str(to_text(self.node))
 
 
+def markers_of(name: str, owner: Any) -> dict[str, tuple[ca.SX, Any]]:
+    """Return markers that mean the start, the end and the whole of one phase, with roles that live as long."""
+    markers = {kind: ca.SX.sym(f"{name}.{kind}") for kind in MARKERS}
+    weak = weakref.ref(owner)  # the phase holds its markers
+    return {kind: (x, register(x, "placeholder", f"{name}.{kind}", owner=weak)) for kind, x in markers.items()}
+
+
+def marked(marker: tuple[ca.SX, Any], expression: Any) -> ca.SX:
+    """Return an expression with the marker of a phase."""
+    return _Marked(marker[1].label, expression, marker[0])
+
+
 class _Marked(ca.SX):
     """An expression with its marker, which prints as the user wrote it."""
 
-    def __init__(self, kind: str, expression: Any):
+    def __init__(self, kind: str, expression: Any, marker: ca.SX | None = None):
         inner = ca.SX(quantity(expression, kind, "expression"))
-        super().__init__(ca.SX.binary(_MARKED, inner, MARKERS[kind]))
+        super().__init__(ca.SX.binary(_MARKED, inner, MARKERS[kind] if marker is None else marker))
 
     def __hash__(self) -> int:
         return self.element_hash()
@@ -137,7 +153,7 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
         elif not operands:
             known[key] = node
         elif node.op() == _MARKED and is_marker(operands[1]):
-            known[key] = ca.SX(value(Placeholder(operands[1].name(), operands[0], node)))
+            known[key] = ca.SX(value(_placeholder(operands[1], operands[0], node)))
         elif missing:
             stack += missing
             continue
@@ -145,6 +161,12 @@ def _rebuilt(expression: ca.SX, value: Callable[[Placeholder], Any], known: dict
             known[key] = _with_operands(node, operands, [known[x.element_hash()] for x in operands])
         stack.pop()
     return known[expression.element_hash()]
+
+
+def _placeholder(marker: ca.SX, expression: ca.SX, node: ca.SX) -> Placeholder:
+    role = role_of(marker)
+    kind = marker.name().rsplit(".", 1)[-1]
+    return Placeholder(kind, expression, node, role.owner() if role is not None and callable(role.owner) else None)
 
 
 def _with_operands(node: ca.SX, old: list[ca.SX], new: list[ca.SX]) -> ca.SX:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -11,14 +12,14 @@ from ..errors import ExpressionError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.immutable import Immutable
 from ..model.mechanism import Mechanism
-from ..model.quantities import listed, refuse_twice
+from ..model.quantities import entries, listed, refuse_twice
 from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
 from ..results.state import State
 from .checks.consistency import check_conditions
 from .nlp.compiled import CompiledProblem
-from .phase import Phase, Waypoint, read_cost
-from .placeholders import is_marker, placeholders_in
+from .phase import Phase, Waypoint, read_cost, time_span
+from .placeholders import Placeholder, is_marker, placeholders_in, with_values
 
 
 class OptimalControlProblem(Immutable):
@@ -27,7 +28,7 @@ class OptimalControlProblem(Immutable):
     Parameters
     ----------
     mechanism : Mechanism
-        Model, the same that is simulated; its inputs are free.
+        Model, the same that is simulated; its inputs are free. Left out if `phases` are given.
     duration : float or (float, float)
         Time of the motion, s; two numbers: free between them.
     initial : sequence of relations, or State
@@ -45,12 +46,14 @@ class OptimalControlProblem(Immutable):
     waypoints : sequence of Waypoint
         Conditions at times in between, in the order of time.
     free_parameters : sequence of Parameter
-        Optimised with the motion, within their limits; of the mechanism, or of this problem alone.
+        Optimised with the motion, within their limits; of the mechanisms, or of this problem alone.
+    phases : sequence of Phase, optional
+        Motion through mechanisms that follow each other, in place of the first seven arguments and of `waypoints`.
 
     Attributes
     ----------
     phases : tuple of Phase
-        Mechanism, conditions and running cost of the motion, phase by phase: one today.
+        Mechanism, conditions and running cost of the motion, phase by phase.
     compiled : CompiledProblem
         Programs and solvers that were made for the problem and are used again.
 
@@ -66,8 +69,8 @@ class OptimalControlProblem(Immutable):
     @symbolic
     def __init__(
         self,
-        mechanism: Mechanism,
-        duration: Any,
+        mechanism: Mechanism | None = None,
+        duration: Any = None,
         initial: Any = (),
         final: Any = (),
         path: Any = (),
@@ -76,10 +79,14 @@ class OptimalControlProblem(Immutable):
         boundary: Any = (),
         waypoints: Iterable[Waypoint] = (),
         free_parameters: Sequence[Parameter] = (),
+        phases: Sequence[Phase] | None = None,
     ):
-        phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
-        self.phases: tuple[Phase, ...] = (phase,)
-        self.mechanism, self.equations, self.duration = phase.mechanism, phase.equations, phase.duration
+        one = (mechanism, duration, initial, final, path, running_cost, waypoints)
+        self.phases: tuple[Phase, ...] = _one_phase(*one) if phases is None else _read_phases(phases, one)
+        #: whether the motion was given by phases
+        self.is_phased = phases is not None
+        phase = self.phases[0]
+        self.mechanism, self.equations, self.duration = phase.mechanism, phase.equations, phase.span
         self.initial, self.final, self.path, self.waypoints = phase.initial, phase.final, phase.path, phase.waypoints
         self.running_cost = phase.running_cost
         self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
@@ -110,8 +117,10 @@ class OptimalControlProblem(Immutable):
 
     def replace(self, **changes: Any) -> OptimalControlProblem:
         """Return a new problem with some arguments replaced."""
-        arguments = {name: getattr(self, name) for name in type(self).__signature__.parameters}
-        unknown = set(changes) - set(arguments)
+        names = list(type(self).__signature__.parameters)
+        own = {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
+        arguments = {name: getattr(self, name) for name in names if name in own}
+        unknown = set(changes) - own
         if unknown:
             raise ModelError(
                 f"replace: unknown argument {', '.join(sorted(unknown))}; known are {', '.join(arguments)}"
@@ -121,21 +130,49 @@ class OptimalControlProblem(Immutable):
     # --- checks ------------------------------------------------------------------------------
     def _check(self) -> None:
         for phase in self.phases:
-            named = [("path", phase.path), ("initial", phase.initial), ("final", phase.final)]
+            named = [("path", phase.path), ("final", phase.final)]
+            impulses = phase is not self.phases[0]
+            start = () if isinstance(phase.initial, State) else phase.initial
+            self.check_symbols(phase, "initial", start, impulses=impulses)
             named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(phase.waypoints, start=1)]
             for name, conditions in named:
                 self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
             self._check_expressions(phase, {"running_cost": phase.running_cost}, placeholders=False)
         expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
         expressions |= {"terminal_cost": self.terminal_cost}
-        self._check_expressions(self.phases[-1], expressions, placeholders=True)
+        self._check_placeholders(expressions)
         inputs = any(phase.mechanism.inputs for phase in self.phases)
         if not inputs and not self.free_parameters and not self.has_free_times:
             raise ModelError(
                 "there is nothing to optimise: the mechanism has no inputs and no parameter or time is free"
             )
 
-    def check_symbols(self, phase: Phase, name: str, conditions: Sequence[Condition]) -> None:
+    def phase_of(self, placeholder: Placeholder) -> Phase:
+        """Return the phase whose symbols a placeholder contains; for an integral over all, one that has them."""
+        if placeholder.phase is not None:
+            return placeholder.phase
+        if placeholder.kind == "integral":
+            return next((p for p in self.phases if p.has(placeholder.expression)), self.phases[-1])
+        return self.phases[0 if placeholder.kind == "at_start" else -1]
+
+    def _check_placeholders(self, expressions: dict[str, ca.SX]) -> None:
+        """Check the boundary conditions and the terminal cost: each placeholder in its phase, the rest at the end."""
+        for where, expression in expressions.items():
+            for placeholder in placeholders_in(expression):
+                phase = self.phase_of(placeholder)
+                if not any(phase is own for own in self.phases):
+                    raise ExpressionError(
+                        f"{where} contains {placeholder.label}, of a phase that does not belong to the problem"
+                    )
+                if phase.is_instant and placeholder.kind == "integral":
+                    raise ExpressionError(f"{where} contains {placeholder.label}, of a phase of no duration")
+                self._check_expressions(phase, {where: placeholder.expression}, placeholders=False)
+            rest = with_values(expression, lambda _: 0.0)
+            self._check_expressions(self.phases[-1], {where: rest}, placeholders=False)
+
+    def check_symbols(
+        self, phase: Phase, name: str, conditions: Sequence[Condition], *, impulses: bool = False
+    ) -> None:
         """Refuse conditions of a phase that contain symbols which the mechanism does not have.
 
         Raises
@@ -144,10 +181,15 @@ class OptimalControlProblem(Immutable):
             Naming the condition and the symbol.
         """
         expressions = {f"{name}: {row.label}": row.expression for row in conditions}
-        self._check_expressions(phase, expressions, placeholders=False)
+        self._check_expressions(phase, expressions, placeholders=False, impulses=impulses)
 
-    def _check_expressions(self, phase: Phase, expressions: dict[str, ca.SX], *, placeholders: bool) -> None:
-        groups = (*phase.equations.symbols, phase.input_rates, *self.extra_parameters(phase))
+    def _check_expressions(
+        self, phase: Phase, expressions: dict[str, ca.SX], *, placeholders: bool, impulses: bool = False
+    ) -> None:
+        eom = phase.equations
+        known_at_instant = (eom.t, eom.q, eom.v, eom.z, eom.p)
+        groups = known_at_instant if phase.is_instant else (*eom.symbols, phase.input_rates)
+        groups = (*groups, *self.extra_parameters(phase), *([phase.law.impulses] if impulses else []))
         known = {s.element_hash() for group in groups for s in ca.vertsplit(ca.SX(group))}
         for where, expression in expressions.items():
             marked = placeholders_in(expression)
@@ -160,11 +202,75 @@ class OptimalControlProblem(Immutable):
                     role = role_of(symbol)
                     is_parameter = role is not None and role.kind == "parameter"
                     hint = "; list it in free_parameters= or in the mechanism" if is_parameter else ""
-                    raise ExpressionError(
-                        f"{where} contains {describe(symbol)}, which the mechanism does not have{hint}"
-                    )
+                    place = f" of phase '{phase.name}'" if self.is_phased else ""
+                    lacks = "is not known at an instant" if phase.is_instant and phase.has(symbol) else "does not have"
+                    reason = f"the mechanism{place} {lacks}{hint}" if lacks == "does not have" else lacks
+                    raise ExpressionError(f"{where} contains {describe(symbol)}, which {reason}")
 
     def __repr__(self) -> str:
+        if self.is_phased:
+            return f"OptimalControlProblem(phases=[{', '.join(phase.name for phase in self.phases)}])"
         low, high = self.duration
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
         return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
+
+
+def _one_phase(mechanism: Any, duration: Any, *others: Any) -> tuple[Phase, ...]:
+    """The motion of one mechanism as a phase."""
+    if mechanism is None or duration is None:
+        raise ModelError("OptimalControlProblem: give a mechanism and a duration, or phases=")
+    initial, final, path, running_cost, waypoints = others
+    phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
+    time_span(duration, "phase 'motion'", "duration")  # refuses 0
+    return (phase,)
+
+
+def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:
+    """Phases that follow each other, checked."""
+    found = entries(phases, "phases=")
+    if not found:
+        raise ModelError("OptimalControlProblem: phases= is empty")
+    if any(x is not None for x in others[:2]) or any(
+        isinstance(x, ca.SX) or x != () for x in (*others[2:5], others[6])
+    ):
+        raise ModelError(
+            "OptimalControlProblem: with phases=, mechanisms, durations, conditions and waypoints belong to the phases"
+        )
+    if isinstance(others[5], ca.SX) or others[5] != 0:
+        raise ModelError("OptimalControlProblem: with phases=, running_cost= belongs to the phases")
+    for phase in found:
+        if not isinstance(phase, Phase):
+            raise ModelError(f"phases= takes Phase objects, got {phase!r}")
+    names = [phase.name for phase in found]
+    if len(set(names)) < len(names):
+        raise ModelError(f"phases= contains a name twice: {', '.join(names)}")
+    if found[0].is_instant:
+        raise ModelError(f"phase '{names[0]}' is the first one and must have a duration")
+    if found[0].restitution:
+        raise ModelError(f"phase '{names[0]}' is the first one; restitution= belongs to a phase that follows another")
+    for before, phase in itertools.pairwise(found):
+        _refuse_coming(before, phase)
+    for phase in found:
+        if phase.span[0] == 0 < phase.span[1]:
+            raise ModelError(
+                f"phase '{phase.name}': the duration may shrink to 0, at which an optimum is a spurious one; give a "
+                f"range with a positive lower limit, or a duration of exactly 0, got {phase.span}"
+            )
+        if phase is not found[0] and isinstance(phase.initial, State):
+            raise ModelError(
+                f"phase '{phase.name}': its state follows from the phase before; initial= takes conditions"
+            )
+    return found
+
+
+def _refuse_coming(before: Phase, phase: Phase) -> None:
+    """Refuse a body, or a coordinate, that the phase before does not have."""
+    known = {s.element_hash() for s in ca.vertsplit(before.equations.q)}
+    for symbol in ca.vertsplit(phase.equations.q):
+        if symbol.element_hash() not in known:
+            role = role_of(symbol)
+            owner = getattr(role.owner, "name", symbol.name()) if role is not None else symbol.name()
+            raise ModelError(
+                f"phase '{phase.name}': '{owner}' is not in the phase '{before.name}' before it, and so its place is "
+                "not known; bodies may leave, not come"
+            )

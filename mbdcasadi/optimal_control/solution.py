@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,12 +14,15 @@ import numpy as np
 from ..arguments.piecewise_polynomial import PiecewisePolynomial
 from ..arguments.values import pairs_of, parameter_vector
 from ..equations.numeric import NumericEquations
+from ..equations.recovery import Recovery
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import Parameter, number
 from ..numerics.symbolic import symbolic
+from ..results.notebook import html_table
+from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import State
-from ..results.trajectory import Statistics, Trajectory
+from ..results.trajectory import EventOccurrence, Statistics, Trajectory
 from ..simulation.simulate import simulate
 from .guess.guess import Guess, Iterate, PhaseGuess, guess_from_motion
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
@@ -29,7 +33,9 @@ from .phase import Phase
 from .problem import OptimalControlProblem
 from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
+from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
+from .stability import Stability, stability
 from .transcription.motion import OptimalMotion, Polynomials
 
 if TYPE_CHECKING:
@@ -80,7 +86,7 @@ class PhaseSolution:
         seconds: float,
     ):
         self.phase: Phase = program.phase
-        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+        self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
         self.segment_times = x[program.time_index] if program.time_count else np.asarray(segment_times, float)
         self.mesh_times = mesh.times(self.segment_times)
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
@@ -109,7 +115,7 @@ class PhaseSolution:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
         scheme = self.program.scheme
         statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
-        extra = dict(zip(self.program.extra_parameters, self._extra.tolist(), strict=True))
+        extra = dict(zip(self.program.extra_parameters, self.extra.tolist(), strict=True))
         return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
 
     @property
@@ -139,6 +145,67 @@ class PhaseSolution:
     def mesh_error(self) -> float:
         """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
         return float(np.max(scaled_errors(self)))
+
+    @property
+    def initial(self) -> State:
+        """State at the start of the phase, just after the change into it."""
+        return self.trajectory.initial
+
+    @property
+    def final(self) -> State:
+        """State at the end of the phase, just before the change out of it."""
+        return self.trajectory.final
+
+
+class InstantSolution(PhaseSolution):
+    """A phase of no duration in a solution: one state."""
+
+    def __init__(
+        self,
+        program: PhaseProgram,
+        numeric: NumericEquations,
+        mesh: Mesh,
+        x: np.ndarray,
+        segment_times: np.ndarray,
+        extra: np.ndarray,
+        seconds: float,
+    ):
+        self.phase: Phase = program.phase
+        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+        time = float(x[program.time_index][0]) if program.time_count else float(segment_times[0])
+        self.segment_times = np.array([time, time])
+        self.mesh_times = np.array([time])
+        self._point = x[program.point_index(0)[: program.scheme.point_size]]
+
+    @cached_property
+    def mesh_states(self) -> np.ndarray:
+        """Coordinates, velocities and first-order states (1, k)."""
+        scheme = self.program.scheme
+        parts = scheme.split_point(self._point)
+        q, v = scheme.eom.states(self.mesh_times, parts["q"][None, :], parts["v"][None, :], self.numeric.p)
+        return np.hstack([q, v, parts["z"][None, :]])
+
+    @cached_property
+    @symbolic
+    def trajectory(self) -> Trajectory:  # type: ignore[override]
+        """The state as a motion of one time; inputs have their own values."""
+        eom = self.phase.equations
+        n = eom.q.numel()
+        q, v, z = np.split(self.mesh_states, [n, 2 * n], axis=1)
+        u = eom.input_values[None, :]
+        refine = Recovery(self.numeric, redundant=self.redundant).refine()
+        q, v, a, lam, u = refine(self.mesh_times, q, v, z, u)
+        return Trajectory(self.phase.mechanism, self.mesh_times, q, v, a, z, lam, u, self.numeric.p, refine=refine)
+
+    @property
+    def limits(self) -> list[Condition]:
+        """Nothing: conditions on the state hold at one place."""
+        return []
+
+    @cached_property
+    def mesh_error(self) -> float:
+        """Zero: nothing is integrated."""
+        return 0.0
 
 
 class Solution:
@@ -173,8 +240,10 @@ class Solution:
     ----------
     phases : tuple of PhaseSolution
         Mesh and motion by phase.
+    durations : tuple of float
+        Durations of the phases, s.
     mesh, mesh_times : numpy.ndarray
-        Mesh points (N + 1,), s.
+        Mesh points of all phases (N + 1,), s.
     duration : float
         s.
     waypoint_times : numpy.ndarray
@@ -205,10 +274,11 @@ class Solution:
         self.parameters: dict[Parameter, float] = dict(zip(problem.free_parameters, free, strict=True))
         parts = zip(program.phases, p, meshes, segment_times, strict=True)
         self.phases = tuple(self._part(*part) for part in parts)
-        last = self.phases[-1]
-        self.duration = float(last.segment_times[-1])
-        self.waypoint_times = last.segment_times[1:-1]
-        self.mesh = self.mesh_times = last.mesh_times
+        self.durations = tuple(phase.duration for phase in self.phases)
+        self.duration = float(self.phases[-1].segment_times[-1])
+        self.waypoint_times = np.concatenate([phase.segment_times[1:-1] for phase in self.phases])
+        first, *others = (phase.mesh_times for phase in self.phases)
+        self.mesh = self.mesh_times = np.concatenate([first, *(times[1:] for times in others)])
 
     def _part(self, program: PhaseProgram, p: np.ndarray, mesh: Mesh, times: np.ndarray) -> PhaseSolution:
         phase, values = program.phase, p.copy()
@@ -216,7 +286,8 @@ class Solution:
             values[k] = self.parameters.get(symbol, values[k])
         numeric = NumericEquations(phase.equations, values)
         extra = np.array([self.parameters[s] for s in program.extra_parameters])
-        return PhaseSolution(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
+        kind = InstantSolution if phase.is_instant else PhaseSolution
+        return kind(program, numeric, mesh, self.variables, times, extra, self.statistics.seconds)
 
     @property
     def meshes(self) -> tuple[Mesh, ...]:
@@ -227,12 +298,36 @@ class Solution:
     @property
     def inputs(self) -> dict[Any, PiecewisePolynomial]:
         """The inputs as piecewise polynomials, as ``simulate(inputs=…)`` takes them."""
-        return self.phases[0].polynomials.inputs
+        if len(self.phases) == 1:
+            return self.phases[0].polynomials.inputs
+        parts = [part for part in self.phases if not part.phase.is_instant]
+        symbols = dict.fromkeys(u for part in parts for u in part.phase.mechanism.inputs)
+        return {
+            symbol: _joined([(part.mesh_times, part.polynomials.inputs.get(symbol)) for part in parts])
+            for symbol in symbols
+        }
 
-    @property
-    def trajectory(self) -> OptimalMotion:
+    @cached_property
+    @symbolic
+    def trajectory(self) -> Trajectory:
         """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
-        return self.phases[0].trajectory
+        if len(self.phases) == 1:
+            return self.phases[0].trajectory
+        whole = union_of(part.phase.mechanism for part in self.phases)
+        by_symbol: dict[Any, float] = {}
+        for part in self.phases:
+            by_symbol |= dict(zip(part.phase.mechanism.parameters, part.numeric.p.tolist(), strict=True))
+        values = np.array([by_symbol.get(p, p.value) for p in whole.parameters])
+        parts = [part.trajectory for part in self.phases]
+        events = []
+        for change, (before, after) in zip(self.program.changes, itertools.pairwise(parts), strict=True):
+            first = after.initial
+            own = (first.q, first.v, first.a, first.z, first.lam, first.inputs, first.parameters)
+            state = State(first.mechanism, first.t, *own, first.obstacle, change.impulses(self.variables))
+            ends = [in_whole(one, whole, values) for one in (before.final, state)]
+            events.append(EventOccurrence(change.after.phase.name, first.t, *ends))
+        statistics = Statistics(parts[0].statistics.method, parts[0].statistics.formulation, self.statistics.seconds)
+        return PhasedTrajectory(parts, whole, [values] * len(parts), events=events, statistics=statistics)
 
     @property
     def mesh_error(self) -> float:
@@ -251,6 +346,7 @@ class Solution:
 
     def state(self, index: int) -> State:
         """State at a mesh point, by index."""
+        self._refuse_phases("state", "take the states of .phases[k].trajectory")
         part = self.phases[0]
         points = part.mesh.count + 1
         if isinstance(index, bool) or not isinstance(index, int | np.integer) or not -points <= index < points:
@@ -259,9 +355,12 @@ class Solution:
 
     def as_guess(self, problem: OptimalControlProblem) -> Guess:
         """The motion as a guess for the same or a similar problem."""
-        phases = tuple(map(_as_guess, self.phases, problem.phases))
+        phases, time = [], 0.0
+        for part, phase in zip(self.phases, problem.phases, strict=True):
+            phases.append(_as_guess(part, phase, time))
+            time = float(phases[-1].segment_times[-1])
         free = [self.parameters.get(p, p.value) for p in problem.free_parameters]
-        return Guess(phases, np.array(free), "solution", self._iterate(self.variables / self.program.scale))
+        return Guess(tuple(phases), np.array(free), "solution", self._iterate(self.variables / self.program.scale))
 
     def _iterate(self, x: np.ndarray) -> Iterate:
         return Iterate(self.program, self.meshes, x, self.answer.lam_x, self.answer.lam_g)
@@ -276,17 +375,30 @@ class Solution:
         time : float
             Time by which it begins later, s.
         """
+        self._refuse_phases("shifted", "solve again with guess=solution")
         return Shifted(self, number(time, "shifted", "time"))
+
+    def _refuse_phases(self, name: str, remedy: str) -> None:
+        if len(self.phases) > 1:
+            raise ModelError(f"Solution.{name}: a motion of several phases has none; {remedy}")
 
     # --- verification ---------------------------------------------------------------------
     @symbolic
     def verify(self, reltol: float = 1e-10, abstol: float = 1e-10) -> Verification:
-        """Simulate by IDAS from the first state with the input polynomials of the solution."""
+        """Simulate by IDAS from the first state with the input polynomials of the solution.
+
+        Through several phases: joints that close do so when the simulation finds their rows at zero, in the planned
+        direction of approach and nearest to the planned time, and what follows is moved by the difference; what only
+        opens does so after the planned duration.
+        """
+        if len(self.phases) > 1:
+            return phased_verification(self, reltol, abstol)
         return verification(self, reltol, abstol)
 
     @symbolic
     def simulate(self, *, initial: Any = None, parameters: Any = None, **settings: Any) -> Trajectory:
         """Simulate the mechanism with the inputs of the solution, from other starts or with other parameters."""
+        self._refuse_phases("simulate", "verify() simulates it, and simulate(events=…) goes on through changes")
         taken = {"times", "duration", "inputs"} & set(settings)
         if taken:
             raise ModelError(f"Solution.simulate: {', '.join(sorted(taken))} are those of the solution")
@@ -305,6 +417,31 @@ class Solution:
                     f"{missed:.3g}; give initial= as conditions, such as those of the problem"
                 )
         return simulate(mechanism, self.mesh, initial=initial, inputs=self.inputs, parameters=values, **settings)
+
+    @symbolic
+    def stability(self) -> Stability:
+        """Return the Floquet multipliers of a periodic motion, across its impacts.
+
+        The start is disturbed as constraints and initial conditions allow; inputs stay as they are. What closes, and
+        final conditions that are equalities, decide when phases end, and free parameters where they do; the boundary
+        conditions give the start of the next period. To the order of the transcription the result is that of the
+        motion itself: refine the mesh.
+
+        Returns
+        -------
+        Stability
+            ``.multipliers``, ``.matrix`` (monodromy), ``.is_stable``.
+
+        Raises
+        ------
+        ModelError
+            If the boundary conditions do not decide the next start, or hold more than it.
+
+        References
+        ----------
+        Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
+        """
+        return stability(self)
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property
@@ -347,14 +484,39 @@ class Solution:
         )
         return text + "".join(f"\n  {symbol.label} = {value:.6g}" for symbol, value in self.parameters.items())
 
+    def _repr_html_(self) -> str:
+        """Cost, duration, free parameters and effort as a table, for notebooks."""
+        s = self.statistics
+        rows = [("cost", f"{self.cost:.8g}"), ("duration", f"{self.duration:.6g} s")]
+        rows += [(symbol.label, f"{value:.6g}") for symbol, value in self.parameters.items()]
+        rows.append(("mesh intervals", str(sum(mesh.count for mesh in self.meshes))))
+        rows.append(("solver", f"{s.iterations} iterations, {s.seconds:.3g} s ({s.status})"))
+        return html_table("Solution", rows)
 
-def _as_guess(part: PhaseSolution, phase: Phase) -> PhaseGuess:
+
+def _joined(parts: Sequence[tuple[np.ndarray, PiecewisePolynomial | None]]) -> PiecewisePolynomial:
+    """An input over phases that follow each other; zero in those that do not have it."""
+    terms = max(p.terms for _, p in parts if p is not None)
+    breaks, rows = [parts[0][0]], []
+    for k, (times, polynomial) in enumerate(parts):
+        if k:
+            breaks.append(times[1:])
+        own = np.zeros((times.size - 1, terms))
+        if polynomial is not None:
+            own[:, : polynomial.terms] = polynomial.coefficients
+        rows.append(own)
+    return PiecewisePolynomial(np.concatenate(breaks), np.vstack(rows))
+
+
+def _as_guess(part: PhaseSolution, phase: Phase, begin: float) -> PhaseGuess:
     """A phase of a solution as a guess for a phase with perhaps other waypoints and another duration."""
-    times, spans = part.segment_times, phase.time_spans
+    if phase.is_instant:
+        return PhaseGuess(lambda _times: {}, np.array([begin, begin]))
+    times, spans = part.segment_times - part.segment_times[0], phase.time_spans
     if len(times) != len(spans):
         times = np.linspace(0, times[-1], len(spans))
     times = np.array([np.clip(t, low, high) for t, (low, high) in zip(times, spans, strict=True)])
-    return guess_from_motion(part.trajectory, times)
+    return guess_from_motion(part.trajectory, begin + times)
 
 
 @dataclass(frozen=True)

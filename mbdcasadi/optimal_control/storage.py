@@ -21,35 +21,43 @@ from .refinement.mesh import Mesh
 from .solution import Solution
 from .transcription import TRANSCRIPTIONS
 
-_FORMAT = "mbdcasadi solution 3"
+_FORMAT = "mbdcasadi solution 4"
 #: Relative difference of costs, and difference of scaled rows, up to which two problems count as the same.
 SAME_TOLERANCE = 1e-6
 
 
 def save(solution: Solution, path: str | Path) -> None:
     """Write a solution; see :func:`read_solution`."""
-    program, part, scheme = solution.program, solution.phases[0], solution.settings.transcription
+    program, scheme = solution.program, solution.settings.transcription
     if type(scheme) not in TRANSCRIPTIONS.values():
         raise ModelError(
             f"save: the solution was found by the transcription {scheme.name!r}, which is not part of the "
             "package, and not known when the file is read; save solution.trajectory, which can be a guess too"
         )
     settings = {"transcription": scheme.name, "degree": scheme.degree, "control": solution.settings.control}
+    settings["angles"] = solution.settings.angles
     content: dict[str, Any] = {
         "format": _FORMAT,
         "settings": json.dumps(settings),
         "statistics": json.dumps(asdict(solution.statistics)),
+        "held": json.dumps(program.held),
         "cost": solution.cost,
         "x": solution.variables,
-        "segment times": part.segment_times,
-        "parameters": part.numeric.p,
         "lam_x": solution.answer.lam_x,
         "lam_g": solution.answer.lam_g,
         "rows": solution.answer.rows,
         "row labels": np.array([row.label for row in program.rows], dtype=str),
     }
-    content |= {f"mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
+    for number, part in enumerate(solution.phases):
+        prefix = _prefix(solution.problem, number)
+        content |= {f"{prefix}segment times": part.segment_times, f"{prefix}parameters": part.numeric.p}
+        content |= {f"{prefix}mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
     write_arrays(path, content)
+
+
+def _prefix(problem: OptimalControlProblem, number: int) -> str:
+    """Beginning of the names of the entries of a phase."""
+    return f"phase {number} " if len(problem.phases) > 1 else ""
 
 
 @symbolic
@@ -89,18 +97,29 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
         settings = Settings.read(**json.loads(str(content["settings"])), options=None, progress=False)
     except ModelError as error:
         raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
-    segments = [content[f"mesh {k}"] for k in range(sum(name.startswith("mesh ") for name in content))]
-    meshes, waypoints = [Mesh(tuple(segments))], problem.phases[0].waypoints
-    if len(segments) != len(waypoints) + 1:
-        raise FileError(f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(waypoints)}")
+    meshes, times, parameters = [], [], []
+    for number, phase in enumerate(problem.phases):
+        prefix = _prefix(problem, number)
+        count = sum(name.startswith(f"{prefix}mesh ") for name in content)
+        segments = [content[f"{prefix}mesh {k}"] for k in range(count)]
+        if len(segments) != len(phase.waypoints) + 1:
+            raise FileError(
+                f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
+                if segments
+                else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
+            )
+        meshes.append(Mesh(tuple(segments)))
+        times.append(content[f"{prefix}segment times"])
+        parameters.append(content[f"{prefix}parameters"])
     solver = Solver(problem, settings)
+    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in json.loads(str(content["held"])))
     program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]
     theirs = content["row labels"].tolist()
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
-    _check_values(path, problem, program, meshes, content)
+    _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
     statistics = json.loads(str(content["statistics"]))
     for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
         statistics[name] = [kind(**one) for one in statistics[name]]
@@ -109,9 +128,9 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
         program,
         settings,
         solver.initial,
-        [content["parameters"]],
+        parameters,
         meshes,
-        [content["segment times"]],
+        times,
         content["x"],
         float(content["cost"]),
         SolveStatistics(**statistics),
@@ -123,15 +142,15 @@ def _check_values(
     path: str | Path,
     problem: OptimalControlProblem,
     program: MotionProgram,
-    meshes: list[Mesh],
+    data: np.ndarray,
+    times: list[np.ndarray],
     content: dict[str, np.ndarray],
 ) -> None:
     """Refuse a solution whose cost or rows are others in this problem."""
-    low, high = problem.phases[0].duration
-    duration = float(content["segment times"][-1])
+    low, high = np.sum([phase.span for phase in problem.phases], axis=0).tolist()
+    duration = float(times[-1][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
-    data = program.data([content["parameters"]], meshes, [content["segment times"]])
     cost, rows = program.nlp.evaluate(content["x"] / program.scale, data)
     off = abs(float(cost) * program.cost_scale - float(content["cost"]))
     if off > SAME_TOLERANCE * (abs(float(content["cost"])) + program.cost_scale):

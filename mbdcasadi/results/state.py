@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +13,9 @@ from ..equations import Equations, equations
 from ..errors import MechanismError
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
-from ..model.symbols import as_expression
+from ..model.symbols import as_expression, role_of, symbols_of
 from .finite import refuse_nan
+from .notebook import html_table
 
 
 class State(HoldsSymbols):
@@ -32,6 +34,10 @@ class State(HoldsSymbols):
         multipliers, inputs and parameters, in the order of ``equations(mechanism)``.
     obstacle : MechanismError, optional
         Reason if there are no accelerations and multipliers.
+    impulses : mapping of element to numpy.ndarray, optional
+        Impulses of constraints at the instant, by their rows: of a state just after an impact.
+    whole : State, optional
+        The same state as one of all mechanisms of a motion: what the mechanism does not have is read there.
 
     Examples
     --------
@@ -55,13 +61,16 @@ class State(HoldsSymbols):
         u: np.ndarray,
         p: np.ndarray,
         obstacle: MechanismError | None = None,
+        impulses: Mapping[Any, np.ndarray] | None = None,
+        whole: State | None = None,
     ):
         self.mechanism = mechanism
         self.t = float(t)
         self.q, self.v, self.a, self.z, self.lam, self.inputs, self.parameters = (
             np.asarray(x, float).ravel() for x in (q, v, a, z, lam, u, p)
         )
-        self._obstacle = obstacle
+        self._obstacle, self._whole = obstacle, whole
+        self.impulses: Mapping[Any, np.ndarray] | None = None if impulses is None else dict(impulses)
 
     @property
     def equations(self) -> Equations:
@@ -86,7 +95,9 @@ class State(HoldsSymbols):
         ExpressionError
             For a symbol that the mechanism does not have, and if the expression has no value.
         """
-        expression = as_expression(expression, "state[…]")
+        expression = self._with_impulses(as_expression(expression, "state[…]"))
+        if self._whole is not None and not self.equations.contains(expression):
+            return self._whole[expression]
         eom = self.equations
         function = eom.function(expression)
         if self._obstacle is not None and ca.depends_on(expression, ca.vertcat(eom.a, eom.lam)):
@@ -96,6 +107,17 @@ class State(HoldsSymbols):
         if value.size == 1:
             return float(value[0, 0])
         return value.ravel() if 1 in value.shape else value
+
+    def _with_impulses(self, expression: ca.SX) -> ca.SX:
+        """The expression with the values of impulses; a constraint that took no part has none."""
+        if self.impulses is None:
+            return expression
+        roles = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
+        found = {r.owner: r.owner.impulses for _, r in roles if r is not None and r.kind == "impulse"}
+        for element, symbols in found.items():
+            values = self.impulses.get(element)
+            expression = ca.substitute(expression, symbols, ca.DM.zeros(symbols.shape) if values is None else values)
+        return expression
 
     def __repr__(self) -> str:
         eom = self.equations
@@ -113,6 +135,22 @@ class State(HoldsSymbols):
         lines += [f"  {s.label} = {value:.6g}" for s, value in zip(self.mechanism.states, self.z, strict=True)]
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        """Coordinates and velocities as a table, for notebooks."""
+        header = ["", "x, m", "y, m", "phi, rad", "vx, m/s", "vy, m/s", "omega, rad/s"]
+        count = len(self.mechanism.bodies)
+        pairs = zip(self.q[: 3 * count].reshape(-1, 3), self.v[: 3 * count].reshape(-1, 3), strict=True)
+        rows = [
+            [body.name, *(f"{value:.6g}" for part in pair for value in part)]
+            for body, pair in zip(self.mechanism.bodies, pairs, strict=True)
+        ]
+        names = [*self.equations.coordinate_names[3 * count :], *(s.label for s in self.mechanism.states)]
+        values = [*self.q[3 * count :], *self.z]
+        notes = [f"{name} = {value:.6g}" for name, value in zip(names, values, strict=True)]
+        # what a derived class reports beside the coordinates
+        notes += [line.strip() for line in repr(self).splitlines()[1 + count + len(notes) :]]
+        return html_table(f"State at t = {self.t:.6g} s", rows, header, notes)
+
 
 @dataclass(frozen=True)
 class EventOccurrence:
@@ -125,9 +163,9 @@ class EventOccurrence:
     t : float
         Time, s.
     state : State
-        State at that time; just before, if the event resets velocities.
+        State at that time; just before, if the event resets velocities or changes the mechanism.
     after : State or None
-        State just after a reset.
+        State just after a reset, or in the mechanism by which the motion goes on; it knows the impulses.
     """
 
     name: str

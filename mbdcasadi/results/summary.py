@@ -15,6 +15,22 @@ _WIDTH = 20
 _NOTHING = 1e-9
 
 
+def summary_lines(motion: Trajectory, facts: Mapping[str, str] | None = None) -> list[tuple[str, str]]:
+    """Return the lines of :func:`summary`, each with its name."""
+    mechanism, run, drift, energy = motion.mechanism, motion.statistics, motion.drift, motion.energy.total
+    lines = [("model", mechanism.name or "without a name"), ("", _parts(motion)), *(facts or {}).items()]
+    lines.append(("outputs", f"{len(motion)}, t = {motion.t[0]:g} … {motion.t[-1]:g} s"))
+    method = run.method + (f", {run.formulation}" if run.formulation else "")
+    lines.append(("wall time", f"{run.seconds:.3g} s" + (f" ({method})" if method else "")))
+    lines.append(("largest |Phi|", f"{drift.position:.1e} m or rad; of its rate {drift.velocity:.1e}"))
+    lines.append(("energy", f"{energy[0]:.6g} J → {energy[-1]:.6g} J, change {energy[-1] - energy[0]:+.3g} J"))
+    if has_multipliers(motion):
+        lines += _table("driver effort", _efforts(motion)) + _table("largest reaction", _reactions(motion))
+    lines += [("event", f"'{event.name}' at t = {event.t:.6g} s") for event in motion.events]
+    lines += [("note", note) for note in run.notes]
+    return lines
+
+
 def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
     """Return a summary of a motion as a table.
 
@@ -30,18 +46,7 @@ def summary(motion: Trajectory, facts: Mapping[str, str] | None = None) -> str:
     str
         Outputs, wall time, drift, energy, range of each driver's effort, largest reaction of each joint, notes.
     """
-    mechanism, run, drift, energy = motion.mechanism, motion.statistics, motion.drift, motion.energy.total
-    lines = [("model", mechanism.name or "without a name"), ("", _parts(motion)), *(facts or {}).items()]
-    lines.append(("outputs", f"{len(motion)}, t = {motion.t[0]:g} … {motion.t[-1]:g} s"))
-    method = run.method + (f", {run.formulation}" if run.formulation else "")
-    lines.append(("wall time", f"{run.seconds:.3g} s" + (f" ({method})" if method else "")))
-    lines.append(("largest |Phi|", f"{drift.position:.1e} m or rad; of its rate {drift.velocity:.1e}"))
-    lines.append(("energy", f"{energy[0]:.6g} J → {energy[-1]:.6g} J, change {energy[-1] - energy[0]:+.3g} J"))
-    if has_multipliers(motion):
-        lines += _table("driver effort", _efforts(motion)) + _table("largest reaction", _reactions(motion))
-    lines += [("event", f"'{event.name}' at t = {event.t:.6g} s") for event in motion.events]
-    lines += [("note", note) for note in run.notes]
-    return "\n".join(f"{name:{_WIDTH}}{text}".rstrip() for name, text in lines)
+    return "\n".join(f"{name:{_WIDTH}}{text}".rstrip() for name, text in summary_lines(motion, facts))
 
 
 def _parts(motion: Trajectory) -> str:

@@ -19,6 +19,7 @@ from ..model.symbols import as_expression
 from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
+from .notebook import html_table
 from .state import EventOccurrence, State
 
 if TYPE_CHECKING:
@@ -216,6 +217,11 @@ class Trajectory(HoldsSymbols):
         return self._at(wanted, q, v, a, z, lam, u)
 
     @property
+    def phases(self) -> tuple[Trajectory, ...]:
+        """The motion in each mechanism, one after the other: this one alone, unless the mechanism changes."""
+        return (self,)
+
+    @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
@@ -322,3 +328,12 @@ class Trajectory(HoldsSymbols):
             text += f"\n  {s.method}" + (f", {s.formulation}" if s.formulation else "") + f", {s.seconds:.3g} s"
         text += "".join(f"\n  event '{e.name}' at t = {e.t:.6g} s" for e in self.events)
         return text + "".join(f"\n  note: {note}" for note in s.notes)
+
+    def _repr_html_(self) -> str:
+        """Outputs, energy, drift, efforts and largest reactions as a table, for notebooks."""
+        from .summary import summary_lines
+
+        if not self.t.size:
+            return html_table(repr(self), [])
+        lines = summary_lines(self)
+        return html_table(f"Trajectory of {self.mechanism.name or 'a mechanism'}", lines[1:])

@@ -29,27 +29,27 @@ def broken_at_pose(numeric: NumericEquations, t: float, q: np.ndarray) -> tuple[
     """Messages of the conditions that are broken at a pose, of those that depend on nothing else."""
     eom = numeric.eom
     others = ca.vertcat(eom.v, eom.a, eom.z, eom.lam, eom.u)
-    found = []
+    messages = []
     for condition in validity_conditions(eom.mechanism):
         if ca.depends_on(condition.expression, others):
             continue
         value, shown = _at_pose(numeric, ca.vertcat(condition.expression, condition.reported), t, q).ravel()
         if value < -VALIDITY_TOLERANCE * (1 + abs(value)):
             unit = f" ({shown:.6g} {condition.unit} at t = {t:.6g} s)" if condition.unit else ""
-            found.append(condition.message + unit)
-    return tuple(found)
+            messages.append(condition.message + unit)
+    return tuple(messages)
 
 
 def turning_angles(numeric: NumericEquations, t: float, q: np.ndarray, free: np.ndarray) -> tuple[str, ...]:
     """Messages of the conditions whose fixed angle turns along free motions (n, k)."""
     eom = numeric.eom
-    found = []
+    messages = []
     for condition in validity_conditions(eom.mechanism):
         if condition.fixed_angle is not None and free.size:
             rates = _at_pose(numeric, ca.jacobian(condition.fixed_angle, eom.q), t, q) @ free
             if np.max(np.abs(rates)) > VALIDITY_TOLERANCE * np.max(np.abs(free[2::3]), initial=1.0):
-                found.append(condition.message)
-    return tuple(found)
+                messages.append(condition.message)
+    return tuple(messages)
 
 
 def _at_pose(numeric: NumericEquations, expression: ca.SX, t: float, q: np.ndarray) -> np.ndarray:
@@ -70,12 +70,12 @@ def report_validity(motion: Trajectory, others: Sequence[str] = ()) -> None:
         Further findings on the same motion, which are warned of with these.
     """
     motion.statistics.notes += others
-    found = [*others, *_broken_at_outputs(motion)]
-    if len(found) > MOST_WARNINGS:
+    remarks = [*others, *_broken_at_outputs(motion)]
+    if len(remarks) > MOST_WARNINGS:
         # many warnings are read by nobody
-        more = len(found) - MOST_WARNINGS
-        found = [f"{'; '.join(found[:MOST_WARNINGS])}; and {more} more of this kind: see motion.statistics.notes"]
-    for text in found:
+        more = len(remarks) - MOST_WARNINGS
+        remarks = [f"{'; '.join(remarks[:MOST_WARNINGS])}; and {more} more of this kind: see motion.statistics.notes"]
+    for text in remarks:
         warn(text)
 
 
@@ -85,7 +85,7 @@ def _broken_at_outputs(motion: Trajectory) -> list[str]:
     conditions = [c for c in validity_conditions(motion.mechanism) if known or not ca.depends_on(c.expression, lam)]
     if not conditions or not motion.t.size:
         return []
-    found = []
+    remarks = []
     values = motion[ca.vertcat(*[c.expression for c in conditions])].reshape(motion.t.size, -1)
     shown = motion[ca.vertcat(*[c.reported for c in conditions])].reshape(motion.t.size, -1)
     for condition, course, size in zip(conditions, values.T, shown.T, strict=True):
@@ -93,6 +93,6 @@ def _broken_at_outputs(motion: Trajectory) -> list[str]:
         if np.any(bad) and not any(note.startswith(condition.message) for note in motion.statistics.notes):
             first, worst = float(motion.t[np.argmax(bad)]), float(size[np.argmin(np.where(bad, course, np.inf))])
             unit = f" {condition.unit}" if condition.unit else ""
-            found.append(f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.6g}{unit})")
-    motion.statistics.notes += found
-    return found
+            remarks.append(f"{condition.message} (first at t = {first:.6g} s, at worst {worst:.6g}{unit})")
+    motion.statistics.notes += remarks
+    return remarks

@@ -19,7 +19,7 @@ from ..results.state import State
 from ..simulation.modes import SingleMode
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from .design_variables import DesignVariables
-from .differentiable_motion import Course, DifferentiableMotion
+from .differentiable_motion import Cuts, DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
 
 #: Patterns of cuts for which compiled functions are kept.
@@ -139,9 +139,9 @@ class CompiledRun:
         """Outputs and their derivatives (n, n_d), by forward sensitivities."""
         y, size = self.values(d), self.design.size
         course = self._course(d)
-        given = [self.guess, *course.arguments]
+        arguments = [self.guess, *course.arguments]
         function = self._of(course).derivative("forward", size)
-        slope = self._call(function, d, *given, y, np.eye(size), *still(given, size))
+        slope = self._call(function, d, *arguments, y, np.eye(size), *still(arguments, size))
         return y, slope.full()
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -152,7 +152,7 @@ class CompiledRun:
         return self._call(function, d, self.guess, *course.arguments, y, weights, remedy=remedy)[0].full().ravel()
 
     # --- the course ---------------------------------------------------------------------------
-    def _course(self, d: np.ndarray) -> Course:
+    def _course(self, d: np.ndarray) -> Cuts:
         """The cuts of the motion."""
         p, right, z, levels, channel = (part.full() for part in self._given(d))
         start = None
@@ -162,7 +162,7 @@ class CompiledRun:
             start = x.full().ravel()
         return self.motion.course(start, p.ravel(), levels.ravel(), channel)
 
-    def _of(self, course: Course) -> Compiled:
+    def _of(self, course: Cuts) -> Compiled:
         """The compiled run for a course and others of its pattern."""
         pattern = course.pattern
         if pattern not in self._compiled:
@@ -172,7 +172,7 @@ class CompiledRun:
         self._compiled.move_to_end(pattern)
         return self._compiled[pattern]
 
-    def _function(self, course: Course) -> ca.Function:
+    def _function(self, course: Cuts) -> ca.Function:
         """``(d, guess, cuts, sides, borders) -> (y, X, residual of the start, its solution)``."""
         start, motion = self.setup.differentiable_start, self.motion
         d, guess = ca.MX.sym("d", self.design.size), ca.MX.sym("guess", self.guess.size)
@@ -224,8 +224,8 @@ class Compiled:
 
     def __init__(self, function: ca.Function, outputs: int | None = None):
         self.function = function
-        given = function.mx_in()
-        self._values = function if outputs is None else ca.Function("values", given, function(*given)[:outputs])
+        arguments = function.mx_in()
+        self._values = function if outputs is None else ca.Function("values", arguments, function(*arguments)[:outputs])
         self._derivatives: dict[tuple[str, int], ca.Function] = {}
 
     def derivative(self, kind: str, count: int) -> ca.Function:

@@ -149,18 +149,18 @@ class DesignVariables:
         channel = ca.MX(ca.DM(channel_over(signals, grid)))
         steps = ca.DM(np.diff(grid)).T
         for entry, low, high in zip(self.entries, self.places[:-1], self.places[1:], strict=True):
-            given = d[int(low) : int(high)]
+            entry_values = d[int(low) : int(high)]
             if entry.kind == "parameter":
-                p[entry.index] = given
+                p[entry.index] = entry_values
             elif entry.kind == "condition":
-                right[entry.index] = given
+                right[entry.index] = entry_values
             elif entry.kind == "state":
-                z[entry.index] = given
+                z[entry.index] = entry_values
             elif entry.kind == "input":
-                levels[entry.index] = given
+                levels[entry.index] = entry_values
             else:
-                channel[2 * entry.index, :] = given[:-1].T
-                channel[2 * entry.index + 1, :] = (given[1:] - given[:-1]).T / steps
+                channel[2 * entry.index, :] = entry_values[:-1].T
+                channel[2 * entry.index + 1, :] = (entry_values[1:] - entry_values[:-1]).T / steps
         return p, right, z, levels, channel
 
     @property

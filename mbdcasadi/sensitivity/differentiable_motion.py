@@ -44,7 +44,7 @@ from ..simulation.schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from ..simulation.stepping import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from .held_system import HeldSystem, SwitchesInTime, parts_of_motion
-from .switching import Cut, Passage
+from .switching import BorderPassage, Cut
 
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
@@ -56,7 +56,7 @@ COURSES = 64
 
 
 @dataclass(frozen=True)
-class Course:
+class Cuts:
     """The cuts of a motion at values of the parameters.
 
     Attributes
@@ -142,7 +142,7 @@ class DifferentiableMotion:
             # where the adjoint itself is so simple that IDAS takes steps as long as the motion
             integrator = integrator.replace(options={"quad_err_con": True} | dict(integrator.options))
         self._integrator = integrator
-        self._courses: OrderedDict[tuple[Any, ...], Course] = OrderedDict()
+        self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
         self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
         self._shortest_load = shortest_unseen_load(setup, integrator)
         start = setup.start
@@ -224,7 +224,7 @@ class DifferentiableMotion:
         channel: np.ndarray,
         first: int = 0,
         last: int = -1,
-    ) -> Course:
+    ) -> Cuts:
         """Find where the motion is cut.
 
         Parameters
@@ -241,16 +241,16 @@ class DifferentiableMotion:
         SimulationError
             At a jump through which no derivative can be carried, with the name of the element.
         """
-        given = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
-        if given not in self._courses:
-            self._courses[given] = self._found_course(x0, p, levels, channel, first, last)
+        key = (*[None if a is None else a.tobytes() for a in (x0, p, levels, channel)], first, last)
+        if key not in self._courses:
+            self._courses[key] = self._found_course(x0, p, levels, channel, first, last)
             while len(self._courses) > COURSES:
                 self._courses.popitem(last=False)
-        return self._courses[given]
+        return self._courses[key]
 
     def _found_course(
         self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
-    ) -> Course:
+    ) -> Cuts:
         grid, whole = self._stretch(first, last), self.grid
         timed = dependence_at(self._timed, p, float(whole[0]), float(whole[-1]))
         obstacle = timed.obstacle()
@@ -265,7 +265,7 @@ class DifferentiableMotion:
                 self._hold(self._active | needed)
         system = self._system
         if not system.size:
-            return Course(timed.stops, timed.jumps, self._max_step(timed))
+            return Cuts(timed.stops, timed.jumps, self._max_step(timed))
         places = {node: k for k, node in enumerate(self._in_time.nodes)}
         own = np.array([places.get(switch.node, -1) for switch in system.switches])
 
@@ -275,7 +275,7 @@ class DifferentiableMotion:
             return np.where(system.in_time, sides[own], 0.0) if sides.size else np.zeros(system.size)
 
         max_step = self._max_step(timed)
-        passage = Passage(
+        passage = BorderPassage(
             system,
             self._compiled,
             grid,
@@ -304,7 +304,7 @@ class DifferentiableMotion:
         return _with_stops(grid, passage, timed.stops, np.array(natural), max_step)
 
     # --- the motion ----------------------------------------------------------------------------
-    def motion(self, course: Course, first: int = 0, last: int = -1) -> ca.Function:
+    def motion(self, course: Cuts, first: int = 0, last: int = -1) -> ca.Function:
         """Return ``(x0, p, levels, channel, cuts, sides, borders) -> (X, end)`` over a stretch of the grid.
 
         The states stand by column (n_x, n_t): ``(q, v, z)``, integrals, and a
@@ -320,11 +320,11 @@ class DifferentiableMotion:
         cuts, sides, borders = course.symbols
         walk = _Walk(self, course, grid, ca.vertcat(x0, ca.MX.zeros(self.integrals + 1)), (p, levels, channel), sides)
         walk.run(cuts, borders)
-        given = [x0, p, levels, channel, cuts, sides, borders]
+        arguments = [x0, p, levels, channel, cuts, sides, borders]
         names = ["x0", "p", "levels", "channel", "cuts", "sides", "borders"]
-        return ca.Function("motion", given, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
+        return ca.Function("motion", arguments, [ca.horzcat(*walk.columns), walk.end()], names, ["X", "end"])
 
-    def schedule(self, course: Course, grid: np.ndarray) -> list[Piece]:
+    def schedule(self, course: Cuts, grid: np.ndarray) -> list[Piece]:
         """Pieces of a stretch without cuts: up to jumps of the equations, and ends at which drift is taken away."""
         schedule = Schedule(grid, stops=course.stops, jumps=course.jumps)
         intervals = grid.size - 1
@@ -350,8 +350,8 @@ class DifferentiableMotion:
         channel: ca.MX | None,
     ) -> ca.MX:
         """States, with the clock of the whole stretch, at fractions of a piece (n_x, k)."""
-        given = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
-        function = self._compiled.function(fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps)
+        inputs = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+        function = self._compiled.function(fractions, groups=inputs["groups"], steps=MAX_STEPS, least_steps=least_steps)
         # the rate at which drift decays in the regularised form comes last
         arguments: dict[str, Any] = {
             "x0": ca.vertcat(x[:-1], 0),
@@ -359,13 +359,13 @@ class DifferentiableMotion:
         }
         if self._unknowns.size:
             arguments["z0"] = self._unknowns
-        if given["u"] is not None:
-            stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
+        if inputs["u"] is not None:
+            stop = ca.MX(ca.DM(inputs["u"][0 if channel is None else channel.shape[0] :, :]))
             arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
         states = function(**arguments)["xf"]
         return ca.vertcat(states[:-1, :], x[-1] + length * states[-1, :])
 
-    def least_steps(self, length: float, course: Course) -> int:
+    def least_steps(self, length: float, course: Cuts) -> int:
         """Least number of steps over a piece."""
         return self._compiled.least_steps(length, course.max_step)
 
@@ -442,7 +442,7 @@ class DifferentiableMotion:
     def _at_one_output(self, expression: ca.SX) -> ca.Function:
         """``(t, x, p, levels, channel) -> values`` at one output."""
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
-        given = [
+        arguments = [
             kind.sym(name, size)
             for name, size in (
                 ("t", 1),
@@ -452,7 +452,7 @@ class DifferentiableMotion:
                 ("channel", self.channel_size[0]),
             )
         ]
-        t, x, p, levels, channel = given
+        t, x, p, levels, channel = arguments
         n, k = eom.q.numel(), eom.z.numel()
         x = _projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
@@ -462,13 +462,13 @@ class DifferentiableMotion:
         u = inputs(t, q, v, z, p, levels, channel)
         a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
         values = eom.function(expression)(t, q, v, a, z, lam, u, p)
-        return ca.Function("output", given, [values])
+        return ca.Function("output", arguments, [values])
 
 
 def channel_over(signals: Signals, grid: np.ndarray) -> np.ndarray:
     """Values of the channel of sampled inputs in the intervals of a grid (rows, k)."""
-    found = signals.channel_from(grid[:-1])
-    return np.zeros((0, 0)) if found is None else found
+    channel = signals.channel_from(grid[:-1])
+    return np.zeros((0, 0)) if channel is None else channel
 
 
 class _Walk:
@@ -477,7 +477,7 @@ class _Walk:
     def __init__(
         self,
         motion: DifferentiableMotion,
-        course: Course,
+        course: Cuts,
         grid: np.ndarray,
         x: ca.MX,
         arguments: tuple[ca.MX, ca.MX, ca.MX],
@@ -587,8 +587,8 @@ class _Walk:
 
 
 def _with_stops(
-    grid: np.ndarray, passage: Passage, stops: np.ndarray, jumps: np.ndarray, max_step: float | None
-) -> Course:
+    grid: np.ndarray, passage: BorderPassage, stops: np.ndarray, jumps: np.ndarray, max_step: float | None
+) -> Cuts:
     """The course of a passage; in intervals that are cut, stops are cuts too, since what lies between may change."""
     cut_intervals = {cut.interval for cut in passage.cuts}
     cuts = list(passage.cuts)
@@ -609,7 +609,7 @@ def _with_stops(
     for cut in cuts:
         now = cut.sides or now
         filled.append(replace(cut, sides=now))
-    return Course(kept["stops"], kept["jumps"], max_step, tuple(filled), sides)
+    return Cuts(kept["stops"], kept["jumps"], max_step, tuple(filled), sides)
 
 
 def _projected(recovery: Recovery, time: Any, x: Any, p: Any) -> Any:

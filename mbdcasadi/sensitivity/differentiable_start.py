@@ -62,8 +62,8 @@ class DifferentiableStart:
         self.numeric, self.time = numeric, time
         self.state = consistent_start(numeric, initial, time, signals)
         eom = numeric.eom
-        given = () if isinstance(initial, State) else read_conditions(initial)
-        self.conditions = tuple(c for c in given if c.equality or self.state[c.expression] > ACTIVE)
+        conditions = () if isinstance(initial, State) else read_conditions(initial)
+        self.conditions = tuple(c for c in conditions if c.equality or self.state[c.expression] > ACTIVE)
         self.right = np.zeros(len(self.conditions))
         if isinstance(initial, State):
             self._targets = self.state.q, self.state.v, self.state.z
@@ -105,15 +105,15 @@ class DifferentiableStart:
         self.guess = np.concatenate(guess)
         whole = ca.MX.sym("guess", self.guess.size)
         parts = ca.vertsplit(whole, [0, *np.cumsum([g.size for g in guess]).tolist()])
-        found: list[ca.MX] = []
+        solutions: list[ca.MX] = []
         answers: list[ca.MX] = []
         residuals: list[ca.MX] = []
         for problem, part in zip(problems, parts, strict=True):
-            answer, residual = problem.solve(part, [p, rights, estimate, *found])
+            answer, residual = problem.solve(part, [p, rights, estimate, *solutions])
             answers.append(answer)
             residuals.append(residual)
-            found.append(answer[: problem.count])
-        z, q, v = found
+            solutions.append(answer[: problem.count])
+        z, q, v = solutions
         self.function = ca.Function(
             "start",
             [p, rights, estimate, whole],

@@ -21,14 +21,14 @@ PROJECTIONS = 3
 
 def parts_of_motion(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> tuple[JumpingPart, ...]:
     """Return the parts of the equations, of inputs and of integrands in which something jumps."""
-    found = list(jumping_parts(numeric))
+    parts = list(jumping_parts(numeric))
     for k, kind in enumerate(signals.structure):
         if isinstance(kind, tuple) and kind[0] == "expression":
             description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
-            found += part_of(numeric, "input", k, (signals.parametrised[k],), description)
+            parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
     for k in range(integrands.numel()):
-        found += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
-    return tuple(found)
+        parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
+    return tuple(parts)
 
 
 class SwitchesInTime:
@@ -68,11 +68,11 @@ class SwitchesInTime:
 
     def depend_on(self, parameters: Collection[int]) -> np.ndarray:
         """True for switches that depend on some of the parameters, by the positions of these (switches,)."""
-        found = np.zeros(len(self.nodes), bool)
+        depends = np.zeros(len(self.nodes), bool)
         if self._by_parameter is not None:
             rows, columns = (np.array(part, int) for part in self._by_parameter.get_triplet())
-            found[rows[np.isin(columns, list(parameters))]] = True
-        return found
+            depends[rows[np.isin(columns, list(parameters))]] = True
+        return depends
 
 
 def _in_time_alone(quantities: ca.SX, eom: Equations) -> list[int]:
@@ -171,7 +171,7 @@ class HeldSystem:
         substituted = ca.substitute(quantities, eom.u, signals.parametrised)
         sizes = [1, 2 * n + k + self.integrands.numel(), eom.p.numel()]
         sizes += [signals.levels.numel(), signals.channel.numel()]
-        t, x, p, levels, channel = given = [kind.sym(f"argument {i}", size) for i, size in enumerate(sizes)]
+        t, x, p, levels, channel = arguments = [kind.sym(f"argument {i}", size) for i, size in enumerate(sizes)]
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
         inputs = ca.Function(
             "inputs", [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel], [signals.parametrised]
@@ -186,11 +186,11 @@ class HeldSystem:
         rates = ca.vertcat(v, a, z_rate)
         everything = ca.vertcat(t, x)
         w_rates = ca.jtimes(w, everything, ca.vertcat(1, rates))
-        self.quantities = ca.Function("quantities", given, [w])
-        self.rates = ca.Function("rates", given, [rates])
-        self.switching = ca.Function("switching", given, [w, w_rates, rates])
+        self.quantities = ca.Function("quantities", arguments, [w])
+        self.rates = ca.Function("rates", arguments, [rates])
+        self.switching = ca.Function("switching", arguments, [w, w_rates, rates])
         slopes = ca.horzcat(*[ca.jacobian(w, part) for part in (t, x, p)])
-        self.slopes = ca.Function("slopes", given, [ca.densify(slopes)])
+        self.slopes = ca.Function("slopes", arguments, [ca.densify(slopes)])
         timed = ca.diag(ca.DM(self.in_time.astype(float))) @ substituted
         by_time = ca.densify(ca.jacobian(ca.sparsify(timed), ca.vertcat(eom.t, eom.p)))
         self.slopes_in_time = ca.Function("slopes_in_time", [eom.t, eom.p], [by_time])

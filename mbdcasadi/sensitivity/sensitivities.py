@@ -56,10 +56,10 @@ class Sensitivities:
         output, wrt = key
         rows, expression = self._rows(output)
         columns = self._design.slice_of(wrt)
-        found = self._slope[:, rows, columns]
+        slopes = self._slope[:, rows, columns]
         if expression.numel() == 1:
-            found = found[:, 0]
-        return found[..., 0] if columns.stop - columns.start == 1 else found
+            slopes = slopes[:, 0]
+        return slopes[..., 0] if columns.stop - columns.start == 1 else slopes
 
     def __repr__(self) -> str:
         by = ", ".join(e.label for e in self._design.entries)

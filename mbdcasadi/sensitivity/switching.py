@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..equations.impact_law import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
 from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
-from ..simulation.impacts import INSTANT, velocity_after
+from ..simulation.impacts import INSTANT
 from .held_system import HeldSystem
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
@@ -76,7 +77,7 @@ class Cut:
     impulse: bool = False
 
 
-class Passage:
+class BorderPassage:
     """A motion that is followed from cut to cut.
 
     Parameters
@@ -218,10 +219,10 @@ class Passage:
         left, visits = margins[:, 1:] < -rounding, _may_visit(margins, slopes, np.diff(times))
         for k in np.flatnonzero(np.any(left | visits, axis=0)):
             candidates = np.flatnonzero(left[:, k] | visits[:, k])
-            found = self._crossing_in(times[k], x[k], times[k + 1], candidates, rounding)
-            if found is not None:
-                switch = int(watched[found[0]])
-                return switch, found[1], found[2], float(np.max(np.abs(rates[switch])))
+            crossing = self._crossing_in(times[k], x[k], times[k + 1], candidates, rounding)
+            if crossing is not None:
+                switch = int(watched[crossing[0]])
+                return switch, crossing[1], crossing[2], float(np.max(np.abs(rates[switch])))
         return None
 
     def _crossing_in(
@@ -342,8 +343,8 @@ class Passage:
         x = self._integrated(self._time, self._x, np.array([soon]), np.zeros(1, bool))
         w = self._call(self._system.quantities, np.array([soon]), x, self.sides)[0]
         rounding = ZERO_VALUE * (1 + np.max(np.abs(self._x)))
-        found: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
-        return found
+        leaves: np.ndarray = at_rest & (margins_of(w, self.sides, self._system.whole)[:, 0] < -rounding)
+        return leaves
 
     def _cut(self, switches: Sequence[int], sides: np.ndarray, *, impulse: bool = False) -> None:
         """Change sides at the present time; the derivative of the instant is that of the first switch."""
@@ -364,7 +365,7 @@ class Passage:
         missed = np.max(np.abs(jacobian @ v - nu.ravel()), initial=0.0)
         if missed <= NO_IMPULSE * (1 + self._speed):
             return False
-        self._x = np.r_[q, velocity_after(numeric.mass, jacobian, nu.ravel(), v), self._x[2 * n :]]
+        self._x = np.r_[q, jump(numeric.mass, jacobian, nu.ravel(), v).v, self._x[2 * n :]]
         return True
 
     def _append(self, switches: tuple[int, ...], border: float, sides: np.ndarray, impulse: bool = False) -> None:
@@ -403,21 +404,21 @@ class Passage:
 
     def _switching(self, sides: np.ndarray) -> list[np.ndarray]:
         """Quantities, their rates, and rates of the state, at the present state."""
-        found = self._call(self._system.switching, np.array([self._time]), self._x[None, :], sides)
-        return [part[:, 0] for part in found]
+        values = self._call(self._system.switching, np.array([self._time]), self._x[None, :], sides)
+        return [part[:, 0] for part in values]
 
     def _margins(self, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Distances of the watched quantities from their borders (watched, k)."""
         w = self._call(self._system.quantities, times, x, self.sides)[0]
-        found: np.ndarray = margins_of(w, self.sides, self._system.whole)[self._watched]
-        return found
+        margins: np.ndarray = margins_of(w, self.sides, self._system.whole)[self._watched]
+        return margins
 
     def _call(
         self, function: ca.Function, times: np.ndarray, x: np.ndarray, sides: np.ndarray, *, columns: bool = False
     ) -> list[np.ndarray]:
         """Results of a function at states; with `columns` as they are, of one state."""
-        found = function(times[None, :], x.T, np.r_[self._p, sides], self._levels, self._columns(times))
-        parts = [part.full() for part in (found if isinstance(found, tuple) else (found,))]
+        values = function(times[None, :], x.T, np.r_[self._p, sides], self._levels, self._columns(times))
+        parts = [part.full() for part in (values if isinstance(values, tuple) else (values,))]
         return parts if columns else [np.array(np.broadcast_to(part, (part.shape[0], times.size))) for part in parts]
 
     def _integrated(self, start: float, x: np.ndarray, times: np.ndarray, stops: np.ndarray) -> np.ndarray:
@@ -453,13 +454,13 @@ def _may_visit(margins: np.ndarray, slopes: np.ndarray, lengths: np.ndarray) -> 
     """True for margins that may be negative for a while between two knots, by cubic interpolation (rows, k)."""
     begin, end, down, up = margins[:, :-1], margins[:, 1:], slopes[:, :-1], slopes[:, 1:]
     dips = (begin >= 0) & (end >= 0) & (down < 0) & (up > 0)
-    found = np.zeros(dips.shape, bool)
+    visits = np.zeros(dips.shape, bool)
     s = np.linspace(0, 1, 11)[1:-1]
     for i, k in np.argwhere(dips):
         cubic = (1 + 2 * s) * (1 - s) ** 2 * begin[i, k] + s**2 * (3 - 2 * s) * end[i, k]
         cubic += lengths[k] * (s * (1 - s) ** 2 * down[i, k] - s**2 * (1 - s) * up[i, k])
-        found[i, k] = np.min(cubic) < NEAR_BORDER * max(begin[i, k], end[i, k])
-    return found
+        visits[i, k] = np.min(cubic) < NEAR_BORDER * max(begin[i, k], end[i, k])
+    return visits
 
 
 def _same_derivative(one: np.ndarray, one_rate: float, other: np.ndarray, other_rate: float) -> bool:

@@ -26,8 +26,8 @@ def ranges(motion: Trajectory) -> np.ndarray:
     """Range over which each coordinate moves (n,); 0 if that is rounding."""
     if not len(motion):
         return np.zeros(motion.q.shape[1])
-    found = np.ptp(motion.q, axis=0)
-    return np.where(found > RANGE_TOLERANCE * (1 + np.max(np.abs(motion.q), axis=0)), found, 0.0)
+    all_ranges = np.ptp(motion.q, axis=0)
+    return np.where(all_ranges > RANGE_TOLERANCE * (1 + np.max(np.abs(motion.q), axis=0)), all_ranges, 0.0)
 
 
 def tolerance_for(motion: Trajectory, abstol: float) -> float | None:
@@ -77,12 +77,12 @@ def grown_error(motion: Trajectory, steps: int) -> list[str]:
     turning = np.abs(motion.v[:, eom.angles])
     if not turning.size or size == 0:
         return []
-    way = float(np.max(np.mean(turning, axis=0))) * float(motion.t[-1] - motion.t[0])
-    estimate = 0.5 * drift / size * way
+    turned = float(np.max(np.mean(turning, axis=0))) * float(motion.t[-1] - motion.t[0])
+    estimate = 0.5 * drift / size * turned
     if estimate < WORTH_REPORTING:
         return []
     return [
         f"the energy of this conservative motion drifted by {drift:.2g} J, {100 * drift / size:.2g} % of the largest "
-        f"kinetic energy: over {way:.3g} rad of turning, angles may be off by about {estimate:.2g} rad; tighten the "
+        f"kinetic energy: over {turned:.3g} rad of turning, angles may be off by about {estimate:.2g} rad; tighten the "
         "tolerances (reltol, abstol) if that matters"
     ]

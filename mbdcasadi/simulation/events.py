@@ -11,6 +11,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..errors import ExpressionError, ModelError, warn
+from ..integrators.dop853.stretch import Watched
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.roots import bracketed_root
@@ -91,6 +92,35 @@ class EventWatch:
         needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
         self._left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
 
+    # --- for a method that looks at events inside its steps -----------------------------------
+    def watched(self, decides: Callable[[Event], bool]) -> Watched | None:
+        """Return what such a method needs to know of the events; None if there are none."""
+        if not self.events:
+            return None
+        return Watched(
+            self._values,
+            self._left_out is None,
+            np.sign([event.direction for event in self.events]).astype(int),
+            np.array([decides(event) for event in self.events]),
+        )
+
+    def levels(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return by event the value from which it is measured now, below which size its sign is rounding, and its side.
+
+        Parameters
+        ----------
+        x : numpy.ndarray
+            The present state.
+        """
+        offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
+        away = AWAY * (1 + np.max(np.abs(x), initial=0.0))
+        for k, event in enumerate(self.events):
+            if event in self.resting:
+                offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1
+            else:
+                offset[k], side[k] = self._offset.get(k, 0.0), self._side.get(k, 0.0)
+        return offset, band, side
+
     # --- values ------------------------------------------------------------------------------
     def values(self, outputs: Outputs, times: np.ndarray, x: np.ndarray, since: np.ndarray | None) -> np.ndarray:
         """Expressions of all events at outputs (k, n_events)."""
@@ -126,7 +156,7 @@ class EventWatch:
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
         for index in self.at_zero(state):
             event = self.events[index]
-            if event.reset and rests[index]:
+            if (event.reset or event.becomes is not None) and rests[index]:
                 self.resting.setdefault(event, float(state[event.expression]))
                 continue
             moving = abs(rates[index]) > at_rest(state)

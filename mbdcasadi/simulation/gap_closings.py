@@ -74,13 +74,18 @@ class GapClosings:
 
     def __init__(self, numeric: NumericEquations, owners: Sequence[Any]):
         self._numeric, self.owners = numeric, list(owners)
-        eom = numeric.eom
-        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in owners])
-        self.gaps = gaps
+        cache = numeric.eom.mechanism.cache
+        self.gaps, self._slopes, self._function = cache.get_or_create(("gaps", *owners), self._functions)
+
+    def _functions(self) -> tuple[ca.SX, ca.Function, ca.Function]:
+        """Gaps, and functions for their slopes and for them with their rates and bounds of these."""
+        eom = self._numeric.eom
+        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self.owners])
         rates = time_derivative(gaps, eom.mechanism) if gaps.numel() else gaps
+        bounds = self._bounds(gaps) if gaps.numel() else gaps
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        self._slopes = ca.Function("slopes", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(gaps, eom.q))])
-        self._function = ca.Function("gaps", known, [ca.densify(ca.vertcat(gaps, rates, self._bounds(gaps)))])
+        slopes = ca.Function("slopes", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(gaps, eom.q))])
+        return gaps, slopes, ca.Function("gaps", known, [ca.densify(ca.vertcat(gaps, rates, bounds))])
 
     def _bounds(self, gaps: ca.SX) -> ca.SX:
         """Bounds of the rates whatever direction the velocities have: the normals may turn between two outputs."""
@@ -99,8 +104,8 @@ class GapClosings:
         n = self._numeric.eom.q.numel()
         x = hermite_states(path, times, n)
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-        found = self._function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
-        gaps, rates, bounds = np.split(found, 3, axis=1)
+        values = self._function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
+        gaps, rates, bounds = np.split(values, 3, axis=1)
         return gaps, rates, bounds
 
     def unseen(self, path: Path, closed: np.ndarray) -> list[Closing]:
@@ -121,13 +126,13 @@ class GapClosings:
             owners, path.times[rows], path.times[rows + 1], gaps[rows, owners], gaps[rows + 1, owners],
             rates[rows, owners], rates[rows + 1, owners], bounds[rows, owners], bounds[rows + 1, owners],
         )  # fmt: skip
-        found: dict[int, tuple[float, float]] = {}
+        spans: dict[int, tuple[float, float]] = {}
         for level in range(MOST):
             brackets = brackets.chosen(brackets.may_close(level))
             # of a gap that was seen to close only what is before that matters
             brackets = brackets.chosen(
                 np.array(
-                    [s < found.get(int(o), (np.inf,))[0] for o, s in zip(brackets.owner, brackets.start, strict=True)],
+                    [s < spans.get(int(o), (np.inf,))[0] for o, s in zip(brackets.owner, brackets.start, strict=True)],
                     bool,
                 )
             )
@@ -137,10 +142,10 @@ class GapClosings:
             values = [part[np.arange(middle.size), brackets.owner] for part in self._at(path, middle)]
             for k in np.flatnonzero(values[0] < -SHALLOW):
                 owner = int(brackets.owner[k])
-                if middle[k] < found.get(owner, (np.inf,))[0]:
-                    found[owner] = (float(middle[k]), float(brackets.start[k]))
+                if middle[k] < spans.get(owner, (np.inf,))[0]:
+                    spans[owner] = (float(middle[k]), float(brackets.start[k]))
             brackets = brackets.halved(middle, *values)
-        return [self._located(path, owner, *inside) for owner, inside in found.items()]
+        return [self._located(path, owner, *inside) for owner, inside in spans.items()]
 
     def stops(
         self, path: Path, closing: Closing, accelerations: Callable[[Path, np.ndarray], np.ndarray]
@@ -166,8 +171,8 @@ class GapClosings:
         times = closing.time + closing.spell * GROWTH
         n = self._numeric.eom.q.numel()
         q = hermite_states(path, times, n)[:, :n]
-        found = self._slopes(times[None, :], q.T, self._numeric.p).full()
-        return found.reshape(len(self.owners), times.size, n)[closing.owner]
+        slopes = self._slopes(times[None, :], q.T, self._numeric.p).full()
+        return slopes.reshape(len(self.owners), times.size, n)[closing.owner]
 
     def _located(self, path: Path, owner: int, inside: float, before: float) -> Closing:
         """Closing of a gap from a time at which it is closed, and one before."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
+from ..equations.impact_law import Jump, jump
 from ..equations.numeric import NumericEquations
 from ..errors import ExpressionError, SimulationError
 from ..model.events import Event
 from ..model.symbols import StateVariable
-from ..numerics.least_squares import largest, least_norm
-from ..numerics.tolerances import ACCURACY
+from ..numerics.least_squares import largest
 from ..results.state import State
 from .events import EventWatch
 
@@ -43,12 +43,15 @@ class Impact:
         State just before.
     v, z : numpy.ndarray
         Velocities and first-order states just after.
+    impulses : numpy.ndarray
+        Impulses of the joints, as their multipliers (m,).
     """
 
     events: tuple[Event, ...]
     before: State
     v: np.ndarray
     z: np.ndarray
+    impulses: np.ndarray
 
 
 @dataclass
@@ -101,18 +104,18 @@ class Impacts:
         SimulationError
             If a reset contradicts the constraints or another one, and if events accumulate.
         """
-        found: list[Impact] = []
+        impacts: list[Impact] = []
         passing: set[Event] = set()
         for _ in range(ROUNDS):
-            active = self._active(state, () if found else located, passing)
+            active = self._active(state, () if impacts else located, passing)
             if not active:
-                return found
-            if not found:
+                return impacts
+            if not impacts:
                 self._refuse_accumulation(active, state.t)
-            v, z = self._jump(active, state)
-            found.append(Impact(tuple(active), state, v, z))
+            v, z, impulses = self._jump(active, state)
+            impacts.append(Impact(tuple(active), state, v, z, impulses))
             state = State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
-        names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in found[-10:] for e in impact.events))
+        names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in impacts[-10:] for e in impact.events))
         raise SimulationError(
             f"the events {names} reset each other without end at t = {state.t:.9g} s; give them restitution below one, "
             "or model the contact by a force",
@@ -125,7 +128,7 @@ class Impacts:
         One that goes on through its zero after its reset, as at a kick, is `passing`:
         it takes place again once another one has turned it back.
         """
-        watch, found = self.watch, []
+        watch, active = self.watch, []
         rests, through, at_zero = watch.rests(state), watch.moves_through(state), set(watch.at_zero(state))
         for k, event in enumerate(watch.events):
             if not event.reset:
@@ -133,9 +136,9 @@ class Impacts:
             if not through[k]:
                 passing.discard(event)
             if (event in located and not rests[k]) or (k in at_zero and through[k] and event not in passing):
-                found.append(event)
-        passing.update(found)
-        return found
+                active.append(event)
+        passing.update(active)
+        return active
 
     # --- at the start of a run ---------------------------------------------------------------
     def passed_by_rounding(self, state: State) -> list[Event]:
@@ -189,7 +192,7 @@ class Impacts:
 
         moving = with_velocity(state.v + slope * (wanted - now) / (slope @ slope), state.z)
         try:
-            after = with_velocity(*self._jump([event], moving))
+            after = with_velocity(*self._jump([event], moving)[:2])
         except SimulationError:  # no impulse of this reset is possible here
             return False
         return bool(float(self.watch.rates(after)[k]) * wanted < 0)
@@ -234,24 +237,26 @@ class Impacts:
                     time=time,
                 )
 
-    def _jump(self, events: Sequence[Event], state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities and first-order states just after events that take place together."""
+    def _jump(self, events: Sequence[Event], state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Velocities, first-order states and impulses of the joints just after events that take place together."""
         moving = [(e, target, value) for e in events for target, value in e.reset if not _is_state(target)]
         z = self._states_after(events, state)
         if not moving:
-            return state.v.copy(), z
+            return state.v.copy(), z, np.zeros(self.numeric.eom.lam.numel())
         targets, values = ca.vertcat(*[t for _, t, _ in moving]), ca.vertcat(*[v for *_, v in moving])
-        v, left_over = velocities_with(self.numeric, state, targets, np.atleast_1d(state[values]))
-        if largest(left_over) > RESET_TOLERANCE * (1 + largest(v) + largest(state.v)):
+        after = jump_to(self.numeric, state, targets, np.atleast_1d(state[values]))
+        left_over = after.left_over
+        if largest(left_over) > RESET_TOLERANCE * (1 + largest(after.v) + largest(state.v)):
             names = [*self.numeric.eom.row_names, *[str(target) for _, target, _ in moving]]
-            worst = names[int(np.argmax(np.abs(left_over)))]
+            misses = np.abs(after.contradiction)
+            worst = names[int(np.argmax(misses >= (1 - 1e-9) * np.max(misses)))]  # of equal ones the first
             raise SimulationError(
                 f"event {_names(events)} at t = {state.t:.6g} s: the reset contradicts the constraints"
                 f"{' or another reset' if len(events) > 1 else ''}; {worst} would be missed by "
                 f"{largest(left_over):.3g}; reset as many velocities as the joints leave free",
                 time=state.t,
             )
-        return v, z
+        return after.v, z, after.impulses[: self.numeric.eom.lam.numel()]
 
     def _states_after(self, events: Sequence[Event], state: State) -> np.ndarray:
         """First-order states after events that take place together."""
@@ -282,10 +287,8 @@ def _names(events: Sequence[Event]) -> str:
     return ", ".join(f"'{event.name}'" for event in events)
 
 
-def velocities_with(
-    numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity after an impulse that gives some velocities the values wanted, and what all rows then miss.
+def jump_to(numeric: NumericEquations, state: State, targets: ca.SX, wanted: np.ndarray) -> Jump:
+    """Return velocities after impulses of the joints and along some velocities, which get the values wanted.
 
     Parameters
     ----------
@@ -304,24 +307,4 @@ def velocities_with(
     rows, nu = numeric.velocity(state.t, state.q)
     jacobian = np.vstack([rows, np.reshape(state[along], (targets.numel(), -1))])
     right = np.r_[nu, wanted - np.atleast_1d(state[rest])]
-    v = velocity_after(numeric.mass, jacobian, right, state.v)
-    return v, jacobian @ v - right
-
-
-def velocity_after(mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocity after an impulse: ``M (v⁺ - v) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows.
-
-    Parameters
-    ----------
-    mass : numpy.ndarray
-        Diagonal of M (n,); some of it may be zero.
-    jacobian, right : numpy.ndarray
-        Rows J (k, n) and right sides b (k,).
-    v : numpy.ndarray
-        Velocity before (n,).
-    """
-    n, k = v.size, right.size
-    size = np.max(mass)
-    system = np.block([[np.diag(mass / size), jacobian.T], [jacobian, np.zeros((k, k))]])
-    step = least_norm(system, np.r_[np.zeros(n), right - jacobian @ v], threshold=ACCURACY)
-    return v + step[:n]
+    return jump(numeric.mass, jacobian, right, state.v, numeric.column_scale)

@@ -4,36 +4,42 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
+from ..equations.impact_law import by_element, jump
 from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..kinematics.singular import describe_singularity
 from ..model.events import Event
+from ..model.forces.friction.modes import switching
 from ..numerics.console import interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
+from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
-from .impacts import INSTANT, Impacts, velocity_after
+from .impacts import INSTANT, Impacts
 from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage, Regularity, SingularPassage, Trail
+from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
 from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
 from .unseen_loads import UnseenLoads
+from .whole_stepping import WholeStepper, refuse_redundant_rows
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -57,6 +63,16 @@ LEAST_NORM = "the constraints are redundant: multipliers and reactions are those
 REALLY_SINGULAR = 0.02
 
 
+def _ends(event: Event) -> bool:
+    """Return True for an event at which a run in one mechanism ends."""
+    return event.terminal or event.becomes is not None
+
+
+def _cuts(event: Event) -> bool:
+    """Return True for an event that decides how the run goes on."""
+    return bool(event.reset) or _ends(event)
+
+
 class _Arc:
     """One mode of a run with all that advances and watches it."""
 
@@ -68,17 +84,22 @@ class _Arc:
         self.unseen_loads = UnseenLoads(self.numeric, setup.signals)
         self.own_events = modes.events(mode)
         self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
-        self.stepper = Stepper(
-            self.numeric,
-            setup.signals,
-            modes.levels,
-            run.integrator,
-            self.resolution,
-            run.schedule_length,
-            redundant=run.redundant,
-            max_step=run.max_step,
-        )
-        self.passage = SingularPassage(Regularity(self.numeric, state.t, state.q), self.stepper.outputs)
+        regularity = Regularity(self.numeric, state.t, state.q)
+        arguments = (self.numeric, setup.signals, modes.levels, run.integrator, self.resolution, run.schedule_length)
+        self.stepper: Stepper
+        if run.integrator.runs_whole:
+            self.stepper = WholeStepper(
+                *arguments,
+                redundant=run.redundant,
+                max_step=run.max_step,
+                watch=self.watch,
+                decides=lambda event: run.decides(event, self.own_events),
+                span=run.span,
+                may_fold=regularity.is_needed,
+            )
+        else:
+            self.stepper = Stepper(*arguments, redundant=run.redundant, max_step=run.max_step)
+        self.passage = SingularPassage(regularity, self.stepper.outputs)
 
 
 class Run:
@@ -112,7 +133,7 @@ class Run:
         timed = time_dependence(setup)
         self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
-        span = float(grid[-1] - grid[0])
+        self.span = span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
         controller = setup.signals.controller
         self._schedule = Schedule(
@@ -120,24 +141,49 @@ class Run:
             stops=np.r_[setup.signals.breaks, timed.stops],
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
-            watch_points=WATCH_POINTS,
+            watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
         )
         self.schedule_length = span / PIECES
         self.redundant = False
         self.resting: dict[Event, float] = {}
         self._arcs: dict[Any, _Arc] = {}
         self._switches = 0
-        self._builder = TrajectoryBuilder(modes, setup.p)
-        self._builder.statistics.notes += timed.notes
+        self._notes = timed.notes
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
         #: shortest of the loads that the steps passed over, s
         self.shortest_load = np.inf
+        #: events of the instant at which the run ended that change the mechanism, and the state there
+        self.changing: list[Event] = []
+        self.reached: State | None = None
+        #: whether an event ended the whole run
+        self.stops = False
+
+    def _is_watched(self, integrator: Integrator) -> bool:
+        """Whether something must be looked for between outputs."""
+        if integrator.runs_whole:
+            return False
+        eom = self.modes.numeric(self.modes.free).eom
+        mechanism = self.setup.mechanism
+        conditions = any(c.between_outputs for c in validity_conditions(mechanism))
+        smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
+        return bool(
+            self.events or conditions or smoothed or switching(mechanism) or has_loops(eom) or self._has_loads()
+        )
+
+    def _has_loads(self) -> bool:
+        """Whether the motion may meet loads that steps pass over."""
+        return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
-    def run(self) -> Trajectory:
-        """Run over the output grid.
+    def run(self, entry: State | None = None) -> Trajectory:
+        """Run over the output grid, up to its end or to an event that ends the run.
+
+        Parameters
+        ----------
+        entry : State, optional
+            State of the mechanism at which the run goes on, in place of the start.
 
         Raises
         ------
@@ -147,12 +193,14 @@ class Run:
             On Ctrl-C, with ``.partial``.
         """
         began = clock.perf_counter()
+        self._prepare()
         builder = self._builder
         span = self._schedule.end - self._schedule.start
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
-                self._begin()
-                self._pieces(bar)
+                self._begin() if entry is None else self._resume(entry)
+                if not self._changes_at_once():
+                    self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
             except MechanismError as error:
@@ -161,19 +209,35 @@ class Run:
                 raise
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
-                builder.statistics.notes += self._passage_notes()
+                builder.statistics.notes += self._method_notes() + self._passage_notes()
                 builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
+                if not self._interruption.requested:  # what was stopped inside a step is not used again
+                    for arc in self._arcs.values():
+                        arc.stepper.release()
         return builder.trajectory()
+
+    def _prepare(self) -> None:
+        """Empty the record of a run."""
+        self._builder = TrajectoryBuilder(self.modes, self.setup.p)
+        self._builder.statistics.notes += self._notes
+        self.resting.clear()
+        self._passed, self._extra_stops = [], np.zeros(0)
+        self.changing, self.reached, self.stops = [], None, False
 
     def _begin(self) -> None:
         """Find the consistent start, and the mode that holds there."""
         setup, modes, begin = self.setup, self.modes, float(self.setup.grid[0])
         free = modes.numeric(modes.free)
         state = consistent_start(free, setup.initial, begin, setup.signals)
-        _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        if state.obstacle is not None:  # there are no accelerations: mass is missing, or the pose is singular
+            raise state.obstacle
+        if not np.all(np.isfinite(state.a)):
+            _ = state[free.eom.a]  # raises, and names what has no value
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
+            if self.integrator.runs_whole:
+                refuse_redundant_rows(self.integrator, free, state)
         self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
         self._time, self._index = begin, 0
         self._mode, state = modes.decided(state)
@@ -183,10 +247,51 @@ class Run:
             warn(remark)
         self._resolve_impacts(state, self._impacts.passed_by_rounding(state))
 
+    def _resume(self, entry: State) -> None:
+        """Go on from a state at any time, at which the mechanism has changed."""
+        modes = self.modes
+        state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
+        self.redundant = modes.numeric(modes.free).has_redundant_rows(state.t, state.q)
+        if self.redundant:
+            modes.refuse_redundant_rows()
+        free = modes.numeric(modes.free)
+        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
+        self._mode, state = modes.decided(state)
+        if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
+            state = self._ask_controller(state)
+        self._enter(state, first=True)
+        self._resolve_impacts(state, [])
+
+    def only_start(self, entry: State) -> Trajectory:
+        """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
+        self._prepare()
+        self._resume(entry)
+        return self._builder.trajectory()
+
+    def _changes_at_once(self) -> bool:
+        """Return True if the mechanism changes at the state at which the run begins."""
+        watched = [event for event in self.events if event.becomes is not None]
+        if not watched:
+            return False
+        arc = self._arc
+        state = arc.stepper.outputs.state(self._time, self._x)
+        watch = EventWatch(arc.numeric.eom, watched, self.instant)
+        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
+        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k]]
+        # a reaction that has the wrong sign from the start on never passes zero
+        lam = arc.numeric.eom.lam
+        self.changing += [
+            e for e in watched if ca.depends_on(e.expression, lam) and e.direction * state[e.expression] > 0
+        ]
+        if self.changing:
+            self.reached = self.modes.whole(arc.mode, state)
+        return bool(self.changing)
+
     def _pieces(self, bar: Any) -> None:
         """Advance piece by piece up to the end, or to an event that ends the run."""
-        schedule, count = self._schedule, PIECES
-        size = -(-schedule.size // count)
+        schedule = self._schedule
+        size = schedule.size if self.integrator.runs_whole else -(-schedule.size // PIECES)
         first = True
         while self._index < schedule.size:
             self._refuse_to_pass_obstacle()
@@ -211,7 +316,8 @@ class Run:
 
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
-        steps, cuts = self._arc.stepper.steps, any(e.reset or e.terminal for e in self._arc.watch.events)
+        arc = self._arc
+        steps, cuts = arc.stepper.steps, any(map(_cuts, arc.watch.events))
         if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
             return size
         return size * -(-STEPS_PER_PIECE // max(steps, 1))
@@ -222,14 +328,13 @@ class Run:
         arc = self._arc
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
-        path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
-            piece = piece.until(touch[0])
-            path, failure = self._integrated(piece)
+            piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
         elif failure is None and not stops.size:
             piece, path, failure = self._with_unseen_loads(piece, path)
@@ -245,19 +350,20 @@ class Run:
         self.shortest_load = min(self.shortest_load, load.duration)
         if load.interval == 0:
             across = piece.until(float(path.times[1])).through(load.stops)
-            return across, *self._integrated(across)
+            return self._integrated(across)
         self._extra_stops = load.stops
         end = float(path.times[load.interval])
         return piece.until(end), path.until(end), None
 
-    def _integrated(self, piece: Piece) -> tuple[Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails."""
+    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
         try:
-            return self._arc.stepper.advance(piece, self._x, self._interruption), None
+            path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
-            return Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+            return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
+        return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
     def _finish(
         self,
@@ -276,13 +382,9 @@ class Run:
         """
         arc, times = self._arc, path.times[1:]
         outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        x = outputs.projected(times, path.x[1:]) if times.size else path.x[1:]
-        if outputs.recovery.left_over > APART:
-            x, failure = self._together(times, x)
-            times = times[: len(x)]
-        elif passage is None and (leap := self._leap(piece, path.x[1:], x)) is not None:
-            x, failure = leap
-            times = times[: len(x)]
+        x, apart = (path.x[1:], None) if path.on_constraints else self._projected(piece, path, outputs, passage)
+        if apart is not None:
+            failure, times = apart, times[: len(x)]
         arc.stepper.note_turning(x)
         crossings = self._crossings(piece.start, times, x, passage)
         deciding = [c for c in crossings if self._decides(c.event)]
@@ -299,6 +401,8 @@ class Run:
         for crossing in crossings:
             if not self._decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
+        if deciding and passage is not None and not all(c.event.terminal for c in deciding):
+            raise self._undetermined(deciding[0])
         if deciding:
             return self._at_events(deciding, count)
         if failure is not None:
@@ -306,11 +410,36 @@ class Run:
         self._time, self._x = float(times[-1]), x[-1]
         self._index = self._schedule.index_after(self._time)
         if piece.ends_at_jump:
-            self._x = self._after_jump(x[-1], piece)
-            self._trail.begin(self._time, self._x)
+            self._pass_jump(piece.after)
         else:
             self._trail.add(times, x)
         return False
+
+    def _projected(
+        self, piece: Piece, path: Path, outputs: Outputs, passage: Passage | None
+    ) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """States of a piece on the constraints, as many as can be brought there, and the failure of the next one.
+
+        Without events only those that are kept are projected, and the last one.
+        """
+        times, x = path.times[1:], path.x[1:]
+        rows = np.ones(times.size, bool)
+        if not self._arc.watch.events:
+            rows[:-1] = piece.wanted[: times.size][:-1]
+        for chosen in (rows, np.ones(times.size, bool)):
+            if not times.size:
+                break
+            moved = outputs.projected(times[chosen], x[chosen])
+            together = outputs.recovery.left_over <= APART
+            part = replace(piece, times=times[chosen])
+            leap = self._leap(part, x[chosen], moved) if together and passage is None else None
+            if together and leap is None:
+                found = x.copy()
+                found[chosen] = moved
+                return found, None
+            if np.all(chosen):
+                return leap if leap is not None else self._together(times, moved)
+        return x, None
 
     def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
         """Events of a piece, up to the instant of the first that decides how the run goes on."""
@@ -325,7 +454,7 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = arc.passage.entry(path)
+        entry = None if path.is_regular else arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -336,7 +465,7 @@ class Run:
             return arc.stepper.precise_way_from(time, x)(times)
 
         try:
-            passage = arc.passage.across(entry, trail.start, way, self._schedule.end)
+            passage = arc.passage.across(entry, trail.start, way, self._schedule.smooth_until(entry))
         except IntegrationFailure:
             passage = None
         if passage is None and arc.passage.smallest(path) < REALLY_SINGULAR:
@@ -354,30 +483,57 @@ class Run:
             time=entry,
         )
 
+    def _undetermined(self, crossing: Crossing) -> SimulationError:
+        """Error at an event after which the velocities do not follow from the constraints."""
+        q = crossing.x[: self._arc.numeric.eom.q.numel()]
+        pose = describe_singularity(self._arc.numeric, crossing.time, q)
+        return SimulationError(
+            f"the simulation stopped at t = {crossing.time:.6g} s: event '{crossing.event.name}' takes place in a "
+            f"singular pose, or too near to one, {pose.text}; the velocities after it are not determined there; "
+            "what was computed is in .partial",
+            time=crossing.time,
+        )
+
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
         """Advance to the far side of a singular pose; whether the run ended."""
-        before = path.times < passage.start
-        times = np.r_[path.times[before], passage.start]
-        states = np.vstack([path.x[before], passage.states(np.array([passage.start]))])
-        reached = Path(times, states, np.vstack([path.integrals[: len(times) - 2], path.integrals[:1] * 0]))
-        if self._finish(piece.until(passage.start), reached):
+        approach = self._schedule.stretch(piece.start, self._index, passage.start)
+        # the integrator's states as far as they are sure, and beyond them those of the polynomial, which they support
+        times = approach.times
+        known = np.isin(times, path.times) & (times <= path.times[-1])
+        states, integrals = np.empty((times.size, path.x.shape[1])), np.zeros((times.size, path.integrals.shape[1]))
+        places = np.searchsorted(path.times, times[known])
+        states[known], integrals[known] = path.x[places], path.integrals[places - 1]
+        states[~known] = passage.states(times[~known])
+        if self._finish(approach, Path(np.r_[approach.start, times], np.vstack([self._x, states]), integrals)):
             return True
         if self._time < passage.start:  # an event came before
             return False
+        arc = self._arc
         across = self._schedule.stretch(self._time, self._index, passage.end)
         states = np.vstack([self._x, passage.states(across.times[:-1]), passage.x])
         self._passed.append((passage.start + passage.end) / 2)
         nothing = np.zeros((across.times.size, path.integrals.shape[1]))
-        return self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
+        ended = self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
+        arc.passage.left_behind()
+        if self._time == passage.end:
+            self._trail.begin(self._time, self._x)
+        return ended
 
-    def _after_jump(self, x: np.ndarray, piece: Piece) -> np.ndarray:
-        """The state just after a jump of the equations: prescribed velocities may jump, by an impulse."""
-        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(x[None, :]))
-        jacobian, nu = self._arc.numeric.velocity(piece.after, q)
-        return np.r_[q, velocity_after(self._arc.numeric.mass, jacobian, nu, v), z] if nu.size else x
+    def _pass_jump(self, after: float) -> None:
+        """Go on from just after a jump of the equations: prescribed velocities may jump, by an impulse."""
+        q, v, z = (part[0] for part in self._arc.stepper.outputs.split(self._x[None, :]))
+        jacobian, nu = self._arc.numeric.velocity(after, q)
+        if nu.size:
+            self._x = np.r_[q, jump(self._arc.numeric.mass, jacobian, nu, v).v, z]
+        self._trail.begin(self._time, self._x)
 
     def _decides(self, event: Event) -> bool:
-        return bool(event.terminal or event.reset) or any(event is own for own in self._arc.own_events)
+        return self.decides(event, self._arc.own_events)
+
+    @staticmethod
+    def decides(event: Event, own_events: Sequence[Event]) -> bool:
+        """Whether the run ends, or goes on otherwise, at an event."""
+        return _cuts(event) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
         """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
@@ -486,9 +642,10 @@ class Run:
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
-        terminal = [c for c in crossings if c.event.terminal and not self._is_own(c.event)]
+        terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
         for crossing in terminal:
-            self._builder.events.append(self._occurrence(crossing))
+            if crossing.event.becomes is None:
+                self._builder.events.append(self._occurrence(crossing))
         if terminal and self._builder.last_time < time:
             self._keep(np.array([time]), first.x[None, :], np.array([time]))
         state = arc.stepper.outputs.state(time, first.x)
@@ -501,9 +658,18 @@ class Run:
             self._builder.events += [EventOccurrence(event.name, time, before, after) for event in own]
             self._count_switch(time)
         if terminal:
+            self.changing = [c.event for c in terminal if c.event.becomes is not None]
+            self.reached = self.modes.whole(self._arc.mode, state)
+            self.stops = any(c.event.terminal for c in terminal)
             return True
         self._enter(state)
         self._resolve_impacts(state, located)
+        index = self._schedule.break_within(time, self.instant)
+        if index is not None:  # of the same instant
+            self._time, self._index = float(self._schedule.times[index]), index + 1
+            just_after = self._schedule.after_jump(index)
+            if just_after is not None:
+                self._pass_jump(just_after)
         return False
 
     def _is_own(self, event: Event) -> bool:
@@ -520,7 +686,7 @@ class Run:
         for impact in impacts:
             moving = modes.at(modes.free, state.t, state.q, impact.v, impact.z)
             self._mode, state = modes.decided(moving)
-            after = modes.whole(self._mode, state)
+            after = modes.whole(self._mode, state, by_element(modes.numeric(modes.free).eom, impact.impulses))
             self._builder.events += [EventOccurrence(event.name, state.t, before, after) for event in impact.events]
             before = after
         if impacts:
@@ -546,6 +712,7 @@ class Run:
         arc = self._arc
         state = self._ask_controller(arc.stepper.outputs.state(self._time, self._x))
         self._enter(state)
+        self._resolve_impacts(state, [])
 
     def _ask_controller(self, state: State) -> State:
         """Call the controller if there is one: the state under its answer."""
@@ -605,6 +772,9 @@ class Run:
             f"passes {count} singular pose{'s' if count > 1 else ''}, the first at t = {self._passed[0]:.6g} s, in "
             "which the mechanism could fold; the motion is continued smoothly"
         ]
+
+    def _method_notes(self) -> list[str]:
+        return list(dict.fromkeys(note for arc in self._arcs.values() for note in arc.stepper.notes))
 
     @property
     def steps(self) -> int:

@@ -98,10 +98,10 @@ class Modes(ABC):
         """Return the multipliers of the whole mechanism (k, m), of a motion or state in a mode."""
         return np.atleast_2d(motion.lam)
 
-    def whole(self, mode: Any, s: State) -> State:
-        """Return a state in a mode as one of the whole mechanism."""
+    def whole(self, mode: Any, s: State, impulses: Any = None) -> State:
+        """Return a state in a mode as one of the whole mechanism, perhaps with the impulses of an impact."""
         lam = self.multipliers(mode, s)[0]
-        return State(self.mechanism, s.t, s.q, s.v, s.a, s.z, lam, s.inputs, s.parameters, s.obstacle)
+        return State(self.mechanism, s.t, s.q, s.v, s.a, s.z, lam, s.inputs, s.parameters, s.obstacle, impulses)
 
 
 class SingleMode(Modes):
@@ -120,5 +120,5 @@ class SingleMode(Modes):
     def decided(self, state: State, events: Sequence[Event] = (), before: Any = None) -> tuple[Any, State]:
         return self.free, state
 
-    def whole(self, mode: Any, s: State) -> State:
-        return s
+    def whole(self, mode: Any, s: State, impulses: Any = None) -> State:
+        return s if impulses is None else super().whole(mode, s, impulses)

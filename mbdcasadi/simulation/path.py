@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 
 @dataclass(frozen=True)
 class Path:
-    """States that an integrator found over a piece, as its steps have them: not projected.
+    """States that an integrator found over a piece, as its steps have them.
 
     Attributes
     ----------
@@ -17,16 +17,22 @@ class Path:
         Start and outputs (k + 1,), (k + 1, n_x).
     integrals : numpy.ndarray
         What was integrated along, by interval (k, n).
+    on_constraints : bool
+        Whether the states are on the constraints.
+    is_regular : bool
+        Whether the integrator has seen that no pose on it is near to a singular one.
     """
 
     times: np.ndarray
     x: np.ndarray
     integrals: np.ndarray
+    on_constraints: bool = False
+    is_regular: bool = False
 
     def until(self, time: float) -> Path:
         """The part of it up to a time."""
         count = int(np.searchsorted(self.times, time, side="right"))
-        return Path(self.times[:count], self.x[:count], self.integrals[: max(count - 1, 0)])
+        return replace(self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)])
 
 
 def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:

@@ -60,6 +60,45 @@ class _Finding:
         return f"at t = {self.times[0]:.6g} s{also}"
 
 
+class _Terms:
+    """What is smoothed in a mechanism, as functions; made once for it.
+
+    Attributes
+    ----------
+    smoothings, owners, validity : list
+        Smoothed quantities, elements with gaps, and conditions that hold between outputs too.
+    normal : list of int
+        Place among the smoothings of the normal force of each owner.
+    rates : casadi.SX
+        What the integrator is to integrate along (n,).
+    courses, approach, at_limit : casadi.Function
+        ``(t, q, v, z, p) ->`` smoothed quantities and their scales, gaps and their rates, limits of the conditions.
+    """
+
+    def __init__(self, eom: Equations):
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        elements = eom.mechanism.elements
+        offered = [s for element in elements for s in getattr(element, "smoothings", ())]
+        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+        self.smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
+        self.owners = [e for e in elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
+        self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
+        self.validity = [c for c in validity_conditions(eom.mechanism) if c.between_outputs]
+        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self.owners])
+        courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self.smoothings])
+        scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self.smoothings])
+        margins = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self.validity])
+        reported = ca.vertcat(ca.SX(0, 1), *[c.reported for c in self.validity])
+        # the integral of the speed of what a condition reports, while it is broken, is twice the excess
+        excess = ca.if_else(margins < 0, ca.fabs(time_derivative(reported, eom.mechanism)), 0)
+        slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
+        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(gaps < 0, 1.0, 0.0), excess))
+        approach = ca.vertcat(gaps, time_derivative(gaps, eom.mechanism)) if gaps.numel() else gaps
+        self.courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
+        self.approach = ca.Function("approach", known, [ca.densify(approach)])
+        self.at_limit = ca.Function("at_limit", known, [ca.densify(reported + margins)])
+
+
 class Resolution:
     """Watches over the smoothed elements of a mechanism along a run.
 
@@ -77,41 +116,26 @@ class Resolution:
     def __init__(self, numeric: NumericEquations):
         self._numeric = numeric
         eom = numeric.eom
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        elements = eom.mechanism.elements
-        offered = [s for element in elements for s in getattr(element, "smoothings", ())]
-        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        self._smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
-        self._owner = [e for e in elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
+        terms = eom.mechanism.cache.get_or_create("resolution", lambda: _Terms(eom))
+        self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
+        self._validity, self._at_limit = terms.validity, terms.at_limit
+        self._courses, self._approach = terms.courses, terms.approach
+        self.rates = terms.rates
         self._closings = GapClosings(numeric, self._owner)
-        gaps = self._closings.gaps
-        courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self._smoothings])
-        scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self._smoothings])
-        self._normal = [next(k for k, s in enumerate(self._smoothings) if s is e.smoothings[0]) for e in self._owner]
         owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
         self._gap_of = [owners.get(id(s)) for s in self._smoothings]
+        self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
-        slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
-        self._validity = [c for c in validity_conditions(eom.mechanism) if c.between_outputs]
-        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(gaps < 0, 1.0, 0.0), self._excess(eom)))
-        if self.rates.numel():
-            self._courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
-            approach = ca.vertcat(gaps, time_derivative(gaps, eom.mechanism)) if gaps.numel() else gaps
-            self._approach = ca.Function("approach", known, [ca.densify(approach)])
-        self._verifications = VERIFICATIONS
         self._blocks: list[tuple[np.ndarray, ...]] = []
         self._passed: dict[int, _Finding] = {}
         self._excesses: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
 
-    def _excess(self, eom: Equations) -> ca.SX:
-        """Speeds of what validity conditions report, while these are broken: the integral is twice the excess."""
-        margins = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self._validity])
-        reported = ca.vertcat(ca.SX(0, 1), *[c.reported for c in self._validity])
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        self._at_limit = ca.Function("at_limit", known, [ca.densify(reported + margins)])
-        return ca.if_else(margins < 0, ca.fabs(time_derivative(reported, eom.mechanism)), 0)
+    @property
+    def has_gaps(self) -> bool:
+        """Whether there are outlines that may meet."""
+        return bool(self._owner)
 
     def first_touch(
         self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]

@@ -71,6 +71,24 @@ class Piece:
             times = np.r_[times[:-1], times[-1] - margin]
         return start, times
 
+    def refined(self, times: np.ndarray) -> Piece:
+        """The part of it that ends with the last of other times, with these instead of its own.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            Increasing; its own ones up to the last of them, and others in between.
+        """
+        place = np.minimum(np.searchsorted(self.times, times), self.times.size - 1)
+        known = self.times[place] == times
+        return replace(
+            self,
+            times=times,
+            wanted=known & self.wanted[place],
+            stops=known & self.stops[place],
+            ends_at_jump=self.ends_at_jump and bool(times[-1] == self.times[-1]),
+        )
+
     def through(self, stops: np.ndarray) -> Piece:
         """The beginning of it up to the last of some further stops; all of it if they are not inside."""
         stops = stops[(stops > self.start) & (stops < self.times[-1])]
@@ -182,6 +200,22 @@ class Schedule:
         """Index of the next time, from one on, at which the integrator must restart; the last one at the latest."""
         found = np.flatnonzero(self._jumps[first:] | self._samples[first:])
         return first + int(found[0]) if found.size else self.size - 1
+
+    def break_within(self, time: float, span: float) -> int | None:
+        """Index of a jump or sample at a time or shortly after it; None if there is none."""
+        first, last = int(np.searchsorted(self.times, time)), self.index_after(time + span)
+        found = np.flatnonzero((self._jumps | self._samples)[first:last])
+        return first + int(found[0]) if found.size else None
+
+    def after_jump(self, index: int) -> float | None:
+        """Time just after the jump at an index; None if the equations do not jump there."""
+        return self.piece(self.start, index, index).after if self._jumps[index] else None
+
+    def smooth_until(self, time: float) -> float:
+        """Return the next time after another at which something changes: a jump, a stop, a sample; the end at last."""
+        first = self.index_after(time)
+        found = np.flatnonzero((self._jumps | self._samples | self._stops)[first:])
+        return float(self.times[first + found[0]]) if found.size else self.end
 
     def piece(self, start: float, first: int, last: int) -> Piece:
         """Return the piece from a time to the time of the index `last`, with all times from the index `first` on.

@@ -18,9 +18,10 @@ from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
 from .events import read_events
+from .friction_modes import FrictionModes
 from .loop import Run
 from .modes import Modes, SingleMode
-from .stick_slip.friction_modes import FrictionModes
+from .phases import PhasedRun
 from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
@@ -64,11 +65,13 @@ def simulate(
         Parameter to number.
     events : sequence of Event, optional
         Looked for during the run.
-    method : {"idas", "erk", "rosenbrock", "auto"}
-        IDAS (BDF of variable order) for anything; explicit Runge–Kutta 5(4)
-        for smooth motion that is not stiff, several times faster; Rosenbrock
-        of order 5 for stiff motion at tight tolerance; "auto" takes
-        Runge–Kutta where the motion at the start is not stiff.
+    method : {"idas", "dop853", "erk", "rosenbrock", "auto"} or Integrator
+        IDAS (BDF of variable order) for anything; :class:`DOP853` for smooth
+        motion that is not stiff, ten times faster and more; Rosenbrock of order
+        5 for stiff motion at tight tolerance; "erk" is CasADi's explicit
+        Runge–Kutta 5(4), for redundant constraints too. "auto" takes DOP853 if the
+        motion at the start is not stiff, no rows are redundant and no force
+        depends on reactions, else "erk" or "idas".
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
@@ -108,6 +111,11 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
+    read = read_events(events)
+    if any(event.becomes is not None for event in read):
+        chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+        given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+        return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
     setup = Setup(
         mechanism,
         "simulate",
@@ -118,7 +126,6 @@ def simulate(
         parameters=parameters,
         takes_controller=True,
     )
-    read = read_events(events)
     modes = _modes(setup, read)
     asked = chosen_integrator(
         method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
@@ -133,6 +140,27 @@ def simulate(
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
     _report_exceeded_limits(mechanism, motion)
     report_validity(motion, run.unresolved())
+    return motion
+
+
+def _through_phases(
+    mechanism: Mechanism, events: tuple[Event, ...], method: Any, chosen: Any, given: Any, *, progress: bool
+) -> Trajectory:
+    """Simulate through mechanisms that change at events."""
+
+    def integrator_of(modes: Modes) -> Integrator:
+        asked = chosen_integrator(method, modes, **chosen, analysis="simulate")
+        return suited_to_friction(asked, modes.numeric(modes.free))
+
+    run = PhasedRun(mechanism, events, _modes, integrator_of, progress=progress, **given)
+    motion = run.run()
+    notes = motion.statistics.notes
+    for part in motion.phases:
+        notes += [note for note in small_motions(part, run.integrator.abstol) if note not in notes]
+    for part in motion.phases:
+        _report_exceeded_limits(part.mechanism, part)
+        report_validity(part, run.unresolved() if part is motion.phases[0] else ())
+        notes += [note for note in part.statistics.notes if note not in notes]
     return motion
 
 
@@ -186,7 +214,8 @@ def chosen_integrator(
     if method == "auto":
         setup, numeric = modes.setup, modes.numeric(modes.free)
         stiff = numeric.eom.Q_depends_on_lam or is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
-        method = "idas" if stiff else "erk"
+        whole = analysis == "simulate" and not options and not setup.has_redundant_rows
+        method = "idas" if stiff else "dop853" if whole else "erk"
     return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
+from ..integrators.compiled import IntegrationFailure
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows
 from .events import Way
@@ -35,7 +36,14 @@ PIVOT_TURN = 0.05
 #: Distances from the pose, relative to that of the entry, between which the polynomial is tried: far away it errs by
 #: its length, near by what the singular value divides. Measured on parallelograms in rows of one to five, the energy
 #: was off by 1e-6, 1e-8, 1e-8, 1e-7 J of 2 J at distances of 1, 0.5, 0.25, 0.12.
-DISTANCES = (0.25, 0.5, 0.125, 1.0)
+DISTANCES = (0.25, 0.5, 0.125, 1.0, 0.0625)
+#: Points on the way across at which the equations of motion are compared with the polynomial: with the accelerations
+#: if the pivot is at least this part of that of the entry, with the power of all forces everywhere.
+CHECKS, REGULAR = 96, 2e-3
+#: Duration of a passage, relative to the usual one, from which the polynomial goes through more of the motion.
+LONGER = 1.5
+#: Fall of the pivot after a passage, relative to its largest value since, from which a motion turns back to the pose.
+RETURN = 0.5
 #: Error of the velocities, relative to them, that is good enough.
 GOOD = 1e-9
 #: Length of the motion through which the polynomial is laid, in lengths of the passage, and points on it. Each point
@@ -48,6 +56,8 @@ LONGEST = 12.0
 #: Difference of the polynomial's accelerations from those of the equations of motion on the far side, relative to
 #: their size, and change of its coordinates there by the projection, up to which the passage is accepted.
 PASSAGE_ACCELERATION_TOLERANCE, PASSAGE_POSITION_TOLERANCE = 1e-3, 1e-6
+#: The same of its accelerations and of the power of all forces on the way across.
+CHECKED = 5e-3
 
 
 def has_loops(eom: Equations) -> bool:
@@ -91,16 +101,17 @@ class Regularity:
         self.is_needed = bool(numeric.eom.lam.numel()) and has_loops(numeric.eom)
         if not self.is_needed:
             return
-        scaled = numeric.scale.scaled(numeric.velocity(t, q)[0])
-        left_out = set(dependent_rows(scaled))
+        left_out = set()
+        if numeric.has_redundant_rows(t, q):
+            left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
         eom = numeric.eom
         self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Smallest relative pivot at poses (k, n)."""
-        found = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
-        return np.where(np.isfinite(found), found, 0.0)
+        pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        return np.where(np.isfinite(pivots), pivots, 0.0)
 
 
 def _regularity(eom: Equations, rows: list[int]) -> ca.Function:
@@ -149,21 +160,27 @@ class SingularPassage:
     def __init__(self, regularity: Regularity, outputs: Outputs):
         self._regularity, self._outputs = regularity, outputs
         self._numeric = regularity.numeric
-        self._largest = 0.0
+        # largest pivots of the run, and since the last passage
+        self._largest = self._recent = 0.0
 
     # --- noticing ------------------------------------------------------------------------------
     def entry(self, path: Path) -> float | None:
-        """Time at which a path comes near to a singular pose; None if it does not, or begins there."""
+        """Time at which a path comes near to a singular pose, or back to one; None if it does not."""
         if not self._regularity.is_needed or path.times.size < 2:
             return None
         times = self._finer(path)
         poses = hermite_states(path, times, self._numeric.eom.q.numel())[:, : self._numeric.eom.q.numel()]
         values = self._regularity.at(times, poses)
         running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
-        self._largest = float(running[-1])
-        near = values < ENTRY * running
-        entries = np.flatnonzero(near[1:] & ~near[:-1])  # a path that begins near to a pose has passed it
+        recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
+        self._largest, self._recent = float(running[-1]), float(recent[-1])
+        # a path that begins near to a pose leaves it, until its pivot falls again
+        entries = np.flatnonzero((values < ENTRY * running) & (values < RETURN * recent))
         return float(times[entries[0]]) if entries.size else None
+
+    def left_behind(self) -> None:
+        """Note that a pose was passed: what counts from here on is whether the motion turns back to it."""
+        self._recent = 0.0
 
     def _finer(self, path: Path) -> np.ndarray:
         """Times of a path between which no body turns far."""
@@ -195,14 +212,17 @@ class SingularPassage:
         way : callable
             ``times -> states`` of the motion, from some time before the entry to shortly after it.
         limit : float
-            End of the run, s.
+            Time up to which the equations are smooth: the end of the run, or where they change with time, s.
         """
         half = self._distance(time, begin, way)
         best: Passage | None = None
         if half is None:
             return None
         for distance in DISTANCES:
-            passage = self._from(time, half, distance, begin, way, limit)
+            try:
+                passage = self._from(time, half, distance, begin, way, limit)
+            except IntegrationFailure:  # too near to the pose
+                continue
             if passage is not None and (best is None or passage.error < best.error):
                 best = passage
             if best is not None and best.error <= GOOD:
@@ -210,18 +230,46 @@ class SingularPassage:
         return best
 
     def _distance(self, time: float, begin: float, way: Way) -> float | None:
-        """Time from an entry to the singular pose, by the fall of the root of the pivot."""
+        """Time from an entry to the singular pose, by the fall of the pivot's root, and its minimum ahead."""
         earlier = max(begin, time - 1e-3 * (time - begin))
+        if earlier >= time:
+            return None
         times = np.array([earlier, time])
         n = self._numeric.eom.q.numel()
         before, now = np.sqrt(np.maximum(self._regularity.at(times, way(times)[:, :n]), 0.0))
         rate = (before - now) / (time - earlier)
-        return float(now / rate) if rate > 0 and now / rate < time - begin else None
+        if not rate > 0:
+            return None
+        guess = float(now / rate)
+        # a motion that gathers speed, or loses it, is there sooner or later
+        course = _Course(self._outputs, time, min(HISTORY * 2 * guess, time - begin), way)
+        ahead = time + guess * np.linspace(0, 2, 257)[1:]
+        poses = course.states(ahead)[:, :n]
+        return float(ahead[int(np.argmin(self._regularity.at(ahead, poses)))] - time)
 
     def _from(self, time: float, half: float, distance: float, begin: float, way: Way, limit: float) -> Passage | None:
         """The passage by a polynomial between two distances from the pose; None if it does not arrive there."""
         start, reach = time + (1 - distance) * half, distance * half
-        course = _Course(self._outputs, start, min(HISTORY * 2 * reach, start - begin), way)
+        found = None
+        span = HISTORY * 2 * reach
+        for _ in range(2):  # a motion that turns back on the way takes longer, and a polynomial through more of it
+            course = _Course(self._outputs, start, min(span, start - begin), way)
+            found = self._arrival(course, start, reach, distance, limit)
+            if found is None or HISTORY * (found[0] - start) <= LONGER * span or span >= start - begin:
+                break
+            span = HISTORY * (found[0] - start)
+        if found is None:
+            return None
+        end, x, ahead = found
+        error = self._error(end, end - start, x, ahead, course)
+        if error is None or not self._meets_equations(start, end, course):
+            return None
+        return Passage(start, end, x, course.states, error)
+
+    def _arrival(
+        self, course: _Course, start: float, reach: float, distance: float, limit: float
+    ) -> tuple[float, np.ndarray, np.ndarray] | None:
+        """Time at which a polynomial is far enough behind the pose, the state there, and the polynomial's own."""
         n = self._numeric.eom.q.numel()
         times = start + reach * np.arange(1.0, LONGEST, 0.125)
         times = times[times <= limit]
@@ -235,8 +283,31 @@ class SingularPassage:
             return None
         k = lowest + int(behind[0])
         x = self._outputs.projected(times[k : k + 1], ahead[k : k + 1])[0]
-        error = self._error(float(times[k]), float(times[k]) - start, x, ahead[k], course)
-        return None if error is None else Passage(start, float(times[k]), x, course.states, error)
+        return float(times[k]), x, ahead[k]
+
+    def _meets_equations(self, start: float, end: float, course: _Course) -> bool:
+        """True if the polynomial meets the equations of motion on its way: nothing else begins there.
+
+        In the singular pose accelerations do not follow from the equations of motion; but along a motion without
+        prescribed velocities the reactions do no work, so that ``v^T (M a - Q) = 0`` in any pose.
+        """
+        numeric, eom = self._numeric, self._numeric.eom
+        times = start + (end - start) * (np.arange(CHECKS) + 0.5) / CHECKS
+        x, size = course.states(times), numeric.scale.coordinates
+        wanted = np.array([course.accelerations(time) for time in times])
+        t, q, v, a, z, lam, u = self._outputs.block(times, x)
+        regular = self._regularity.at(times, q) > REGULAR * ENTRY * self._largest
+        speed = largest(v / size)
+        missed = np.abs((a - wanted) / size)[regular]
+        if not missed.max(initial=0.0) <= CHECKED * (largest((a / size)[regular]) + speed**2):
+            return False
+        if eom.Q_depends_on_lam or largest(numeric.velocity(float(times[0]), q[0])[1]):
+            return bool(np.mean(regular) > 0.5)
+        zero = np.zeros_like(lam.T)
+        forces = eom.function(eom.Q)(t[None, :], q.T, v.T, wanted.T, z.T, zero, u.T, numeric.p).full().T
+        terms = np.abs(v) * (np.abs(numeric.mass * wanted) + np.abs(forces) + numeric.mass * size * speed**2)
+        power = np.abs(np.sum(v * (numeric.mass * wanted - forces), axis=1))
+        return bool(np.all(power <= CHECKED * np.max(np.sum(terms, axis=1))))
 
     def _error(self, time: float, length: float, x: np.ndarray, ahead: np.ndarray, course: _Course) -> float | None:
         """Error of the velocities at the end, relative to them; None if the equations are not met there.
@@ -295,9 +366,9 @@ class Trail:
 
     def with_path(self, path: Path, time: float) -> Trail:
         """Return the trail with a path up to a time appended."""
-        found, before = Trail(), path.times <= time
-        found._parts = [*self._parts, (path.times[before], path.x[before])]
-        return found
+        trail, before = Trail(), path.times <= time
+        trail._parts = [*self._parts, (path.times[before], path.x[before])]
+        return trail
 
     @property
     def start(self) -> float:

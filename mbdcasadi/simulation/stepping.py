@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import IDAS, Integrator, RungeKutta
 from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, IntegrationFailure
+from ..integrators.lending import Lending
 from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
 from .formulations import Formulation, Regularised, choose_formulation
@@ -73,9 +76,11 @@ class Stepper:
         self.numeric, self.signals, self.levels, self.integrator = numeric, signals, levels, integrator
         self._resolution, self._usual_length, self._max_step = resolution, usual_length, max_step
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
+        self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
         self._outputs = {flag: Outputs(numeric, signals, levels, redundant=flag) for flag in (False, True)}
         self.formulation = choose_formulation(numeric, integrator, redundant=redundant)
         self.fastest = 0.0
+        self._counts = 0, 0
         self._precise: tuple[Formulation, CompiledIntegrator] | None = None
 
     @property
@@ -89,9 +94,14 @@ class Stepper:
         return self._outputs[True]
 
     @property
+    def notes(self) -> list[str]:
+        """Sentences on how it ran."""
+        return []
+
+    @property
     def starts(self) -> int:
         """Number of starts of an integrator."""
-        return sum(compiled.starts for compiled in self._compiled.values())
+        return self._counts[0] + sum(compiled.starts for compiled in self._compiled.values())
 
     @property
     def steps(self) -> int:
@@ -101,14 +111,38 @@ class Stepper:
     @property
     def all_steps(self) -> int:
         """Steps of all pieces."""
-        return sum(compiled.all_steps for compiled in self._compiled.values())
+        return self._counts[1] + sum(compiled.all_steps for compiled in self._compiled.values())
 
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
         if form not in self._compiled:
-            dae = form.dae(self.numeric, self.signals, quadratures=self._resolution.rates)
-            self._compiled[form] = CompiledIntegrator(dae, self.integrator)
+            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.rates)
         return self._compiled[form]
+
+    def _integrator(
+        self, form: Formulation, method: Integrator, quadratures: ca.SX | None = None
+    ) -> CompiledIntegrator:
+        """An integrator that is kept for the mechanism, and lent to this run alone."""
+        numeric, signals = self.numeric, self.signals
+        settings = type(method), method.max_step, method.key
+        key = form, settings, numeric.light_key, signals.structure, quadratures is None
+
+        def make() -> tuple[CompiledIntegrator, Any]:
+            made = CompiledIntegrator(form.dae(numeric, signals, quadratures=quadratures), method)
+            # the expression is kept beside it: a hash in the structure is unique only while the node lives
+            return made, signals.parametrised
+
+        borrowed = lending_of(numeric).borrow(key, make)
+        borrowed[0].restart_counting()
+        self._borrowed.append((key, borrowed))
+        return borrowed[0]
+
+    def release(self) -> None:
+        """Give back the integrators at the end of a run; their counts stay."""
+        self._counts = self.starts, self.all_steps
+        self._compiled, self._precise = {}, None
+        while self._borrowed:
+            lending_of(self.numeric).give_back(*self._borrowed.pop())
 
     def _unknowns(self, form: Formulation, time: float, x: np.ndarray) -> np.ndarray:
         """Estimate of the algebraic unknowns from which the integrator finds consistent ones.
@@ -227,8 +261,13 @@ class Stepper:
             explicit = not self.numeric.eom.Q_depends_on_lam
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
-            self._precise = form, CompiledIntegrator(form.dae(self.numeric, self.signals), method)
+            self._precise = form, self._integrator(form, method)
         return self._way(*self._precise, start, x)
+
+
+def lending_of(numeric: NumericEquations) -> Lending:
+    """Integrators that are kept for a mechanism."""
+    return numeric.eom.mechanism.cache.get_or_create("integrators", Lending)
 
 
 def perturbed(z: np.ndarray) -> np.ndarray:

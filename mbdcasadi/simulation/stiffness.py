@@ -20,14 +20,9 @@ def is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundan
     Estimates the spectral radius of the linearised equations of motion at the
     start by power iteration on directional derivatives.
     """
-    eom = numeric.eom
-    arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, _ = numeric.forward_dynamics(redundant=redundant)(*arguments)
-    rate = ca.vertcat(eom.v, a)
-    x = ca.vertcat(eom.q, eom.v)
-    direction = ca.SX.sym("d", x.numel())
-    product = ca.Function("product", [*arguments, direction], [ca.densify(ca.jtimes(rate, x, direction))])
-    vector = np.random.default_rng(0).standard_normal(x.numel())
+    key = ("stiffness", numeric.light_key, redundant)
+    product = numeric.eom.mechanism.cache.get_or_create(key, lambda: _product(numeric, redundant))
+    vector = np.random.default_rng(0).standard_normal(product.numel_in(6))
     growth = []
     for _ in range(40):
         vector /= np.linalg.norm(vector)
@@ -38,3 +33,13 @@ def is_stiff(numeric: NumericEquations, start: State, grid: np.ndarray, redundan
         growth.append(np.log(size))
     radius = float(np.exp(np.mean(growth[-20:])))
     return radius * (grid[-1] - grid[0]) / 20 / STABILITY > EXPLICIT_STEPS
+
+
+def _product(numeric: NumericEquations, redundant: bool) -> ca.Function:
+    """``(t, q, v, z, u, p, d) -> A d`` with the Jacobian A of ``(v, a)`` by ``(q, v)``."""
+    eom = numeric.eom
+    arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    a, _ = numeric.forward_dynamics(redundant=redundant)(*arguments)
+    rate, x = ca.vertcat(eom.v, a), ca.vertcat(eom.q, eom.v)
+    direction = ca.SX.sym("d", x.numel())
+    return ca.Function("product", [*arguments, direction], [ca.densify(ca.jtimes(rate, x, direction))])

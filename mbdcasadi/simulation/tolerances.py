@@ -25,7 +25,7 @@ SMALLEST_FOR_FRICTION = 1e-13
 
 def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | None:
     """The narrowest width over which friction is smoothed, its element, and words for it; None without any."""
-    found: list[tuple[float, Any, str]] = []
+    widths: list[tuple[float, Any, str]] = []
     eom = numeric.eom
     for element in eom.mechanism.elements:
         for name, words in NARROW.items():
@@ -33,8 +33,8 @@ def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | No
             if width is None or ca.depends_on(ca.SX(width), ca.vertcat(*eom.symbols[:-1])):
                 continue
             value = float(ca.Function("width", [eom.p], [ca.SX(width)])(numeric.p))
-            found.append((value, element, words.format(value)))
-    return min(found, key=lambda entry: entry[0], default=None)
+            widths.append((value, element, words.format(value)))
+    return min(widths, key=lambda entry: entry[0], default=None)
 
 
 def absolute_tolerance(numeric: NumericEquations, asked: float) -> float:

@@ -44,8 +44,8 @@ class Uniqueness:
         size = self.numeric.eom.q.numel() + self.numeric.eom.lam.numel()
         lost = ~np.all(np.isfinite(lam), axis=1)
         for side in (lam, -lam):
-            found = self._systems(t[None, :], q.T, v.T, z.T, side.T, u.T, self.numeric.p)
-            plain, rough = (np.linalg.slogdet(x.full().T.reshape(-1, size, size))[0] for x in found)
+            systems = self._systems(t[None, :], q.T, v.T, z.T, side.T, u.T, self.numeric.p)
+            plain, rough = (np.linalg.slogdet(x.full().T.reshape(-1, size, size))[0] for x in systems)
             plain, rough = np.broadcast_to(plain, t.shape), np.nan_to_num(rough)
             lost |= plain * rough <= 0
         return int(np.argmax(lost)) if np.any(lost) else None
@@ -54,12 +54,12 @@ class Uniqueness:
     def frictions(self) -> str:
         """The elements whose forces depend on reactions, in words."""
         eom = self.numeric.eom
-        found = [
+        frictions = [
             e.description
             for e in eom.mechanism.elements
             if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in e.virtual_work)
         ]
-        return ", ".join(found)
+        return ", ".join(frictions)
 
     def sentence(self, time: float) -> str:
         """The remarks."""

@@ -98,8 +98,8 @@ def equilibrium_path(
     first, last = (number(x, "equilibrium_path", name) for x, name in ((start, "start"), (end, "end")))
     if first == last or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
-    given: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
-    setup = Setup(mechanism, "equilibrium_path", **given, fixed={parameter: first})
+    arguments: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
+    setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
     origin = equilibrium_of(setup, prefer=prefer)
     statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
     return Follower(statics, parameter, first, last, steps).run(origin)

@@ -18,12 +18,12 @@ Symbol = Parameter | Input
 
 def read_cases(mechanism: Mechanism, cases: Any) -> dict[Symbol, np.ndarray]:
     """Values by symbol, each (k,); single numbers hold for all cases."""
-    found: dict[Symbol, np.ndarray] = {}
+    columns: dict[Symbol, np.ndarray] = {}
     for key, values in _pairs(cases, "cases="):
         position_in(mechanism.parameters if isinstance(key, Parameter) else mechanism.inputs, key, "cases=")
-        found[key] = _numbers(key, values, "cases=")
-    lengths = {key.label: array.size for key, array in found.items() if array.ndim == 1}
-    if found and not lengths:
+        columns[key] = _numbers(key, values, "cases=")
+    lengths = {key.label: array.size for key, array in columns.items() if array.ndim == 1}
+    if columns and not lengths:
         raise ModelError("cases= holds single numbers only; give a list of values for one of them at least")
     if not lengths or 0 in lengths.values():
         raise ModelError("cases= is empty; give {parameter: values}")
@@ -33,7 +33,7 @@ def read_cases(mechanism: Mechanism, cases: Any) -> dict[Symbol, np.ndarray]:
             f"cases=: all lists must be of one length, but {text}; full_factorial gives every combination of values"
         )
     count = next(iter(lengths.values()))
-    return {key: np.broadcast_to(array, (count,)).copy() for key, array in found.items()}
+    return {key: np.broadcast_to(array, (count,)).copy() for key, array in columns.items()}
 
 
 def _pairs(values: Any, what: str) -> list[tuple[Symbol, Any]]:

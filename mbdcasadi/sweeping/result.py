@@ -11,7 +11,11 @@ import numpy as np
 from ..errors import MechanismError, ModelError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
+from ..results.notebook import html_table
 from ..sensitivity.design_variables import same
+
+#: Cases of a sweep that a notebook shows, at most.
+SHOWN_CASES = 12
 
 if TYPE_CHECKING:
     import xarray
@@ -114,10 +118,10 @@ class Sweep:
         if mechanism is None:
             raise ModelError("a sweep that was pickled knows names only; give the mechanism: swept.case(3, mechanism)")
         symbols = mechanism.parameters if kind == "parameters" else mechanism.inputs
-        found = [symbol for symbol in symbols if symbol.label == key]
-        if len(found) != 1:
-            raise ModelError(f"the mechanism has {len(found)} {kind} named '{key}', which the sweep varies")
-        return found[0]
+        named = [symbol for symbol in symbols if symbol.label == key]
+        if len(named) != 1:
+            raise ModelError(f"the mechanism has {len(named)} {kind} named '{key}', which the sweep varies")
+        return named[0]
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over ``case`` and ``t``; the values of the cases are coordinates of ``case``.
@@ -148,6 +152,21 @@ class Sweep:
         text += f", {len(self.failures)} failed" if self.failures else ""
         shown = [f"  case {k}: {m}" for k, m in list(self.failures.items())[:3]]
         return "\n".join([f"{text}, {self.seconds:.3g} s", *shown])
+
+    def _repr_html_(self) -> str:
+        """The values of the cases as a table, for notebooks; of many the first and the last."""
+        keys, count = list(self.cases), len(self)
+        shown = range(count) if count <= SHOWN_CASES else [*range(SHOWN_CASES - 2), -1, count - 1]
+        rows = [
+            [str(k), *(f"{float(self.cases[key][k]):.6g}" for key in keys), self._outcome(k)]
+            if k >= 0
+            else ["…"] * (len(keys) + 2)
+            for k in shown
+        ]
+        return html_table(repr(self).splitlines()[0], rows, ["case", *map(_label, keys), ""])
+
+    def _outcome(self, k: int) -> str:
+        return self.failures.get(k, "done" if self.done[k] else "not run")
 
 
 def _label(key: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time as clock
 import warnings
 from collections import deque
@@ -34,13 +35,15 @@ from ..model.symbols import Parameter
 from ..numerics.progress import progress_bar
 from ..results.state import State
 from ..sensitivity.compiled_run import MotionSetup
-from ..sensitivity.differentiable_motion import Course
+from ..sensitivity.differentiable_motion import Cuts
 from ..sensitivity.sensitivities import named_outputs
+from ..simulation.time_dependence import timed_equations
 from .cases import read_cases
 from .result import Sweep
 from .starts import StartPath, assembled_start, out_of_limits, repeat_for_case
 from .sweep_file import SweepFile, fingerprint
-from .worker import Outcome, Parcel, run_batch
+from .whole_runs import WholeParcel, refuse_unsuited, times_of
+from .worker import BatchOutcome, Parcel, run_batch
 
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
@@ -89,8 +92,9 @@ def sweep(
         As for :func:`simulate`; conditions may hold the parameters that vary.
     executor : concurrent.futures.Executor, optional
         Threads, processes, a Dask cluster by ``client.get_executor()``; without, one case after the other, here.
-    method : {"idas", "erk", "rosenbrock", "auto"}
-        Integrator, for all cases; "auto" decides by the first.
+    method : {"idas", "dop853", "erk", "rosenbrock", "auto"}
+        Integrator, for all cases; "auto" decides by the first. :class:`DOP853` is much the fastest where forces are
+        smooth and not stiff; without an executor its cases are shared by a thread for each processor.
     reltol, abstol : float, default 1e-8
         Of the integrator.
     batch : int, optional
@@ -132,8 +136,8 @@ def sweep(
     named = named_outputs(outputs)
     _batch_size(batch, count)
     fixed = [(key, value) for key, value in pairs_of(parameters, "parameters=") if key not in varied]
-    given = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
-    plan = _Plan(mechanism, times, fixed, varied, given)
+    arguments = {"initial": initial, "inputs": inputs, "method": method, "reltol": reltol, "abstol": abstol}
+    plan = _Plan(mechanism, times, fixed, varied, arguments)
     result = Sweep(plan.setup.grid, varied, named)
     store = None if file is None else SweepFile(file, plan.fingerprint(named))
     for block in store.read() if store else []:
@@ -271,7 +275,7 @@ class _Plan:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")
                 try:
-                    found = MotionSetup(
+                    setup = MotionSetup(
                         self._mechanism, "sweep", self._times, parameters=self._parameters(int(k)), **shared
                     )
                 except (AssemblyError, SingularityError) as error:
@@ -284,7 +288,7 @@ class _Plan:
                     obstacle = obstacle or error
                     continue
             repeat_for_case([w for w in caught if "the limits that it carries" not in str(w.message)], int(k))
-            return found
+            return setup
         assert obstacle is not None
         raise obstacle
 
@@ -294,45 +298,51 @@ class _Jobs:
 
     Parameters
     ----------
+    setup : MotionSetup
+        The mechanism at the first of the cases that can be assembled.
     plan : _Plan
         The cases.
     named : list of (str, casadi.SX)
         Outputs.
     """
 
-    def __init__(self, plan: _Plan, named: list[tuple[Any, ca.SX]]):
-        self._plan = plan
-        self.setup = plan.first_assembled()
+    def __init__(self, setup: MotionSetup, plan: _Plan, named: list[tuple[Any, ca.SX]]):
+        self._plan, self.setup = plan, setup
+        self._prepare(named)
+        self._path = StartPath(setup)
+        #: numbers that are kept of a case
+        self.width = setup.grid.size * sum(e.numel() for _, e in named)
+
+    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
+        """Make what the cases share."""
+        plan = self._plan
         parameters = self.setup.mechanism.parameters
         varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
         self._motion = self.setup.motion(varied, in_state=False)
-        self._path = StartPath(self.setup)
         self._outputs = self._motion.outputs([e for _, e in named])
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
-        #: numbers that are kept of a case
-        self.width = self.setup.grid.size * sum(e.numel() for _, e in named)
 
-    def courses(self, cases: np.ndarray) -> tuple[dict[int, Course], dict[int, str]]:
+    def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         """Cuts of the motions of cases, and the reasons why some have none."""
-        found, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
+        courses, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
         channel = self._motion.channel()
-        shared: Course | None = None
+        shared: Cuts | None = None
         for k in cases:
             if int(k) in failures:
                 continue
             if shared is not None:
-                found[int(k)] = shared
+                courses[int(k)] = shared
                 continue
             try:
-                found[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+                courses[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
             except MechanismError as error:
                 failures[int(k)] = str(error)
                 continue
             if not self._motion.course_varies:
-                shared = found[int(k)]
-        return found, failures
+                shared = courses[int(k)]
+        return courses, failures
 
-    def parcel(self, course: Course) -> Parcel:
+    def parcel(self, course: Any) -> Parcel | WholeParcel:
         """The compiled batch for a course and others of its pattern."""
         if course.pattern not in self._parcels:
             setup, motion = self.setup, self._motion
@@ -346,7 +356,7 @@ class _Jobs:
             self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
         return self._parcels[course.pattern]
 
-    def batches(self, courses: dict[int, Course], size: int | None) -> Iterator[tuple[Any, ...]]:
+    def batches(self, courses: dict[int, Any], size: int | None) -> Iterator[tuple[Any, ...]]:
         """Batches of cases with the same pattern: indices, and arguments of :func:`run_batch`."""
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, course in courses.items():
@@ -356,7 +366,7 @@ class _Jobs:
             for first in range(0, len(members), length):
                 yield self.batch(np.array(members[first : first + length]), courses)
 
-    def batch(self, cases: np.ndarray, courses: dict[int, Course], starts: np.ndarray | None = None) -> tuple[Any, ...]:
+    def batch(self, cases: np.ndarray, courses: dict[int, Any], starts: np.ndarray | None = None) -> tuple[Any, ...]:
         """One batch."""
         plan, own = self._plan, [courses[int(k)] for k in cases]
         arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
@@ -375,13 +385,50 @@ class _Jobs:
         return good, np.array(starts), messages
 
 
+class _WholeJobs(_Jobs):
+    """Batches of cases that run in C, by threads if they run here."""
+
+    threads = 1
+
+    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
+        refuse_unsuited(self.setup)
+        self._named = [e for _, e in named]
+        self._whole: WholeParcel | None = None
+
+    def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
+        setup, failures = self.setup, out_of_limits(self.setup, self._plan.p, cases)
+        found: dict[int, Any] = {}
+        same = None if timed_equations(setup).depends else times_of(setup, setup.p)
+        for k in (int(k) for k in cases if int(k) not in failures):
+            try:
+                found[k] = same or times_of(setup, self._plan.p[k])
+            except MechanismError as error:
+                failures[k] = str(error)
+        return found, failures
+
+    def parcel(self, course: Any) -> WholeParcel:
+        if self._whole is None:
+            self._whole = WholeParcel(self.setup, self._path, self._named, self._plan.count, self.threads)
+        return self._whole
+
+
+def _jobs(plan: _Plan, named: list[tuple[Any, ca.SX]], *, here: bool) -> _Jobs:
+    """Batches by the method of a sweep."""
+    setup = plan.first_assembled()
+    if not setup.integrator.runs_whole:
+        return _Jobs(setup, plan, named)
+    jobs = _WholeJobs(setup, plan, named)
+    jobs.threads = (os.cpu_count() or 1) if here else 1
+    return jobs
+
+
 def _blocks(
     executor: Executor | None, plan: _Plan, named: list[tuple[Any, ca.SX]], cases: np.ndarray, size: int | None
 ) -> Iterator[Block]:
     """Finished cases, as they come."""
     if not cases.size:
         return
-    jobs = _Jobs(plan, named)
+    jobs = _jobs(plan, named, here=executor is None)
     courses, failures = jobs.courses(cases)
     if failures:
         yield _failed(failures, jobs)
@@ -420,7 +467,7 @@ class _Here:
         """Add a batch: its cases, and arguments of :func:`run_batch`."""
         self._waiting.append(batch)
 
-    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+    def results(self) -> Iterator[tuple[np.ndarray, BatchOutcome]]:
         """Cases and outcomes, until no batch is left; more may be added on the way."""
         while self._waiting:
             cases, *arguments = self._waiting.popleft()
@@ -443,7 +490,7 @@ class _Elsewhere:
         cases, *arguments = batch
         self._futures[self._executor.submit(run_batch, *arguments)] = cases
 
-    def results(self) -> Iterator[tuple[np.ndarray, Outcome]]:
+    def results(self) -> Iterator[tuple[np.ndarray, BatchOutcome]]:
         """Cases and outcomes as they come, until no batch is left; more may be added on the way."""
         while self._futures:
             for future in wait(self._futures, return_when=FIRST_COMPLETED).done:
@@ -455,12 +502,12 @@ class _Elsewhere:
             future.cancel()
 
 
-def _batch_size(given: int | None, count: int) -> int:
-    if given is None:
+def _batch_size(size: int | None, count: int) -> int:
+    if size is None:
         return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
-    if isinstance(given, bool) or not isinstance(given, int) or given < 1:
-        raise ModelError(f"sweep: batch must be an integer of at least 1, got {given!r}")
-    return given
+    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+        raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
+    return size
 
 
 def _bar(total: int, done: int, show: bool) -> Any:

@@ -12,6 +12,7 @@ from ..integrators.compiled import last_line
 from ..numerics.console import call
 from .packed import Packed
 from .starts import StartPath
+from .whole_runs import WholeParcel
 
 
 class Parcel:
@@ -29,10 +30,28 @@ class Parcel:
 
     def __init__(self, function: ca.Function, path: StartPath, span: float):
         self.run, self.path, self.span = Packed(function), path, span
+        self.size = function.numel_out(0)
+
+    def results(
+        self, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, course: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, list[str]]:
+        """Outputs of cases (k, n), NaN for one without, and why it has none."""
+        function = self.run.unpacked()
+        values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+        for k, case in enumerate(zip(starts, parameters, levels, *course, strict=True)):
+            try:
+                row, clock = call(_evaluated, function, case)
+                arrived = abs(clock - self.span) <= 1e-6 * self.span and np.all(np.isfinite(row))
+                messages[k] = "" if arrived else "a step became too small, or a value was not finite"
+            except RuntimeError as error:
+                messages[k] = last_line(error)
+            if not messages[k]:
+                values[k] = row
+        return values, messages
 
 
 @dataclass(frozen=True)
-class Outcome:
+class BatchOutcome:
     """Results of some cases.
 
     Attributes
@@ -51,17 +70,17 @@ class Outcome:
 
 
 def run_batch(
-    parcel: Parcel,
+    parcel: Parcel | WholeParcel,
     parameters: np.ndarray,
     levels: np.ndarray,
     course: tuple[np.ndarray, ...],
     starts: np.ndarray | None = None,
-) -> Outcome:
+) -> BatchOutcome:
     """Run some cases one after the other.
 
     Parameters
     ----------
-    parcel : Parcel
+    parcel : Parcel or WholeParcel
         The run.
     parameters, levels : numpy.ndarray
         By case (k, …).
@@ -70,28 +89,23 @@ def run_batch(
     starts : numpy.ndarray, optional
         By case (k, n_x); found here if left out.
     """
-    function = parcel.run.unpacked()
     if starts is None:
         starts, reached = parcel.path.starts(parameters)
     else:
         reached = np.ones(len(parameters), bool)
-    values, messages = np.full((len(parameters), function.numel_out(0)), np.nan), [""] * len(parameters)
-    for k in np.flatnonzero(reached):
-        case = starts[k], parameters[k], levels[k], *(argument[k] for argument in course)
-        try:
-            row, clock = call(_evaluated, function, case)
-            arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))
-            message = "" if arrived else "a step became too small, or a value was not finite"
-        except RuntimeError as error:
-            message = last_line(error)
-        if message:
-            messages[k] = f"the integrator stopped: {message}; simulate with the values of this case says where and why"
-        else:
-            values[k] = row
-    return Outcome(values, messages, reached)
+    values, messages = np.full((len(parameters), parcel.size), np.nan), [""] * len(parameters)
+    chosen = np.flatnonzero(reached)
+    found, reasons = parcel.results(
+        starts[chosen], parameters[chosen], levels[chosen], tuple(argument[chosen] for argument in course)
+    )
+    values[chosen] = found
+    for k, reason in zip(chosen, reasons, strict=True):
+        if reason:
+            messages[k] = f"the integrator stopped: {reason}; simulate with the values of this case says where and why"
+    return BatchOutcome(values, messages, reached)
 
 
 def _evaluated(function: ca.Function, case: tuple[Any, ...]) -> tuple[np.ndarray, float]:
     """Outputs of a case by time, and its clock, as numbers."""
-    found, clock = function(*case)
-    return found.full().ravel(order="F"), float(clock)
+    values, clock = function(*case)
+    return values.full().ravel(order="F"), float(clock)

@@ -1,4 +1,4 @@
-"""Animations: GIF, MP4, and a page to play with."""
+"""Animations: GIF, MP4, a page to play with, and a page that solves the mechanism itself."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import MechanismError
+from ..model.mechanism import Mechanism
 from ..model.quantities import yes_or_no
 from ..numerics.writing import whole_file, writable
 from .drawing.draw import trace_options
@@ -56,7 +57,7 @@ class Animation:
         height = 520 + 150 * len(self.film.curves)
         return (
             f'<iframe srcdoc="{text}" style="width:100%;height:{height}px;border:0" '
-            'sandbox="allow-scripts" title="animation"></iframe>'
+            'sandbox="allow-scripts allow-downloads" title="animation"></iframe>'
         )
 
     def __repr__(self) -> str:
@@ -76,13 +77,17 @@ def animate(
     names: bool = False,
     centroids: bool = False,
     title: str | None = None,
+    live: bool = False,
+    initial: Any = (),
+    parameters: Any = None,
+    inputs: Any = None,
 ) -> Animation:
-    """Show a motion: as a page to play with, as a GIF, or as a film.
+    """Show a motion as a page to play with, as a GIF, or as a film; or a mechanism as a page that solves it.
 
     Parameters
     ----------
-    motion : Trajectory or Solution
-        The motion.
+    motion : Trajectory or Solution; Mechanism
+        The motion; with `live` the mechanism.
     path : str or Path, optional
         Path of the file. ``.html`` is one file that opens without a network, with
         play and pause, speed, a slider, forces on and off, numbers of whatever one
@@ -104,28 +109,47 @@ def animate(
         Whether bodies and joints are named, and centres of mass drawn.
     title : str, optional
         By default the name of the mechanism.
+    live : bool, default False
+        Write a page in which the browser solves the equations of motion of the mechanism: with sliders, and bodies
+        that follow the pointer, along their freedom while it is paused and by a spring while it runs. The path ends
+        in ``.html``; a page has at most 1 MB.
+    initial : sequence of relations, or State
+        Of a live page, the start, as in :func:`assemble`; its conditions are equalities.
+    parameters, inputs : sequence of Parameter, of Input, optional
+        Of a live page, what sliders change, between the limits that they carry; by default all of the mechanism.
 
     Returns
     -------
     Animation
-        ``.save(path)`` writes it again in another form.
+        ``.save(path)`` writes it again, in another form as well if it shows a motion.
 
     Raises
     ------
     MechanismError
-        For a state instead of a motion, unknown endings, and films without ffmpeg.
+        For a state instead of a motion, unknown endings, and films without ffmpeg; of a live page for what a browser
+        cannot follow: exact stick and slip (``DryFriction``), conditions at the start that are inequalities, friction
+        on redundant joints, and data that make it too large.
 
     Examples
     --------
     >>> animate(motion, "motion.html", trace=[tip], plots={"angle, rad": arm.phi})  # doctest: +SKIP
     """
-    if path is not None:
+    alive = yes_or_no(live, "animate", "live")
+    if path is not None and not alive:
         # a path that cannot be written is reported before the work
         writer_for(path)
         writable(path)
     flags = {n: yes_or_no(v, "animate", n) for n, v in (("names", names), ("centroids", centroids))}
     shown = yes_or_no(forces, "animate", "forces")
     options = trace_options(trace, forces=True, tooltips=True, **flags)
+    if alive:
+        from .live import live_animation
+
+        return live_animation(
+            motion, options, initial=initial, parameters=parameters, inputs=inputs, plots=plots, speed=speed,
+            forces=shown, title=title, path=path,
+        )  # fmt: skip
+    _refuse_live_arguments(motion, initial=initial, parameters=parameters, inputs=inputs)
     taken = film(motion, options, plots, fps, speed, title)
     if shown:
         taken.sample.need_reactions("animate")
@@ -133,6 +157,15 @@ def animate(
     if path is not None:
         animation.save(path)
     return animation
+
+
+def _refuse_live_arguments(motion: Any, **arguments: Any) -> None:
+    """Raise for arguments that belong to a live page alone, and for a mechanism without motion."""
+    if isinstance(motion, Mechanism):
+        raise MechanismError("animate: takes a motion, as simulate returns it; a mechanism needs live=True")
+    for name, value in arguments.items():
+        if value is not None and value != ():
+            raise MechanismError(f"animate: {name}= belongs to live=True; a motion has its own")
 
 
 def _write_page(animation: Animation, path: Path) -> None:

@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.equations.time_breaks import TimeFunctions, merge_breaks, time_breaks
+from mbdcasadi.equations.time_breaks import TimeFunctions, merge_breaks
 
 t, k = ca.SX.sym("t"), ca.SX.sym("k", 2)
 q = ca.SX.sym("q", 3)
 
 
 def breaks_of(expression, start=0.0, end=10.0, values=(3.0, 4.0)):
-    return time_breaks(ca.SX(expression), t, k, np.array(values), start, end)
+    return TimeFunctions(ca.SX(expression), t, k).breaks(np.array(values), start, end)
 
 
 CASES = {

@@ -1,10 +1,14 @@
 """Calls of compiled code for many points, of which some meet singular matrices."""
 
+import os
+import signal
+import time
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from mbdcasadi.numerics.console import call_each, is_singular
+from mbdcasadi.numerics.console import call_each, is_singular, keyboard_interrupts
 
 x, y = ca.MX.sym("x", 2), ca.MX.sym("y")
 MATRIX = ca.blockcat([[x[0], 1], [1, x[1]]])
@@ -51,3 +55,22 @@ def test_points_without_entries():
     empty, constant = call_each(function, np.zeros((0, 5)), np.ones((2, 5)))
     assert empty.shape == (0, 5)
     np.testing.assert_array_equal(constant, np.full((1, 5), 3.0))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
+@pytest.mark.parametrize("swallowed_as", [None, RuntimeError])
+def test_ctrl_c_that_is_swallowed_comes_back(swallowed_as):
+    """CasADi's conversions turn Ctrl-C into another error, or into nothing."""
+
+    def swallowing() -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+        except KeyboardInterrupt:
+            if swallowed_as is not None:
+                raise swallowed_as("not what it was") from None
+
+    with pytest.raises(KeyboardInterrupt), keyboard_interrupts():
+        swallowing()
+    with pytest.raises(ValueError, match="another"), keyboard_interrupts():
+        raise ValueError("another")

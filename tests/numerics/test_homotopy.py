@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from mbdcasadi.numerics.homotopy import Step, StepControl, follow
-from mbdcasadi.numerics.least_squares import least_norm
+from mbdcasadi.numerics.least_squares import least_norm, project_velocity
 from mbdcasadi.numerics.newton import backtrack, newton, solve
-from mbdcasadi.numerics.projection import project_velocity
 from mbdcasadi.numerics.roots import bracketed_root
 
 

@@ -100,7 +100,41 @@ def test_an_expression_that_is_not_finite():
     """The root of a negative number in the cost."""
     problem, _u, block = rest_to_rest()
     error = failed(problem.replace(running_cost=mbd.sqrt(block.x - 5)), intervals=4)
-    assert "not finite" in str(error) or "infeasible" in str(error)
+    assert "running_cost: sqrt(block.x - 5) is not finite at t = 0.0" in str(error) and "in the guess" in str(error)
+    assert error.time == pytest.approx(0.25 * (0.5 - np.sqrt(0.15)))  # the first stage
+
+
+def test_a_slope_that_is_not_finite():
+    """The root of a speed that is zero has a value, but no slope."""
+    problem, _u, block = rest_to_rest(distance=0.0)
+    error = failed(problem.replace(running_cost=mbd.sqrt(block.vx)), intervals=4)
+    assert "the slope of sqrt(" in str(error) and "is not finite at t" in str(error)
+
+
+@pytest.mark.parametrize("function", [mbd.fabs, lambda x: mbd.fmax(x, 0)])
+def test_a_cost_with_a_kink(function):
+    """It is named, with the way to state it without, which works."""
+    problem, u, block = rest_to_rest(lower=-5, upper=5)
+    bent = problem.replace(running_cost=function(u * block.vx))
+    error = failed(bent, intervals=6, options={"ipopt.max_iter": 60})
+    assert "running_cost has a kink where f" in str(error) and "s >= x" in str(error)
+    s = mbd.Input("s")
+    mechanism = problem.mechanism.replace(inputs=[u, s])
+    lower = -u * block.vx if function is mbd.fabs else 0
+    smooth = problem.replace(mechanism=mechanism, running_cost=s, path=[s >= u * block.vx, s >= lower], duration=1.0)
+    solution = mbd.optimize(smooth, intervals=12)
+    # full force up to the speed v with v (T - v m / F) = d, and the brake: m v² / 2 each time
+    work = ((5 - np.sqrt(5)) / 2) ** 2 / 2
+    exact = 2 * work if function is mbd.fabs else work
+    assert exact * (1 - 1e-6) < solution.cost < 1.02 * exact
+
+
+@pytest.mark.parametrize("path", [lambda v: [mbd.bounded(2, v, 2)], lambda v: [v <= 2, v >= 2]])
+def test_limits_with_nothing_between_them(path):
+    """An equality is meant, and named."""
+    problem, _u, block = rest_to_rest()
+    with pytest.raises(mbd.ConditionError, match=r"path: .*2.* and .*2.* leave nothing between them; .*equality"):
+        problem.replace(path=path(block.vx))
 
 
 def test_an_unbounded_problem():

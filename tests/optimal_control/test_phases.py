@@ -1,4 +1,4 @@
-"""A problem, its program and its solution consist of phases: one today."""
+"""A problem, its program and its solution consist of phases: one, if it is given a mechanism."""
 
 import numpy as np
 import pytest
@@ -19,18 +19,19 @@ def test_what_a_problem_states_hangs_on_its_phase():
     problem = half_turn(f, path=[f.tau <= 5], waypoints=[via], terminal_cost=mbd.t)
     (phase,) = problem.phases
     assert isinstance(phase, Phase) and phase.mechanism is f.mechanism
-    for name in ("mechanism", "equations", "duration", "initial", "final", "path", "running_cost", "waypoints"):
+    assert problem.duration == phase.span == (0.6, 0.6)
+    for name in ("mechanism", "equations", "initial", "final", "path", "running_cost", "waypoints"):
         assert getattr(problem, name) is getattr(phase, name)
     assert phase.time_spans == [(0, 0), (0.1, 0.5), (0.6, 0.6)] and phase.has_free_times
     assert repr(phase) == f"Phase('motion', {f.mechanism!r}, duration 0.6 s)"
     with pytest.raises(AttributeError, match="does not change"):
-        phase.duration = (1.0, 1.0)
+        phase.span = (1.0, 1.0)
 
 
 def test_a_phase_says_what_is_wrong_with_it():
     block, mechanism = guided_block(1.0, mbd.Input("u"))
     good = Phase("swing", mechanism, (0.3, 1.0), initial=[block.x == 0])
-    assert good.duration == (0.3, 1.0) and [c.label for c in good.initial] == ["block.x == 0"]
+    assert good.span == (0.3, 1.0) and [c.label for c in good.initial] == ["block.x == 0"]
     with pytest.raises(mbd.ModelError, match=r"phase 'swing': duration must be positive.*got -1"):
         Phase("swing", mechanism, -1)
     with pytest.raises(mbd.ModelError, match="name"):

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 import mbdcasadi as mbd
 
-METHODS = ["idas", "erk", "rosenbrock"]
+METHODS = ["idas", "erk", "rosenbrock", "dop853"]
 
 
 def sled(force=None, driver=None, **more):

@@ -3,7 +3,9 @@
 Needs the extra ``browser`` and a Chromium: Playwright's own, or one on the path.
 """
 
+import csv
 import shutil
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -183,6 +185,79 @@ def test_plots_move_along_and_lead_to_a_time(page):
     page.mouse.click(box["x"] + 56 + (box["width"] - 66) / 4, box["y"] + box["height"] / 2)
     assert page.evaluate("mechanism.time") == pytest.approx(1.0, abs=0.02)
     assert page.locator("#plots canvas").count() == 2
+
+
+def test_the_picture_and_the_data_are_saved(page, crank):
+    """The picture as SVG with the marks of the drawing, the data as CSV with the numbers of the motion."""
+    model, motion, _ = crank
+    page.evaluate("mechanism.seek(1.0)")
+    page.locator("summary").click()
+    with page.expect_download() as begun:
+        page.click("#svg")
+    picture = ElementTree.parse(begun.value.path()).getroot()
+    marks = [node for node in picture.iter() if node.tag.endswith("path")]
+    assert picture.tag.endswith("svg") and len(marks) > 20
+    with page.expect_download() as begun:
+        page.click("#csv")
+    with open(begun.value.path(), newline="", encoding="utf-8") as file:
+        names, *rows = csv.reader(file)
+    table = np.array(rows, float)
+    assert names[0] == "t, s" and "rod: phi, rad" in names and table[-1, 0] == 4.0
+    exact = motion.at(table[:, 0])
+    np.testing.assert_allclose(table[:, names.index("rod: phi, rad")], exact[model.rod.phi], atol=1e-3)
+    np.testing.assert_allclose(table[:, names.index("slider, m/s")], exact[model.slider.vx], atol=1e-3)
+
+
+def test_the_view_moves_and_shrinks(page):
+    """The background is dragged at any size; the wheel leads away from the whole drawing too."""
+    corner = page.locator("#stage").bounding_box()
+    before = np.array(page.evaluate("mechanism.place('main bearing')"))
+    page.mouse.move(corner["x"] + 5, corner["y"] + 5)
+    page.mouse.down()
+    page.mouse.move(corner["x"] + 45, corner["y"] + 25, steps=4)
+    page.mouse.up()
+    np.testing.assert_allclose(page.evaluate("mechanism.place('main bearing')") - before, [40, 20], atol=1e-6)
+    apart = (
+        "(() => { const [a, b] = ['main bearing', 'crank pin'].map(mechanism.place);"
+        " return Math.hypot(a[0] - b[0], a[1] - b[1]); })()"
+    )
+    whole = page.evaluate(apart)
+    page.mouse.wheel(0, 400)
+    page.wait_for_timeout(100)
+    assert page.evaluate(apart) < 0.7 * whole
+    page.keyboard.press("0")
+    np.testing.assert_allclose(page.evaluate("mechanism.place('main bearing')"), before, atol=1e-9)
+
+
+def test_numbers_do_not_cover_the_picture_of_a_phone(page):
+    """They stand below it."""
+    page.set_viewport_size(PHONE)
+    page.wait_for_timeout(50)
+    corner = page.locator("#stage").bounding_box()
+    x, y = page.evaluate("mechanism.place('wrist pin')")
+    page.mouse.click(corner["x"] + x, corner["y"] + y)
+    assert page.locator("#reading").bounding_box()["y"] >= corner["y"] + corner["height"]
+
+
+def test_a_page_in_a_dark_page_is_dark(browser, crank):
+    """The documentation chooses its theme itself, and may change it."""
+    inner = crank[2].html
+    outer = '<html><body data-theme="dark"><iframe src="/motion.html"></iframe></body></html>'
+    opened = browser.new_page(viewport=DESKTOP, color_scheme="light")
+    opened.route(
+        "**/*",
+        lambda route: route.fulfill(
+            body=inner if route.request.url.endswith("motion.html") else outer, content_type="text/html"
+        ),
+    )
+    opened.goto("http://docs.test/")
+    frame = opened.frames[1]
+    frame.wait_for_function("window.mechanism")
+    theme = "document.documentElement.dataset.theme"
+    assert frame.evaluate(theme) == "dark"
+    opened.evaluate("document.body.dataset.theme = 'light'")
+    frame.wait_for_function(f"{theme} === 'light'")
+    opened.close()
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])

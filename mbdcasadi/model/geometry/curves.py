@@ -222,8 +222,8 @@ def crossing(points: np.ndarray) -> np.ndarray | None:
     k = np.arange(len(points))
     distance = np.abs(k[:, None] - k)
     neighbours = np.minimum(distance, len(points) - distance) <= 1
-    found = np.argwhere(apart & apart.T & ~neighbours)
-    return points[found[0, 0]] if len(found) else None
+    crossings = np.argwhere(apart & apart.T & ~neighbours)
+    return points[crossings[0, 0]] if len(crossings) else None
 
 
 def least(function: Callable[[np.ndarray], np.ndarray], curve: Curve) -> float:

@@ -59,6 +59,8 @@ def check_conditions(problem: OptimalControlProblem) -> None:
         _refuse_fixed_path(problem, phase)
         if not isinstance(phase.initial, State):
             check_end(problem, phase, "initial", phase.initial)
+        if phase.is_instant:
+            continue
         if not isinstance(phase.final, State):
             boundary = at_end_alone(problem) if phase is problem.phases[-1] else []
             check_end(problem, phase, "final", [*phase.final, *boundary])
@@ -70,7 +72,7 @@ def at_end_alone(problem: OptimalControlProblem) -> list[Condition]:
     """Boundary conditions that contain values at the end alone, as conditions there."""
     rows = []
     for condition in problem.boundary:
-        if all(p.kind == "at_end" for p in placeholders_in(condition.expression)):
+        if all(p.kind == "at_end" and p.phase is None for p in placeholders_in(condition.expression)):
             expression = with_values(condition.expression, lambda p: p.expression)
             rows.append(Condition(expression, condition.equality, condition.label))
     return rows
@@ -116,7 +118,7 @@ def check_end(
         if not limits:
             return
     try:
-        when = 0.0 if name == "initial" else phase.duration[1] if time is None else time
+        when = 0.0 if name == "initial" else phase.span[1] if time is None else time
         with without_warnings():  # the state is not used as a pose: its branch does not matter
             state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
@@ -139,6 +141,8 @@ def _refuse_broken(name: str, values: dict[Condition, tuple[float, float]]) -> N
 def _refuse_empty_limits(phase: Phase) -> None:
     """Refuse limits of one quantity that leave nothing between them."""
     sides: list[tuple[ca.SX, str]] = []
+    # an input may be fixed by its limits, and an equality implies limits
+    alone = {condition.label for condition in phase.path if not condition.equality}
     for condition in phase.path:
         sides.append((condition.expression, condition.label))
         if condition.equality:
@@ -149,6 +153,10 @@ def _refuse_empty_limits(phase: Phase) -> None:
         gap = sums[k, j]
         if gap > 1e-12 and first != second:
             raise ConditionError(f"path: {first} and {second} contradict each other by {gap:.6g}")
+        if abs(gap) <= 1e-12 and first != second and {first, second} <= alone:
+            raise ConditionError(
+                f"path: {first} and {second} leave nothing between them; write an equality (==) in their place"
+            )
 
 
 def _constant_sums(expressions: list[ca.SX]) -> np.ndarray:

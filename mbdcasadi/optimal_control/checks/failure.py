@@ -10,6 +10,7 @@ import numpy as np
 from ...errors import MechanismError
 from ..nlp.limits import time_of
 from ..nlp.rows import violations
+from .expressions import kinks_of, not_finite
 
 if TYPE_CHECKING:
     from ..solution import Solution
@@ -33,6 +34,8 @@ _MESSAGES = {
     "a height at its top, has no slope there: state the coordinate instead)",
     "Solved_To_Acceptable_Level": "the solver stopped short of the tolerance (options={'ipopt.tol': …})",
 }
+#: The same without the usual cause, if another one is known.
+_PLAIN = {"Error_In_Step_Computation": "the solver could not compute a step"}
 
 
 @dataclass(frozen=True)
@@ -110,15 +113,24 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         worst = "; all demands are met at the last iterate" if not violations else ""
     else:
         worst = f"; least met is: {violations[0]}"
-    if not violations and status == "Maximum_Iterations_Exceeded":
-        worst += " (a cost or limit with kinks, such as fabs or fmax, or inputs that chatter unseen, may be the cause)"
+    kinks = kinks_of(solution) if status != "Infeasible_Problem_Detected" else ""
+    wrong = not_finite(solution) if status in ("Invalid_Number_Detected", "Error_In_Step_Computation") else None
+    if wrong is not None:
+        iterations = solution.statistics.iterations
+        message, worst = f"{wrong[0]}, {'in the guess' if not iterations else 'in the last iterate'}", ""
+    elif kinks and not violations:
+        message = _PLAIN.get(status, message)
+    if kinks:
+        worst += f" ({kinks})"
+    elif not violations and status == "Maximum_Iterations_Exceeded":
+        worst += " (inputs that chatter unseen may be the cause)"
     if violations and status in ("Maximum_Iterations_Exceeded", "Search_Direction_Becomes_Too_Small"):
         worst += " (the problem may be infeasible)"
     return OptimizationError(
         f"{message}{worst}; after {solution.statistics.iterations} iterations, the last iterate is in .partial",
         largest_violations=violations,
         partial=solution,
-        time=violations[0].time if violations else None,
+        time=wrong[1] if wrong else violations[0].time if violations else None,
     )
 
 
@@ -131,5 +143,7 @@ def violations_of(solution: Solution) -> list[Violation]:
         row, scaled = program.rows[k], float(amounts[k])
         interval = row.interval if row.repeated else None
         label, time = row.side(rows[k]), time_of(row, solution)
+        if len(solution.phases) > 1 and row.phase >= 0 and "phase '" not in label:
+            label += f" in phase '{solution.phases[row.phase].phase.name}'"
         result.append(Violation(label, scaled * row.size, row.unit, time, interval, row.tau, scaled))
     return sorted(result, key=lambda v: -v.scaled)

@@ -73,11 +73,21 @@ class PhaseGuess:
                     inside[key] = self.sample((times[:-1, None] + lengths[:, None] * taus[None, :]).ravel())
                 if name not in inside[key]:  # a variable of the scheme alone begins with zero
                     continue
-                columns = scheme.unknown_columns(name, inside[key][name]).reshape(lengths.size, -1)
+                values = self._inputs(program, times) if name == "u" else inside[key][name]
+                columns = scheme.unknown_columns(name, values).reshape(lengths.size, -1)
                 part = scheme.interval_slice(name)
                 for i in range(lengths.size):
                     x[program.inner_index(i)[part]] = columns[i]
         x[program.time_index] = self.segment_times[: program.time_count]
+
+    def _inputs(self, program: PhaseProgram, times: np.ndarray) -> np.ndarray:
+        """Unknowns of the inputs that belong to the intervals alone (N k, n_u)."""
+        basis = program.scheme.inputs
+        wanted = times[:-1, None] + np.diff(times)[:, None] * basis.taus
+        values = self.sample(wanted.ravel())["u"]
+        unknowns = basis.unknowns(values.reshape(times.size - 1, basis.taus.size, -1))
+        inner = unknowns[:, 1:-1] if basis.joined else unknowns
+        return inner.reshape(-1, values.shape[1])
 
 
 @dataclass(frozen=True)
@@ -110,9 +120,23 @@ class Guess:
         """Variables of a program, scaled."""
         x = np.zeros(program.size)
         for guess, phase, mesh in zip(self.phases, program.phases, meshes, strict=True):
-            guess.fill(x, phase, mesh)
+            if not phase.phase.is_instant:
+                guess.fill(x, phase, mesh)
+        for change, guess in zip(program.changes, self.phases, strict=False):
+            change.fill(x, float(guess.segment_times[-1]))
         x[program.parameter_index] = self.parameters
         return x / program.scale
+
+
+def guess_at_rest(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
+    """Poses without velocities, accelerations, loads and inputs."""
+    sample_moving = kinematic_guess(loads, start, path).sample
+
+    def sample(wanted: np.ndarray) -> dict[str, np.ndarray]:
+        values = sample_moving(wanted)
+        return {name: x if name in ("q", "z") else 0 * x for name, x in values.items()}
+
+    return PhaseGuess(sample, path.segment_times)
 
 
 def kinematic_guess(loads: LeastSquaresLoads, start: State, path: KinematicPath) -> PhaseGuess:
@@ -136,7 +160,7 @@ def _stretched(motion: Trajectory, segment_times: np.ndarray) -> tuple[float, Ca
     """Factor by which a motion is to take longer, and the motion at times of the longer one."""
     begin, end = motion.t[0], motion.t[-1]
     stretch = (segment_times[-1] - segment_times[0]) / (end - begin)
-    return stretch, lambda wanted: motion.at(np.clip(begin + wanted / stretch, begin, end))
+    return stretch, lambda wanted: motion.at(np.clip(begin + (wanted - segment_times[0]) / stretch, begin, end))
 
 
 def guess_from_motion(motion: Trajectory, segment_times: np.ndarray) -> PhaseGuess:

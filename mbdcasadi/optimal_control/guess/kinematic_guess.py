@@ -60,7 +60,12 @@ class KinematicPath:
 
 
 def kinematic_path(
-    problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, start: State, segment_times: np.ndarray
+    problem: OptimalControlProblem,
+    phase: Phase,
+    numeric: NumericEquations,
+    start: State,
+    segment_times: np.ndarray,
+    target: np.ndarray | None = None,
 ) -> KinematicPath:
     """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
@@ -76,6 +81,8 @@ def kinematic_path(
         First state.
     segment_times : numpy.ndarray
         Times of start, waypoints and end, s.
+    target : numpy.ndarray, optional
+        Pose at the end, in place of the conditions there.
     """
     extra = problem.extra_parameters(phase)
     prescribed = phase.differentiated_path_constraints(problem.free_parameters)
@@ -83,11 +90,14 @@ def kinematic_path(
     speeds = [c for c in prescribed if c.depends_on("velocity")]
     places = [_on_positions(w.conditions, extra) for w in phase.waypoints]
     final = phase.final
-    if isinstance(final, State):
+    if target is not None:
+        places.append(_steering(numeric, float(segment_times[-1]), target))
+    elif isinstance(final, State):
         places.append(_steering(numeric, final.t, final.q))
     else:
         places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
-    times, poses, begin = [np.zeros(1)], [start.q], 0.0
+    begin = float(segment_times[0])
+    times, poses = [np.array([begin])], [start.q]
     for k, conditions in enumerate(places):
         if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
             span = np.linspace(begin, segment_times[k + 1], STEPS + 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,19 +20,25 @@ from ..nlp.solver import Solver
 from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
-from .guess import Guess, PhaseGuess, guess_from_motion, guess_from_other, kinematic_guess
+from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, has_free_path
+
+#: Relative difference of costs below which solutions are the same.
+SAME_COST = 1e-6
 
 
 def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
-    """Return the guesses of a search: the usual one and others at random, or those that are given."""
+    """Return the guesses of a search: the usual ones and others at random, or those that are given."""
     if starts is None:
-        return [read_guess(solver, guess)]
+        return _usual_guesses(solver) if guess is None else [read_guess(solver, guess)]
     if isinstance(starts, int) and not isinstance(starts, bool):
         if starts < 1:
             raise ModelError(f"optimize: starts must be at least 1, got {starts}")
+        if starts > 1 and len(solver.problem.phases) > 1:
+            raise ModelError("optimize: with several phases starts= takes a list of guesses, not a number")
         random = np.random.default_rng(0)
-        return [read_guess(solver, guess), *[random_detour(solver, random) for _ in range(starts - 1)]]
+        first = (_usual_guesses(solver) if guess is None else [read_guess(solver, guess)])[:starts]
+        return [*first, *[random_detour(solver, random) for _ in range(starts - len(first))]]
     try:
         several = list(starts)
     except TypeError:
@@ -43,6 +50,8 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
 
 def read_guess(solver: Solver, guess: Any) -> Guess:
     """Return the guess that a user gave: nothing, a solution, or a trajectory."""
+    if len(solver.problem.phases) > 1:
+        return _guess_of_phases(solver, guess)
     if guess is None:
         return _usual_guess(solver)
     phase = solver.problem.phases[0]
@@ -51,7 +60,7 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     if isinstance(guess, Solution | Shifted):
         return guess.as_guess(solver.problem)
     if isinstance(guess, Trajectory):
-        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.duration))
+        duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
         times = phase.segment_times(duration)
         if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")
@@ -59,9 +68,65 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
 
 
+def _guess_of_phases(solver: Solver, guess: Any) -> Guess:
+    """A motion of several phases: through the key poses, or one that a user gave through the same mechanisms."""
+    problem, setups = solver.problem, solver.setups
+    if isinstance(guess, Solution) and guess.problem.phases != problem.phases:
+        guess = guess.trajectory
+    if isinstance(guess, Solution):
+        return guess.as_guess(problem)
+    if guess is None:
+        parts = [_through_poses(setup) for setup in setups]
+        return Guess(tuple(parts), solver.free_values, "kinematic")
+    if not isinstance(guess, Trajectory):
+        raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
+    given = [part for part in guess.phases if part.t[-1] > part.t[0]]
+    needed = [phase for phase in problem.phases if not phase.is_instant]
+    if [part.mechanism for part in given] != [phase.mechanism for phase in needed]:
+        raise ModelError(
+            f"optimize: the motion given as guess goes through {len(given)} mechanism{'s' * (len(given) != 1)}, which "
+            f"are not those of the phases {', '.join(repr(phase.name) for phase in needed)} in their order"
+        )
+    parts, time = [], 0.0
+    for phase, setup in zip(problem.phases, setups, strict=True):
+        if phase.is_instant:
+            parts.append(PhaseGuess(_through_poses(setup).sample, np.array([time, time])))
+            continue
+        motion = given.pop(0)
+        times = time + phase.segment_times(float(np.clip(motion.t[-1] - motion.t[0], *phase.span)))
+        parts.append(guess_from_motion(motion, times))
+        time = float(times[-1])
+    values = [_value_in(guess, p, value) for p, value in zip(problem.free_parameters, solver.free_values, strict=True)]
+    return Guess(tuple(parts), np.array(values), "trajectory")
+
+
+def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
+    """Last value of a parameter in a motion."""
+    if not any(parameter is own for own in motion.mechanism.parameters):
+        return otherwise
+    return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
+
+
+def _through_poses(setup: Any) -> PhaseGuess:
+    if setup.phase.is_instant:
+        return PhaseGuess(lambda _times: {}, setup.path.segment_times)
+    return kinematic_guess(setup.loads, setup.start, setup.path)
+
+
 def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
     values = np.array([p.value for p in solver.problem.free_parameters])
     return Guess((phase,), values, description)
+
+
+def _usual_guesses(solver: Solver) -> list[Guess]:
+    """The usual guess; for a chain in angles, which is solved twice in less time than in all coordinates, two."""
+    if len(solver.problem.phases) > 1:
+        return [_guess_of_phases(solver, None)]
+    usual, setup = _usual_guess(solver), solver.setups[0]
+    if not setup.scheme.eom.is_chain:
+        return [usual]
+    at_rest = guess_at_rest(setup.loads, solver.start, solver.path)
+    return [usual, _guess(solver, at_rest, "kinematic, at rest")]
 
 
 def _usual_guess(solver: Solver) -> Guess:
@@ -109,11 +174,32 @@ def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     return _guess(solver, guess, f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
 
 
-def best_of(solver: Solver, meshes: list[Mesh], candidates: list[Guess], *, warm: bool) -> Solution:
+def best_of(
+    solver: Solver,
+    meshes: list[Mesh],
+    candidates: list[Guess],
+    *,
+    warm: bool,
+    settle: Callable[[Solution], tuple[Solution, bool]] | None = None,
+) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start
     first, and if these fail once more without them.
+
+    Parameters
+    ----------
+    solver : Solver
+        Problem to be solved.
+    meshes : list of Mesh
+        Meshes by phase.
+    candidates : list of Guess
+        Guesses.
+    warm : bool
+        Whether the guesses are solutions of nearly the same problem.
+    settle : callable, optional
+        Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
+        is chosen by what it is on a mesh that holds.
 
     Raises
     ------
@@ -138,7 +224,19 @@ def best_of(solver: Solver, meshes: list[Mesh], candidates: list[Guess], *, warm
         reports.append(Start(description, cost, s.iterations, s.status))
     if not solutions:
         raise errors[-1]
-    best = min(solutions, key=lambda solution: solution.cost)
+    best = _settled(solutions, settle) if settle else min(solutions, key=lambda solution: solution.cost)
     if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best
+
+
+def _settled(solutions: list[Solution], settle: Callable[[Solution], tuple[Solution, bool]]) -> Solution:
+    """The best of solutions on meshes that hold, or on those that were tried."""
+    best: tuple[bool, float] | None = None
+    for solution in sorted(solutions, key=lambda solution: solution.cost):
+        if best is not None and best[0] is False and solution.cost >= best[1] * (1 - SAME_COST):
+            break
+        settled, holds = settle(solution)
+        if best is None or (not holds, settled.cost) < best:
+            best, found = (not holds, settled.cost), settled
+    return found

@@ -64,7 +64,9 @@ class EndConditions:
         path: KinematicPath,
     ):
         self._phase, self._numeric, self._start, self._path = phase, numeric, start, path
-        self._free, self._at_end = problem.free_parameters, at_end_alone(problem)
+        self._free = problem.free_parameters
+        self._at_end = at_end_alone(problem) if phase is problem.phases[-1] else []
+        self._follows = phase is not problem.phases[0]
         self._ranks = ranks_of(problem, phase, numeric, timed=True)
         self._ranks_at_start = ranks_of(problem, phase, numeric, timed=False)
         self._prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
@@ -78,16 +80,20 @@ class EndConditions:
 
     @property
     def _duration(self) -> float:
+        return float(self._path.segment_times[-1] - self._path.segment_times[0]) or 1.0
+
+    @property
+    def _end(self) -> float:
         return float(self._path.segment_times[-1])
 
     def _final(self) -> list[Condition]:
         """Independent conditions at the end."""
         end = self._phase.final
         if isinstance(end, State):
-            state = (self._duration, end.q, end.v, end.z)
+            state = (self._end, end.q, end.v, end.z)
             final = _as_conditions(self._phase, end)
         else:
-            state = (self._duration, self._path.poses[-1], np.zeros(self._start.q.size), self._start.z)
+            state = (self._end, self._path.poses[-1], np.zeros(self._start.q.size), self._start.z)
             final = list(end)
         rows = [c for c in on_states(final) if c.equality]
         if not rows or (not self._few_rows and not isinstance(end, State)):
@@ -143,7 +149,7 @@ class EndConditions:
             return None
         eom = self._phase.equations
         self._initial_key = tuple(initial)
-        if not self._few_rows:
+        if not self._few_rows or self._follows:
             return list(initial)
         ranks = self._ranks_at_start
         begin: Place = (0.0, self._start.q, self._start.v, self._start.z)
@@ -164,7 +170,7 @@ class EndConditions:
         if not self._few_rows:
             return False
         at_end = [] if isinstance(phase.final, State) else [*self.final, *self._at_end]
-        places = [(0.0, list(self.initial or [])), (self._duration, at_end)]
+        places = [(float(times[0]), list(self.initial or [])), (self._end, at_end)]
         places += [(float(t), list(w.conditions)) for t, w in zip(times[1:-1], phase.waypoints, strict=True)]
         for t, conditions in places:
             rows = [c for c in on_states(conditions) if c.equality]

@@ -12,14 +12,12 @@ import numpy as np
 from ...model.conditions import stacked
 from ...results.state import State
 from ..phase import with_rates
+from .held_limits import POINTS
 from .phase_program import PhaseProgram
 from .rows import Row
 
 if TYPE_CHECKING:
     from ..solution import PhaseSolution, Solution
-
-#: Points of an interval at which limits are looked at, both ends included.
-POINTS = 21
 
 
 @dataclass(frozen=True)
@@ -49,6 +47,8 @@ class ActiveLimit:
 def time_of(row: Row, solution: Solution) -> float:
     """Time at which a row of the program stands, s."""
     times = solution.phases[row.phase].mesh_times
+    if times.size == 1:
+        return float(times[0])
     return float(times[row.interval] + row.tau * (times[row.interval + 1] - times[row.interval]))
 
 
@@ -79,7 +79,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     result |= _of_start(solution)
     multipliers = solution.answer.lam_x * program.cost_scale / program.scale
     for part in solution.phases:
-        for bound in _bounds(part.program):
+        for bound in _bounds(part.program) if part.mesh.count else ():
             value = max(bound.sign * multipliers[bound.place], 0.0)
             for i in bound.intervals:
                 add(bound.label, part, i, value / len(bound.intervals))
@@ -165,7 +165,7 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
             places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
     x = solution.variables / program.scale
     for part in solution.phases:
-        for bound in _bounds(part.program):
+        for bound in _bounds(part.program) if part.mesh.count else ():
             slack = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
             if bound.sign * answer.lam_x[bound.place] > slack:
                 for i in bound.intervals:

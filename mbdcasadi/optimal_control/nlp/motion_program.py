@@ -8,21 +8,28 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ...model.conditions import Condition
+from ...model.symbols import symbols_of
 from ...results.state import State
+from ..phase import Phase
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
+from .change import Change, ChangeSetup
 from .compiled import SolverPool
-from .phase_program import Block, PhaseProgram, condition_rows
+from .phase_program import Block, Edge, InstantProgram, PhaseProgram, condition_rows
 from .rows import Row, stack, violations
 from .setup import PhaseSetup
 from .sparse_program import Piece, SparseProgram
+
+#: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
+Held = tuple[tuple[int, str, float], ...]
 
 
 class MotionProgram:
     """The nonlinear program of an optimal-control problem on a mesh.
 
-    Variables are those of the phases in turn, then the free parameters.
+    Variables are those of the phases in turn, then the impulses between them and the free parameters.
 
     Parameters
     ----------
@@ -32,39 +39,62 @@ class MotionProgram:
         Transcription, sizes and conditions at the ends, by phase.
     meshes : sequence of Mesh
         Meshes of the phases. Their fractions are data: one program serves all meshes of as many intervals.
+    changes : sequence of ChangeSetup
+        Independent rows of the changes from phase to phase.
+    held : tuple of (int, str, float)
+        Phases, labels of path limits, and points of the intervals at which these are held besides the usual ones.
 
     Attributes
     ----------
     phases : list of PhaseProgram
         Variables and rows of the phases.
+    changes : list of Change
+        Impulses and rows between them.
     nlp : SparseProgram
         Cost, rows and derivatives.
     solvers : SolverPool
         IPOPT functions for it.
     """
 
-    def __init__(self, problem: OptimalControlProblem, setups: Sequence[PhaseSetup], meshes: Sequence[Mesh]):
-        self._free = problem.free_parameters
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        setups: Sequence[PhaseSetup],
+        meshes: Sequence[Mesh],
+        changes: Sequence[ChangeSetup] = (),
+        held: Held = (),
+    ):
+        self._free, self.held = problem.free_parameters, held
         expressions = [problem.terminal_cost, *[c.expression for c in problem.boundary]]
         nodes = {p.node.element_hash(): p for e in expressions for p in placeholders_in(e)}
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases: list[PhaseProgram] = []
-        first = 0
+        first, begins = 0, (0.0, 0.0)
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
-            phase = PhaseProgram(problem, setup, mesh, integrals, number, first)
+            kind = InstantProgram if setup.phase.is_instant else PhaseProgram
+            here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
+            points = [(label, tau) for of, label, tau in held if of == number]
+            phase = kind(problem, setup, mesh, here, number, first, begins, points)
             self.phases.append(phase)
             first += phase.size
+            low, high = setup.phase.span
+            begins = begins[0] + low, begins[1] + high
+        self.changes: list[Change] = []
+        for change, before, after in zip(changes, self.phases, self.phases[1:], strict=False):
+            self.changes.append(Change(change, before, after, first))
+            first += self.changes[-1].index.size
         free_scale = self.phases[0].free_scale
         self.size = first + free_scale.size
         #: places of the free parameters
         self.parameter_index = np.arange(first, self.size)
         #: size of every variable
-        self.scale = np.concatenate([*[phase.scale for phase in self.phases], free_scale])
+        self.scale = np.concatenate([*[p.scale for p in self.phases], *[c.scale for c in self.changes], free_scale])
         p = ca.vertcat(*[phase.p for phase in self.phases])
         #: typical size of the cost, so that the solver's tolerance means the same in any unit
         self.cost_scale = self._size_of_cost(problem.terminal_cost)
         blocks = [b for phase in self.phases for b in phase.blocks(self.parameter_index, p, self.cost_scale)]
+        blocks += [b for change in self.changes for b in change.blocks(self.parameter_index, p)]
         blocks += self._boundary_blocks(problem, placeholders, p)
         self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
         self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
@@ -76,48 +106,96 @@ class MotionProgram:
             running = phase.phase.running_cost
             size += 0.0 if running.is_zero() else phase.scales.time * phase.sizes.of_values(running)
         if not terminal.is_zero():
-            size += last.sizes.of_values(with_values(terminal, last.typical_value))
+            size += last.sizes.of_values(with_values(terminal, self._typical_value))
         return size or 1.0
+
+    def _phase_of(self, placeholder: Placeholder) -> PhaseProgram:
+        """The phase that a placeholder means; for an integral over all, the first one that has it."""
+        if placeholder.phase is not None:
+            return next(phase for phase in self.phases if phase.phase is placeholder.phase)
+        if placeholder.kind == "integral":
+            return next((p for p in self.phases if any(x is placeholder for x in p.integrals)), self.phases[-1])
+        return self.phases[0 if placeholder.kind == "at_start" else -1]
+
+    def _typical_value(self, placeholder: Placeholder) -> float:
+        return self._phase_of(placeholder).typical_value(placeholder)
 
     # --- relations between the ends -------------------------------------------------------
     def _boundary_blocks(
         self, problem: OptimalControlProblem, placeholders: Sequence[Placeholder], p: ca.SX
     ) -> list[Block]:
         """Boundary conditions and the terminal cost, which see the start and the end."""
-        first, last = self.phases[0], self.phases[-1]
         if problem.terminal_cost.is_zero() and not problem.boundary:
             return []
-        begin = first.unknowns()
-        end = last.unknowns(begin.free)
-        at_start, at_end = first.scheme.start(begin.interval), last.scheme.end(end.interval)
+        first, last = self.phases[0], self.phases[-1]
+        begin = first.edge(False)
+        free = begin.unknowns.free
+        edges: dict[tuple[int, bool], Edge] = {(0, False): begin}
+
+        def edge(phase: PhaseProgram, at_end: bool) -> Edge:
+            key = phase.number, at_end
+            if key not in edges:
+                edges[key] = phase.edge(at_end, free)
+            return edges[key]
+
         symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
         known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
-        gained, values = end.next_integrals - begin.integrals, []
+        values = []
         for x in placeholders:
             if x.kind == "integral":
-                values.append(gained[next(k for k, other in enumerate(last.integrals) if other is x)])
-            elif x.kind == "at_start":
-                values.append(first.value(x.expression, at_start, begin))
+                gained = ca.SX(0)
+                for phase in self.phases:
+                    place = next((k for k, other in enumerate(phase.integrals) if other is x), None)
+                    if place is not None:
+                        gained += edge(phase, True).unknowns.next_integrals[place]
+                        gained -= begin.unknowns.integrals[place] if phase is first else 0
+                values.append(gained)
             else:
-                values.append(last.value(x.expression, at_end, end))
-        whole = last.scheme.expanded(at_end, end.interval.p)
+                phase = self._phase_of(x)
+                at = edge(phase, x.kind == "at_end")
+                values.append(phase.value(x.expression, at.at, at.unknowns))
+        end = edge(last, True)
+        whole = last.scheme.expanded(end.at, end.unknowns.interval.p)
 
         def value(expression: ca.SX) -> ca.SX:
             """An expression with values for its placeholders; other symbols are taken at the end."""
             named = with_values(expression, lambda x: known[x.node.element_hash()])
             function = ca.Function("boundary", [*last.arguments, symbols], [named])
-            return function(*whole.values, end.interval.p, end.extra, ca.vertcat(ca.SX(0, 1), *values))
+            stacked = ca.vertcat(ca.SX(0, 1), *values)
+            return function(*whole.values, end.unknowns.interval.p, end.unknowns.extra, stacked)
 
         rows = {c: value(c.expression) for c in problem.boundary}
-        sizes = last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in rows])
-        groups = condition_rows(rows, dict(zip(rows, sizes, strict=True)), 1.0, "boundary: ")
+        sizes = dict(zip(rows, self._boundary_sizes(list(rows), placeholders), strict=True))
+        groups = condition_rows(rows, sizes, 1.0, "boundary: ")
         cost = value(problem.terminal_cost) / self.cost_scale
-        seen = [(0, 0), (len(self.phases) - 1, last.count - 1)]
-        places = [first.interval_index([0]), last.interval_index([last.count - 1])]
-        index = np.r_[places[0].ravel(), places[1].ravel(), self.parameter_index][:, None]
-        variables = ca.vertcat(begin.variables, end.variables, begin.free)
-        piece = Piece(variables, ca.vertcat(begin.data, end.data), p, stack(groups), cost, index)
-        return [Block(piece, groups, (tuple(seen),))]
+        # the rows stand at the end
+        parts = [*(x for x in edges.values() if x is not end), end]
+        index = np.r_[np.concatenate([x.index.ravel() for x in parts]), self.parameter_index][:, None]
+        variables = ca.vertcat(*[x.unknowns.variables for x in parts], free)
+        data = ca.vertcat(*[x.unknowns.data for x in parts])
+        piece = Piece(variables, data, p, stack(groups), cost, index)
+        return [Block(piece, groups, (tuple(x.interval for x in parts),))]
+
+    def _boundary_sizes(self, conditions: Sequence[Condition], placeholders: Sequence[Placeholder]) -> np.ndarray:
+        """Changes of boundary conditions over the typical sizes of what they contain."""
+        last = self.phases[-1]
+        if len(self.phases) == 1:
+            return last.sizes.of_changes([with_values(c.expression, lambda x: x.expression) for c in conditions])
+        symbols = ca.vertcat(ca.SX(0, 1), *[ca.SX.sym("x") for _ in placeholders])
+        known = {x.node.element_hash(): symbols[k] for k, x in enumerate(placeholders)}
+        changes = np.array([self._phase_of(x).sizes.of_changes([x.expression])[0] for x in placeholders])
+        found = []
+        for condition in conditions:
+            named = with_values(condition.expression, lambda x: known[x.node.element_hash()])
+            slopes = ca.jacobian(named, symbols)
+            rest = [s for s in symbols_of(slopes) if not ca.depends_on(symbols, s)]
+            varying = ca.vertcat(ca.SX(0, 1), *rest)
+            function = ca.Function("slopes", [symbols, varying], [ca.densify(slopes)])
+            at = function(changes, np.ones(varying.numel())).full().ravel()
+            size = float(np.max(np.abs(at) * changes, initial=0.0))
+            outside = last.sizes.of_changes([with_values(condition.expression, lambda _: 0.0)])[0]
+            found.append(size or float(outside))
+        return np.array(found)
 
     # --- what enters a solve --------------------------------------------------------------
     def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
@@ -125,7 +203,9 @@ class MotionProgram:
         sides = zip(*[phase.bounds(start) for phase in self.phases], strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
-        lower, upper = (np.concatenate([*side, limit]) for side, limit in zip(sides, limits, strict=True))
+        impulses = np.full(sum(change.index.size for change in self.changes), np.inf)
+        parts = zip(sides, (-impulses, impulses), limits, strict=True)
+        lower, upper = (np.concatenate([*side, free, limit]) for side, free, limit in parts)
         return lower, upper
 
     def data(self, p: Sequence[np.ndarray], meshes: Sequence[Mesh], times: Sequence[np.ndarray]) -> np.ndarray:
@@ -143,6 +223,9 @@ class MotionProgram:
         intervals = []
         for phase, mesh, segment_times in zip(self.phases, meshes, times, strict=True):
             points = mesh.times(segment_times)
+            if phase.phase.is_instant:
+                intervals.append(np.array([[points[0], 0.0]]))
+                continue
             free = phase.time_count > 0
             intervals.append(np.column_stack([mesh.begin, mesh.length] if free else [points[:-1], np.diff(points)]))
         seen = [intervals[k][i] for block in self.blocks for copy in block.copies for k, i in copy]
@@ -187,3 +270,12 @@ class MotionProgram:
     def violation(self, rows: np.ndarray) -> float:
         """Largest violation of scaled rows."""
         return float(np.max(violations(rows, self.lower), initial=0.0))
+
+
+def _accumulates(placeholder: Placeholder, phase: Phase, *, alone: bool) -> bool:
+    """Return True if an integral runs over a phase: over all that have its symbols, unless it is that of one."""
+    if phase.is_instant:
+        return False
+    if placeholder.phase is not None:
+        return placeholder.phase is phase
+    return alone or phase.has(placeholder.expression)

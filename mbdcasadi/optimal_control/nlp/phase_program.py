@@ -74,6 +74,28 @@ class Block:
     repeated: bool = False
 
 
+@dataclass(frozen=True)
+class Edge:
+    """Start or end of a phase in the program.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+        Variables of the interval beside it.
+    at : CollocationPoint
+        State there.
+    index : numpy.ndarray
+        Places of the variables (k, 1).
+    interval : tuple of int
+        Phase and interval.
+    """
+
+    unknowns: Unknowns
+    at: CollocationPoint
+    index: np.ndarray
+    interval: tuple[int, int]
+
+
 class PhaseProgram:
     """Variables, rows and cost of a phase on a mesh of N intervals.
 
@@ -95,6 +117,10 @@ class PhaseProgram:
         Index of the phase.
     first : int
         Number of variables of the phases before.
+    begins : tuple of float, optional
+        Limits of the time at which the phase begins, s.
+    held : sequence of (str, float)
+        Labels of path limits, and points of every interval at which these are held besides stages and mesh points.
     """
 
     def __init__(
@@ -105,20 +131,23 @@ class PhaseProgram:
         integrals: Sequence[Placeholder],
         number: int,
         first: int,
+        begins: tuple[float, float] = (0.0, 0.0),
+        held: Sequence[tuple[str, float]] = (),
     ):
+        self.begins = begins
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
         # not the problem itself: it holds the program
         self._free, self.extra_parameters = problem.free_parameters, problem.extra_parameters(setup.phase)
         reduced = self.scheme.eom
         #: sizes of what the transcription works in
-        self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=mesh.count)
+        self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=max(mesh.count, 1))
         self.number, self.count, self._segment, self._first = number, mesh.count, mesh.segment, first
         eom, extra = self.phase.equations, self.extra_parameters
         #: symbols that an expression of the problem may contain
         self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, self.phase.input_rates, eom.p]
         self.arguments.append(ca.vertcat(ca.SX(0, 1), *extra))
         self.sizes = Sizes(setup.numeric, self.scales, self.arguments, np.array([p.value for p in extra]))
-        self.integrals = list(integrals)
+        self.integrals, self._held = list(integrals), held
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
@@ -134,6 +163,17 @@ class PhaseProgram:
         """Typical value of a placeholder."""
         span = self.scales.time if placeholder.kind == "integral" else 1.0
         return span * self.sizes.of_values(placeholder.expression)
+
+    @property
+    def follows(self) -> bool:
+        """True if another phase comes before."""
+        return self.number > 0
+
+    def edge(self, at_end: bool, free: ca.SX | None = None) -> Edge:
+        """Start or end with new symbols; `free` are scaled parameters to be shared."""
+        unknowns, k = self.unknowns(free), self.count - 1 if at_end else 0
+        at = (self.scheme.end if at_end else self.scheme.start)(unknowns.interval)
+        return Edge(unknowns, at, self.interval_index([k]), (self.number, k))
 
     # --- places of the variables ----------------------------------------------------------
     @cached_property
@@ -232,10 +272,15 @@ class PhaseProgram:
         values = ca.vertsplit(self._applied(self._functions[key], at, unknowns))
         return condition_rows(dict(zip(conditions, values, strict=True)), self._condition_sizes, tau, prefix)
 
+    def sizes_of(self, conditions: Sequence[Condition]) -> dict[Condition, float]:
+        """Sizes of conditions of the phase."""
+        return {c: self._condition_sizes[c] for c in conditions}
+
     @cached_property
     def _condition_sizes(self) -> dict[Condition, float]:
         waypoints = [c for w in self.phase.waypoints for c in w.conditions]
-        conditions = [*(self.initial or ()), *self.final, *self.phase.path, *waypoints, *self.limit_owners]
+        start = [c for c in self.initial or () if not c.depends_on("impulse")]
+        conditions = [*start, *self.final, *self.phase.path, *waypoints, *self.limit_owners]
         limits = [c for c in conditions if not c.equality]
         equalities = [c for c in conditions if c.equality]
         sizes = self.sizes.of_limits([c.expression for c in limits])
@@ -283,24 +328,41 @@ class PhaseProgram:
         return unknowns, groups, self._integral(self.phase.running_cost, points, unknowns)
 
     def _path_rows(self, unknowns: Unknowns, points: list[CollocationPoint]) -> list[Rows]:
-        """Path conditions at the stages and at the ends of the interval."""
+        """Path conditions at the stages and at the ends of the interval; limits of inputs at their control points."""
         scheme, groups = self.scheme, []
         start, end = scheme.start(unknowns.interval), scheme.end(unknowns.interval)
-        conditions = [*self._path_at_stages, *self.limit_owners]
-        equalities = [c for c in conditions if c.equality]
-        limits = [c for c in conditions if not c.equality]
+        equalities = [c for c in self._path_at_stages if c.equality]
+        limits = [c for c in self.limits_at_points if c not in self.limit_owners]
 
         def place(some: list[Condition], at: CollocationPoint, tau: float) -> None:
-            here = [c for c in some if tau not in self._bounded_at.get(c, ())]
-            groups.extend(self._conditions(here, at, unknowns, tau))
+            groups.extend(self._conditions(some, at, unknowns, tau))
 
         jumping = [c for c in limits if c.depends_on("acceleration", "multiplier", "input", "input rate")]
         place(jumping, start, 0.0)
         for tau, at in zip(scheme.stages.tolist(), points, strict=True):
             # if inputs are joined, the end of the interval before has the row at the start
             here = equalities if tau > 0 or not scheme.inputs.joined else []
-            place([*here, *(limits if 0 < tau < 1 else [])], at, tau)
+            place([*here, *([*limits, *self._limits_of_states] if 0 < tau < 1 else [])], at, tau)
         place(limits, end, 1.0)
+        for tau in sorted({tau for _, tau in self._held}):
+            held = [c for c in self.limits_at_points if tau in self.held_at(c)]
+            place(held, scheme.at(unknowns.interval, tau), tau)
+        return groups + self._input_limit_rows(unknowns, end)
+
+    def _input_limit_rows(self, unknowns: Unknowns, at: CollocationPoint) -> list[Rows]:
+        """Limits of inputs and of their rates alone, at the control points of their polynomials."""
+        groups: list[Rows] = []
+        if self._own_limits_in_rows or any(self._limits_of_inputs.values()):
+            columns = self.scheme.input_control_points(unknowns.interval)
+            for (kind, limits), points in zip(self._limits_of_inputs.items(), columns, strict=True):
+                count, ends = points.size2(), kind == "u" and self.scheme.inputs.joined
+                for j in range(count):
+                    # if inputs are joined, the end of the interval before has the row at the start, and own limits are
+                    # bounds of the variables at both ends
+                    here = [] if ends and j == 0 else list(limits)
+                    here += self._own_limits_in_rows if kind == "u" and not (ends and j in (0, count - 1)) else []
+                    at_control_point = replace(at, **{kind: points[:, j]})
+                    groups += self._conditions(here, at_control_point, unknowns, j / max(count - 1, 1))
         return groups
 
     @property
@@ -310,10 +372,40 @@ class PhaseProgram:
         return [c for c in self.phase.path if c not in differentiated]
 
     @cached_property
-    def _bounded_at(self) -> dict[Condition, tuple[float, ...]]:
-        """Points at which a limit is a bound of a variable and needs no row."""
-        taus = tuple(self.scheme.inputs.taus.tolist())
-        return {c: taus if c.depends_on("input") else (1.0,) for c in self.limit_owners}
+    def limits_at_points(self) -> list[Condition]:
+        """Limits that hold at single points of the intervals: those of the path and of first-order states."""
+        of_inputs = [c for limits in self._limits_of_inputs.values() for c in limits]
+        return [*(c for c in self.phase.path if not c.equality and c not in of_inputs), *self._limits_of_states]
+
+    def held_at(self, condition: Condition) -> list[float]:
+        """Points of an interval at which a limit is held besides stages and mesh points."""
+        return [tau for label, tau in self._held if label == condition.label]
+
+    def size_of(self, condition: Condition) -> float:
+        """Typical size of a condition."""
+        return float(self._condition_sizes[condition])
+
+    @cached_property
+    def _limits_of_states(self) -> list[Condition]:
+        """Limits of first-order states, which are bounds of variables at the mesh points alone."""
+        return [c for c in self.limit_owners if c.depends_on("state")]
+
+    @cached_property
+    def _own_limits_in_rows(self) -> list[Condition]:
+        """Limits that inputs carry themselves, if the bounds of their unknowns do not keep them everywhere."""
+        return [] if self.scheme.inputs.bounded else [c for c in self.limit_owners if c.depends_on("input")]
+
+    @cached_property
+    def _limits_of_inputs(self) -> dict[str, list[Condition]]:
+        """Path limits of inputs alone, and of their rates alone, that are linear in them: ``u``, ``u_rate``."""
+        eom, rates = self.phase.equations, self.phase.input_rates
+        found: dict[str, list[Condition]] = {}
+        for name, kind, symbols in (("u", "input", eom.u), ("u_rate", "input rate", rates)):
+            alone = [c for c in self.phase.path if kind in c.kinds and c.kinds <= {kind, "parameter"}]
+            found[name] = [
+                c for c in alone if not c.equality and not ca.depends_on(ca.jacobian(c.expression, symbols), symbols)
+            ]
+        return found
 
     def _start_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Rows at the start, with the interval on which they stand."""
@@ -323,7 +415,9 @@ class PhaseProgram:
         if self.scheme.inputs.joined and self.scheme.stages[0] == 0:
             equalities = [c for c in self._path_at_stages if c.equality]
             groups += self._conditions(equalities, at, unknowns, 0.0)
-        if self.initial is not None:
+        if self.scheme.inputs.joined:
+            groups += self._conditions(self._limits_of_inputs["u"], at, unknowns, 0.0)
+        if self.initial is not None and not self.follows:
             groups += self.scheme.constraint_rows(at.q, at.v, at.t, interval.p, 0.0, self.reduced_scales)
             groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
         return [(unknowns, groups, 0)] if groups else []
@@ -344,16 +438,38 @@ class PhaseProgram:
 
     def time_blocks(self, p: ca.SX) -> list[Block]:
         """Order of the free times of waypoints."""
-        if self.time_count < 3:
-            return []
+        begins_late = self.time_count > 0 and self.begins[0] < self.begins[1]
         times = ca.SX.sym("m", self.time_count)
+
+        def block(groups: list[Rows]) -> Block:
+            piece = Piece(times, ca.SX(0, 1), p, stack(groups), ca.SX(0), self.time_index[:, None])
+            return Block(piece, groups, ((),))
+
+        durations = [block(self._duration_rows(times))] if begins_late else []
+        if self.time_count < 3:
+            return durations
         count = self.time_count - 1
         names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
         labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
         gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
         rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
-        piece = Piece(times, ca.SX(0, 1), p, stack([rows]), ca.SX(0), self.time_index[:, None])
-        return [Block(piece, [rows], ((),))]
+        return [*durations, block([rows])]
+
+    def _duration_rows(self, times: ca.SX) -> list[Rows]:
+        """Limits of the duration and of the times of waypoints, if the time at which the phase begins is free."""
+        spans = self.phase.time_spans[1:]
+        names = [*(f"waypoint {k}" for k in range(1, len(spans))), "the duration"]
+        groups = []
+        for k, ((low, high), name) in enumerate(zip(spans, names, strict=True), start=1):
+            since, label, size = times[k] - times[0], f"{name} of phase '{self.phase.name}'", np.ones(1)
+            low, high = low / self.scales.time, high / self.scales.time
+            if low == high:
+                groups.append(Rows(since - low, (label,), 1.0, size, ("durations",)))
+            else:
+                limits = ca.vertcat(since - high, low - since)
+                ends = (f"upper limit of {label}", f"lower limit of {label}")
+                groups.append(Rows(limits, ends, 1.0, np.ones(2), ("durations",) * 2, False))
+        return groups
 
     # --- bounds of the variables ----------------------------------------------------------
     def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
@@ -366,14 +482,85 @@ class PhaseProgram:
             point = np.r_[point, np.full(self.point_size - point.size, infinite)]
             inner = np.full(scheme.interval_size, infinite)
             inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
-            times = [span[side] for span in self.phase.time_spans][: self.time_count]
+            times = [self.begins[side] + span[side] for span in self.phase.time_spans][: self.time_count]
             bound = np.r_[np.tile(np.r_[point, inner], self.count), point, times] / self.scale
-            if self.initial is None:
+            if self.initial is None and not self.follows:
                 state = np.r_[start.q[scheme.eom.independent], start.v[scheme.eom.independent], start.z]
                 bound[: state.size] = state / self.point_scale[: state.size]
             bound[scheme.point_size : self.point_size] = 0.0
             bounds.append(bound)
         return bounds[0], bounds[1]
+
+
+class InstantProgram(PhaseProgram):
+    """Variables of a phase of no duration: the state just after a change, and its time if a time is free."""
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        setup: PhaseSetup,
+        mesh: Mesh,
+        integrals: Sequence[Placeholder],
+        number: int,
+        first: int,
+        begins: tuple[float, float] = (0.0, 0.0),
+        held: Sequence[tuple[str, float]] = (),
+    ):
+        super().__init__(problem, setup, mesh, (), number, first, begins, held)
+        self.time_count = 1 if problem.has_free_times else 0
+        self.size = self.point_size + self.time_count
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """Size of every variable."""
+        return np.r_[self.point_scale, np.full(self.time_count, self.scales.time)]
+
+    def unknowns(self, free: ca.SX | None = None) -> Unknowns:
+        """New symbols; `free` are scaled parameters to be shared."""
+        point, times = ca.SX.sym("w", self.point_size), ca.SX.sym("m", self.time_count)
+        free = ca.SX.sym("f", self.free_scale.size) if free is None else free
+        data, none = ca.SX.sym("d", 2), ca.SX(0, 1)
+        p, extra = self._parameters(ca.DM(self.free_scale) * free)
+        start = self.scales.time * times[0] if self.time_count else data[0]
+        values = ca.DM(self.point_scale) * point
+        interval = Interval(values, none, values, start, ca.SX(0), p)
+        return Unknowns(ca.vertcat(point, times), free, data, interval, none, none, extra)
+
+    def edge(self, at_end: bool, free: ca.SX | None = None) -> Edge:
+        """The state, which is start and end at once."""
+        unknowns, eom = self.unknowns(free), self.scheme.eom
+        parts = self.scheme.split_point(unknowns.interval.first)
+        zeros = [ca.SX.zeros(size) for size in (eom.q.numel(), eom.lam.numel(), eom.u.numel(), eom.u.numel())]
+        a, lam, u, rate = zeros
+        at = CollocationPoint(unknowns.interval.start, parts["q"], parts["v"], a, parts["z"], lam, u, rate)
+        index = self._first + np.arange(self.size)
+        return Edge(unknowns, at, index[:, None], (self.number, 0))
+
+    def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:
+        """Conditions on the state that are stated as those of its end."""
+        if not self.final:
+            return []
+        edge = self.edge(True)
+        groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, "final: ")
+        variables = ca.vertcat(edge.unknowns.variables, edge.unknowns.free)
+        index = np.vstack([edge.index, free_index[:, None]])
+        piece = Piece(variables, edge.unknowns.data, p, stack(groups), ca.SX(0), index)
+        return [Block(piece, [g for g in groups if g.labels], ((edge.interval,),))]
+
+    def time_blocks(self, p: ca.SX) -> list[Block]:
+        """Nothing: the time is that of the end of the phase before."""
+        return []
+
+    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled."""
+        n, mechanism = self.scheme.eom.q.numel(), self.phase.mechanism
+        sides = []
+        for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
+            z = [getattr(x, name) for x in mechanism.states]
+            point = np.r_[np.full(2 * n, infinite), z]
+            point = np.r_[point, np.zeros(self.point_size - point.size)]  # inputs have no effect at an instant
+            sides.append(np.r_[point, np.full(self.time_count, self.begins[side])] / self.scale)
+        return sides[0], sides[1]
 
 
 def condition_rows(

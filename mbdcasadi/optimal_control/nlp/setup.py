@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, reduced_equations
@@ -17,7 +18,7 @@ from ...model.conditions import Condition
 from ...model.quantities import whole, yes_or_no
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
-from ..guess.kinematic_guess import kinematic_path
+from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..guess.least_squares_loads import LeastSquaresLoads
 from ..phase import Phase
 from ..problem import OptimalControlProblem
@@ -40,20 +41,30 @@ class Settings:
         Course of the inputs in an interval.
     options : dict
         Options of the solver.
+    chosen : object
+        The transcription as it was given.
     progress : bool
         Whether progress is shown.
-    key : hashable
-        Key of the programs that are made by them.
+    angles : bool
+        Whether open chains are left with their angles alone.
     """
 
     transcription: Transcription
     control: str
     options: dict[str, Any]
     progress: bool
-    key: Hashable
+    chosen: Any
+    angles: bool = False
+
+    @property
+    def key(self) -> Hashable:
+        """Key of the programs that are made by them."""
+        return self.chosen, self.transcription.degree, self.control, self.angles
 
     @classmethod
-    def read(cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any) -> Settings:
+    def read(
+        cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any, angles: bool = False
+    ) -> Settings:
         """Check what ``optimize`` is given."""
         scheme = _scheme(transcription, degree)
         if control not in CONTROLS:
@@ -62,7 +73,7 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        return cls(scheme, control, dict(chosen), shown, (transcription, scheme.degree, control))
+        return cls(scheme, control, dict(chosen), shown, transcription, angles)
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:
@@ -84,6 +95,21 @@ def _scheme(transcription: Any, degree: Any) -> Transcription:
         ) from None
 
 
+def is_open_chain(problem: OptimalControlProblem) -> bool:
+    """Return True if a mechanism is an open chain whose angles alone are a better choice than all coordinates."""
+    if len(problem.phases) > 1:  # impulses of the changes belong to the rows of all coordinates
+        return False
+    mechanisms = [phase.equations for phase in problem.phases]
+    chains = [eom for eom in mechanisms if reduced_equations(eom).rows]
+    return bool(chains) and all(reduced_equations(eom, angles=True).is_chain for eom in chains)
+
+
+def typical_duration(phase: Phase) -> float:
+    """Return the duration of a phase to begin with, s."""
+    low, high = phase.span
+    return high if low == high else (low * high) ** 0.5 if low > 0 else high / 2
+
+
 class PhaseSetup:
     """Ends, sizes and transcription of a phase.
 
@@ -101,6 +127,10 @@ class PhaseSetup:
         First state, as far as the initial conditions decide it.
     initial : State or sequence of Condition
         Conditions at the start.
+    path : KinematicPath, optional
+        Poses of the phase among others.
+    time : float, optional
+        Typical time, s, for a phase of no duration.
 
     Attributes
     ----------
@@ -122,13 +152,16 @@ class PhaseSetup:
         numeric: NumericEquations,
         start: State,
         initial: State | Sequence[Condition],
+        path: KinematicPath | None = None,
+        time: float | None = None,
     ):
         self.phase, self.numeric, self.start = phase, numeric, start
-        low, high = phase.duration
-        times = phase.segment_times(high if low == high else (low * high) ** 0.5 if low > 0 else high / 2)
-        self.path = kinematic_path(problem, phase, numeric, start, times)
+        if path is None:
+            path = kinematic_path(problem, phase, numeric, start, phase.segment_times(typical_duration(phase)))
+        self.path = path
         self.ends = EndConditions(problem, phase, numeric, start, initial, self.path)
-        self.scales = scales_of(numeric, float(times[-1]), self.path.poses)
+        span = float(path.segment_times[-1] - path.segment_times[0])
+        self.scales = scales_of(numeric, span if time is None else time, self.path.poses)
         self.scheme = self._bound_scheme(problem, settings, initial)
 
     @property
@@ -144,13 +177,16 @@ class PhaseSetup:
     def _bound_scheme(
         self, problem: OptimalControlProblem, settings: Settings, initial: State | Sequence[Condition]
     ) -> Transcription:
-        eom = reduced_equations(self.phase.equations, curved=not self.ends.are_singular())
+        curved = not self.ends.are_singular()
+        eom = reduced_equations(self.phase.equations, curved=curved, angles=settings.angles)
         path_constraints = self.phase.differentiated_path_constraints(problem.free_parameters)
         constraints = MotionConstraints(eom, self.numeric.p, self._independent_rows(eom), path_constraints)
         # an input that drives a first-order state could else move it unseen: by a polynomial that is zero at all stages
         drives = bool(eom.u.numel()) and bool(ca.depends_on(eom.z_rate, eom.u))
         inner, joined = settings.transcription.input_points(lower_degree=drives)
-        basis = input_basis(settings.control, inner, joined, rates=problem.has_input_rates(initial))
+        limited = any(np.isfinite([u.lower, u.upper]).any() for u in self.phase.mechanism.inputs)
+        rates = problem.has_input_rates(initial)
+        basis = input_basis(settings.control, inner, joined, rates=rates, limited=limited)
         return settings.transcription.bound_to(constraints, self.numeric.weights[eom.independent], basis)
 
     def _independent_rows(self, eom: ReducedEquations) -> list[int]:

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import itertools
 import time as clock
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ...arguments.values import pairs_of, parameter_vector
+from ...arguments.values import pairs_of
+from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import Interrupted, ModelError
 from ...model.conditions import Condition
 from ...numerics.console import interruptible, quiet
+from ...numerics.least_squares import largest
 from ...numerics.symbolic import numeric_work
 from ...results.state import State
 from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.guess import Guess
+from ..guess.key_poses import key_poses
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..phase import Phase, read_state_or_conditions
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
-from .motion_program import MotionProgram
-from .setup import PhaseSetup, Settings
+from .change import ChangeSetup, numeric_at
+from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
+from .motion_program import Held, MotionProgram
+from .setup import PhaseSetup, Settings, typical_duration
 from .solver_callback import SolverCallback
 from .start import check_start, first_state
 from .statistics import Answer, SolveStatistics
@@ -66,6 +73,8 @@ WARM_START: dict[str, dict[str, Any]] = {
 }
 #: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
 BRANCH_TOLERANCE = 1e-3
+#: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
+START_MOVED = 1e-9
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
 
@@ -138,18 +147,66 @@ class Solver:
         best: BestSoFar | None = None,
     ):
         self.problem, self.settings = problem, settings
+        #: points at which path limits are held besides stages and mesh points
+        self.held: Held = ()
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
             if any(free is key for key in values):
                 raise ModelError(f"optimize: parameter '{free.label}' is both given and free")
         self.initial = problem.phases[0].initial if initial is None else self._other_start(initial)
-        first, equations = problem.phases[0], [phase.equations for phase in problem.phases]
-        numerics = [NumericEquations(eom, parameter_vector(eom, values)) for eom in equations]
-        self.start = first_state(problem, first, numerics[0], self.initial)
+        first = problem.phases[0]
+        read = [
+            Setup(phase.mechanism, "optimize", t=0.0, initial=self.initial if phase is first else (), parameters=values)
+            for phase in problem.phases
+        ]
+        numerics = [setup.numeric for setup in read]
+        self.start = first_state(problem, first, numerics[0], self.initial, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
-        self.setups = list(map(self._setup, problem.phases, numerics))
+        self.changes: list[ChangeSetup] = []
+        #: values of the free parameters to begin with
+        self.free_values = np.array([p.value for p in problem.free_parameters])
+        if len(problem.phases) == 1:
+            self.setups = [self._setup(first, numerics[0])]
+        else:
+            self._set_up_phases(numerics)
+
+    def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
+        """Setups of phases that follow each other, with key poses that were assembled together."""
+        problem, phases = self.problem, self.problem.phases
+        durations = [0.0 if phase.is_instant else typical_duration(phase) for phase in phases]
+        ends = np.cumsum(durations)
+        spans = list(zip((ends - durations).tolist(), ends.tolist(), strict=True))
+        poses = key_poses(problem, numerics, self.start.q, spans)
+        self.free_values = poses.parameters
+        values = dict(zip(problem.free_parameters, poses.parameters.tolist(), strict=True))
+        numerics = [numeric_at(numeric, values) for numeric in numerics]
+        moved = largest(poses.starts[0] - self.start.q) > START_MOVED * (1 + largest(self.start.q))
+        if moved and not isinstance(self.initial, State):
+            s = self.start
+            own = (s.v, s.a, s.z, s.lam, s.inputs, numerics[0].p)
+            self.start = State(s.mechanism, s.t, poses.starts[0], *own)
+        usual = float(np.median([d for d in durations if d > 0]))
+        self.setups = []
+        for k, (phase, numeric) in enumerate(zip(phases, numerics, strict=True)):
+            start = self.start if k == 0 else _at_rest(phase, poses.starts[k], spans[k][0], numeric.p)
+            path = self._path_of(phase, numeric, start, spans[k], poses.ends[k])
+            initial = self.initial if k == 0 else phase.initial
+            time = usual if phase.is_instant else None
+            self.setups.append(PhaseSetup(problem, phase, self.settings, numeric, start, initial, path, time))
+        for k, (before, after) in enumerate(itertools.pairwise(self.setups)):
+            change = ChangeSetup.at(before, after, poses.ends[k], spans[k][1], problem.free_parameters)
+            self.changes.append(change)
+
+    def _path_of(
+        self, phase: Phase, numeric: NumericEquations, start: State, span: tuple[float, float], end: np.ndarray
+    ) -> KinematicPath:
+        """Poses of a phase between its key poses."""
+        if phase.is_instant:
+            return KinematicPath(np.array(span), np.array(span[:1]), end[None, :])
+        times = span[0] + phase.segment_times(span[1] - span[0])
+        return kinematic_path(self.problem, phase, numeric, start, times, end)
 
     def _other_start(self, initial: Any) -> State | tuple[Condition, ...]:
         """A start in place of the problem's own, checked as that is."""
@@ -172,18 +229,54 @@ class Solver:
     def path(self) -> KinematicPath:
         """Poses from this start on."""
         setup = self.setups[0]
-        if self.start is setup.start:
+        if self.start is setup.start or len(self.setups) > 1:
             return setup.path
         return kinematic_path(self.problem, setup.phase, setup.numeric, self.start, setup.path.segment_times)
 
     # --- one mesh -------------------------------------------------------------------------
     def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
         """Return the program for a number of intervals, made once and kept."""
-        key = tuple(mesh.counts for mesh in meshes), self.settings.key, tuple(setup.key for setup in self.setups)
-        make = partial(MotionProgram, self.problem, self.setups, meshes)
+        parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
+        key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts, self.held
+        make = partial(MotionProgram, self.problem, self.setups, meshes, self.changes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False) -> Solution:
+        """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
+
+        Raises
+        ------
+        OptimizationError
+            If the solver does not succeed, or the solution lies on another branch of the linkage.
+        Interrupted
+            After Ctrl-C.
+        """
+        if guess.iterate is not None:
+            self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
+        solution = self._solve(meshes, guess, warm=warm)
+        passed = largest_share(solution)
+        for _ in range(ROUNDS):
+            more = points_to_hold(solution) if passed > LIMIT_TOLERANCE else set()
+            if not more:
+                break
+            before, self.held = self.held, tuple(sorted({*self.held, *more}))
+            held = self._solve_again(solution)
+            share = np.inf if held is None else largest_share(held)
+            if held is None or share > 0.8 * passed:  # what is passed is the error of the mesh: more points do not help
+                self.held = before
+                break
+            held.statistics = together(solution.statistics, held.statistics)
+            solution, passed = held, share
+        return solution
+
+    def _solve_again(self, solution: Solution) -> Solution | None:
+        """Solve from a solution on the same mesh; None if that fails."""
+        try:
+            return self._solve(solution.meshes, solution.as_guess(self.problem), warm=True)
+        except OptimizationError:
+            return None
+
+    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool) -> Solution:
         """Solve on a mesh.
 
         Raises
@@ -268,7 +361,8 @@ class Solver:
         for setup, part in zip(self.setups, solution.phases, strict=True):
             for condition, window in setup.ends.implied.items():
                 # a condition at the end may come from a state, and is then none that the user stated
-                at_start = not isinstance(self.initial, State) and condition in self.initial
+                start = self.initial if setup is self.setups[0] else setup.phase.initial
+                at_start = not isinstance(start, State) and condition in start
                 place = part.trajectory.initial if at_start else part.trajectory.final
                 amount = float(place[condition.expression])
                 if abs(amount) > BRANCH_TOLERANCE * window:
@@ -280,6 +374,25 @@ class Solver:
                         time=place.t,
                     )
         return None
+
+
+def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics:
+    """Statistics of a solve that went on from another one."""
+    return replace(
+        second,
+        iterations=first.iterations + second.iterations,
+        starts=first.starts,
+        seconds=first.seconds + second.seconds,
+        build_seconds=first.build_seconds + second.build_seconds,
+    )
+
+
+def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:
+    """A state at rest, for guesses."""
+    eom = phase.equations
+    sizes = (eom.v.numel(), eom.a.numel())
+    v, a = (np.zeros(size) for size in sizes)
+    return State(phase.mechanism, t, q, v, a, eom.estimate[2], np.zeros(eom.lam.numel()), eom.input_values, p)
 
 
 def _rows(program: MotionProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:

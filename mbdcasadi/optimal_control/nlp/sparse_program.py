@@ -142,8 +142,13 @@ class SparseProgram:
             columns.append(piece.index[local_columns].T.ravel())
             values.append(ca.vec(nonzeros))
             first += count * copies
-        sparsity, order = _pattern(self.row_count, self.size, np.concatenate(rows), np.concatenate(columns))
-        return ca.MX(sparsity, ca.vertcat(*values)[order.tolist()])
+        row, column, nonzeros = np.concatenate(rows), np.concatenate(columns), ca.vertcat(*values)
+        entries, entry = np.unique(column * max(self.row_count, 1) + row, return_inverse=True)
+        if entries.size < row.size:  # a piece that sees a variable twice, as the ends of a phase see its times
+            sparsity, _ = _pattern(self.row_count, self.size, entries % self.row_count, entries // self.row_count)
+            return ca.MX(sparsity, ca.mtimes(_summing(entry, entries.size), nonzeros))
+        sparsity, order = _pattern(self.row_count, self.size, row, column)
+        return ca.MX(sparsity, nonzeros[order.tolist()])
 
     def _hessian(self, lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
         rows, columns, values, first = [], [], [], 0

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from ...arguments.inputs import read_signals
+from ...arguments.inputs import Signals
 from ...assembly.consistent_start import complete_state, consistent_start
 from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError, ConditionError
@@ -24,7 +24,11 @@ START_TOLERANCE = 1e-6
 
 
 def first_state(
-    problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, initial: State | Sequence[Condition]
+    problem: OptimalControlProblem,
+    phase: Phase,
+    numeric: NumericEquations,
+    initial: State | Sequence[Condition],
+    signals: Signals,
 ) -> State:
     """Return the state at the start, as far as the initial conditions decide it.
 
@@ -38,7 +42,7 @@ def first_state(
     extra = problem.extra_parameters(phase)
     conditions = [c for c in on_states(initial) if not contains_any(c.expression, extra)]
     prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
-    signals, z = read_signals(phase.equations, None), phase.equations.estimate[2]
+    z = phase.equations.estimate[2]
     state = state_by_linear_conditions(numeric, [*conditions, *prescribed], 0.0, z)
     if state is not None:
         return complete_state(numeric, signals, 0.0, *state, z)

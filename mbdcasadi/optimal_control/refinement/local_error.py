@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -10,7 +9,7 @@ import numpy as np
 
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
-from ...errors import MechanismWarning
+from ...errors import warn
 from ...numerics.collocation import gauss
 
 if TYPE_CHECKING:
@@ -31,19 +30,32 @@ INTEGRATION_TOLERANCE = 1e-11
 def warn_of_coarse_mesh(solution: Solution) -> None:
     """Warn if an interval, integrated again from its own mesh point, ends far from the next one."""
     for part in solution.phases:
-        _warn_of_coarse_phase(part, solution.duration)
+        if part.mesh.count:
+            _warn_of_coarse_phase(part)
 
 
-def _warn_of_coarse_phase(part: PhaseSolution, duration: float) -> None:
-    sizes = np.r_[part.program.scales.q, part.program.scales.q / duration]
-    states = part.phase.mechanism.states
-    if not states and np.max(inner_errors(part) / sizes) <= FINE_ERROR:  # nan is not
-        return
+def coarseness(part: PhaseSolution) -> np.ndarray:
+    """Errors of the intervals in rad or sizes of the mechanism, velocities times the duration (N,).
+
+    Zero if they are certainly small, infinite if an interval cannot be integrated again.
+    """
+    if not part.mesh.count:  # a phase of no duration
+        return np.zeros(0)
+    sizes = np.r_[part.program.scales.q, part.program.scales.q / part.duration]
+    steps = projection_steps(part) / sizes
+    fine = max(np.max(inner_errors(part) / sizes), np.max(steps)) <= FINE_ERROR  # nan is not
+    if fine and not part.phase.mechanism.states:
+        return np.zeros(part.mesh.count)
     try:
-        errors = np.max(part.end_errors[:, : sizes.size] / sizes, axis=1)
+        errors: np.ndarray = np.max(part.end_errors[:, : sizes.size] / sizes, axis=1)
     except RuntimeError:  # the integrator did not get to the end of an interval
-        errors = np.full(part.mesh.count, np.inf)
-    else:
+        return np.full(part.mesh.count, np.inf)
+    return errors
+
+
+def _warn_of_coarse_phase(part: PhaseSolution) -> None:
+    errors = coarseness(part)
+    if part.phase.mechanism.states and np.all(np.isfinite(errors)):
         _warn_of_states(part)
     worst = int(np.argmax(errors))
     if errors[worst] <= COARSE_ERROR:
@@ -51,13 +63,11 @@ def _warn_of_coarse_phase(part: PhaseSolution, duration: float) -> None:
     others = int(np.sum(errors > COARSE_ERROR)) - 1
     begin, end = part.mesh_times[worst : worst + 2]
     more = f"; so do {others} others" if others else ""
-    warnings.warn(
+    warn(
         f"the mesh of {part.mesh.count} intervals is too coarse for the motion that was found: the interval from "
         f"t = {begin:.6g} to {end:.6g} s, integrated again from its own start, ends elsewhere (by {errors[worst]:.2g} "
         f"in radians or sizes of the mechanism, velocities times the duration{more}); take more intervals=, or "
-        "tolerance= for a mesh that is refined",
-        MechanismWarning,
-        stacklevel=4,
+        "tolerance= for a mesh that is refined"
     )
 
 
@@ -66,18 +76,25 @@ def _warn_of_states(part: PhaseSolution) -> None:
     sums = np.sum(state_errors(part), axis=0)
     for state, error in zip(part.phase.mechanism.states, sums, strict=True):
         if error > COARSE_STATE_ERROR:
-            warnings.warn(
+            warn(
                 f"the mesh of {part.mesh.count} intervals is too coarse for the state '{state.label}': the "
                 f"intervals, integrated again, end off by {error:.2g} of its range in all; take more intervals=, or "
-                "tolerance= for a mesh that is refined",
-                MechanismWarning,
-                stacklevel=5,
+                "tolerance= for a mesh that is refined"
             )
 
 
 def state_errors(part: PhaseSolution) -> np.ndarray:
     """Differences of the first-order states at the ends of the intervals, as shares of their ranges (N, k)."""
     return part.end_errors[:, 2 * part.phase.equations.q.numel() :] / part.state_ranges
+
+
+def projection_steps(part: PhaseSolution) -> np.ndarray:
+    """Steps by which the ends of the intervals are moved onto the constraints, in coordinates and rates (N, 2 n)."""
+    count = part.mesh.count
+    _, q, v, *_ = part.polynomials.at(np.arange(count), np.ones(count))
+    n = part.phase.equations.q.numel()
+    steps: np.ndarray = np.abs(part.mesh_states[1:, : 2 * n] - np.hstack([q, v]))
+    return steps
 
 
 def inner_errors(part: PhaseSolution) -> np.ndarray:
@@ -160,6 +177,8 @@ def local_errors(part: PhaseSolution) -> np.ndarray:
 
 def scaled_errors(part: PhaseSolution) -> np.ndarray:
     """Largest difference by interval: coordinates, velocities times the duration, states by their ranges (N,)."""
+    if not part.mesh.count:
+        return np.zeros(0)
     n = part.phase.equations.q.numel()
     errors = np.max(part.end_errors[:, : 2 * n] * np.repeat([1.0, part.duration], n), axis=1)
     return np.maximum(errors, np.max(state_errors(part), axis=1)) if part.phase.mechanism.states else errors

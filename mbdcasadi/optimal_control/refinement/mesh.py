@@ -31,6 +31,11 @@ class Mesh:
             counts[np.argmin(counts / lengths)] += 1
         return cls(tuple(np.linspace(0, 1, n + 1) for n in counts))
 
+    @classmethod
+    def instant(cls) -> Mesh:
+        """The mesh of a phase of no duration: one point, and no interval."""
+        return cls((np.zeros(1),))
+
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of intervals of each segment."""

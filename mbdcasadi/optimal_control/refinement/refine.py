@@ -9,14 +9,17 @@ import numpy as np
 
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
-from ..nlp.solver import Solver
+from ..nlp.held_limits import passed_limits
+from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
-from .local_error import scaled_errors
+from .local_error import COARSE_ERROR, coarseness, scaled_errors
 from .mesh import Mesh
 
 #: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
 PASSES, PIECES, INTERVALS = 12, 6, 2000
+#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
+COARSE_PASSES = 3
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
 MERGING_SHARE = 0.05
 
@@ -74,6 +77,43 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
         partial=solution,
         time=None,
     )
+
+
+def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:
+    """Solve again with intervals split that are too coarse for the motion, or in which it passes a limit.
+
+    A few times at most.
+
+    Returns
+    -------
+    Solution, bool
+        The last solution, and whether its mesh is fine enough.
+    """
+    for _ in range(COARSE_PASSES):
+        order = solution.phases[0].program.scheme.order
+        meshes = []
+        for part in solution.phases:
+            if not part.mesh.count:
+                meshes.append(part.mesh)
+                continue
+            # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
+            pieces = np.ceil((4 * coarseness(part) / COARSE_ERROR) ** (1 / order))
+            pieces[coarseness(part) <= COARSE_ERROR] = 1
+            passed = [limit.time for limit in passed_limits(solution) if limit.phase == part.program.number]
+            places = np.clip(np.searchsorted(part.mesh_times, passed) - 1, 0, part.mesh.count - 1)
+            pieces[places] = np.maximum(pieces[places], 2)
+            pieces = np.clip(np.nan_to_num(pieces, nan=PIECES), 1, PIECES).astype(int)
+            meshes.append(part.mesh.refined(pieces, np.zeros(part.mesh.count, bool)))
+        if _count(meshes) == _count(solution.meshes):
+            break
+        solver.best.new_stage()
+        try:
+            finer = solver.solve(meshes, solution.as_guess(solver.problem), warm=True)
+        except OptimizationError:
+            break
+        finer.statistics = together(solution.statistics, finer.statistics)
+        solution = finer
+    return solution, all(np.max(coarseness(part), initial=0.0) <= COARSE_ERROR for part in solution.phases)
 
 
 def _count(meshes: Sequence[Mesh]) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,12 @@ class Verification:
         By interval, started again at each mesh point: largest difference in
         displacements (m) and in angles (rad), (N, 2). A motion that is unstable may have
         small defects and still not be followed by the simulation as a whole.
+    event_times : numpy.ndarray
+        Times of the changes from phase to phase in the simulation, s; NaN if a joint did not close near its time.
+    time_error : float
+        Largest difference of one of them from the planned time, s.
+    impulse_error : float
+        Largest difference of an impulse, as a share of the largest one of its change.
     """
 
     trajectory: Trajectory
@@ -40,12 +46,17 @@ class Verification:
     largest_deviation: float
     drift: float
     defects: np.ndarray
+    event_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    time_error: float = 0.0
+    impulse_error: float = 0.0
 
     def __repr__(self) -> str:
         worst = np.max(self.defects, axis=0)
+        changes = f"; changes off by up to {self.time_error:.1e} s" if self.event_times.size else ""
         return (
             f"Verification by {self.trajectory.statistics.method}: off by {self.final_error:.2e} at the end, "
             f"{self.largest_deviation:.2e} at most; defects of intervals up to {worst[0]:.1e} m, {worst[1]:.1e} rad"
+            f"{changes}"
         )
 
 

@@ -246,12 +246,23 @@ class Transcription(ABC):
 
     def inputs_at(self, interval: Interval, tau: Any) -> tuple[ca.SX, ca.SX]:
         """Inputs and their rates at a point of the interval."""
-        values = self.split_interval(interval.inner)["u"]
-        if self.inputs.joined:
-            ends = [self.split_point(end)["u"] for end in (interval.first, interval.last)]
-            values = ca.horzcat(ends[0], values, ends[1])
+        unknowns = self._input_unknowns(interval)
         weights, slopes = (ca.SX(w(tau)) for w in (self.inputs.weights, self.inputs.rate_weights))
-        return values @ weights, values @ slopes / interval.length
+        return unknowns @ weights, unknowns @ slopes / interval.length
+
+    def input_control_points(self, interval: Interval) -> tuple[ca.SX, ca.SX]:
+        """Bernstein coefficients (n_u, k) of the inputs and (n_u, k - 1) of their rates, which enclose them."""
+        points = self._input_unknowns(interval) @ ca.DM(self.inputs.control_points.T)
+        count = points.size2()
+        return points, (count - 1) * (points[:, 1:] - points[:, :-1]) / interval.length
+
+    def _input_unknowns(self, interval: Interval) -> ca.SX:
+        """Unknowns of the inputs in an interval, those of its ends included (n_u, k)."""
+        inner = self.split_interval(interval.inner)["u"]
+        if not self.inputs.joined:
+            return inner
+        ends = [self.split_point(end)["u"] for end in (interval.first, interval.last)]
+        return ca.horzcat(ends[0], inner, ends[1])
 
     def expanded(self, at: CollocationPoint, p: ca.SX) -> CollocationPoint:
         """The same point with all coordinates of the mechanism and the multipliers of all rows."""
@@ -286,8 +297,10 @@ class Transcription(ABC):
         motion, acceleration = self._residuals(*at.values[:-1], p)
         labels = tuple(f"equation of motion of {name}" for name in self.eom.coordinate_names)
         units = tuple("N m" if angle else "N" for angle in scales.angles)
+        # in angles alone a solver is led astray by large residuals that count little: angles jump within an interval
+        size = scales.load * (1 if self.eom.is_chain else scales.steps**2)
         return [
-            Rows(motion, labels, tau, scales.load * scales.steps**2, units),
+            Rows(motion, labels, tau, size, units),
             self.constraints.acceleration_rows(acceleration, tau, scales),
         ]
 

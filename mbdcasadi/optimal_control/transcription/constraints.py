@@ -70,6 +70,11 @@ class MotionConstraints:
         slopes = self.function(0.0, eom.estimate, p)
         self._position_slopes, self._slopes = np.abs(slopes[1].full()), np.abs(slopes[2].full())
 
+    @property
+    def joint_position_count(self) -> int:
+        """Number of position rows of the joints."""
+        return len(self._joint_positions)
+
     def _sizes(self, scales: Scales) -> np.ndarray:
         """Sizes of the rows as they change over typical coordinates."""
         slopes = np.max(self._slopes[len(self.rows) :] * scales.q, axis=1, initial=0.0)

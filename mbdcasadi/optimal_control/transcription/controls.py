@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError
-from ...numerics.collocation import combine, lagrange_coefficients, powers
+from ...numerics.collocation import bernstein_coefficients, combine, lagrange_coefficients, powers
 
 #: Values of ``control=``.
 CONTROLS = ("polynomial", "linear", "constant")
@@ -17,7 +17,10 @@ CONTROLS = ("polynomial", "linear", "constant")
 
 @dataclass(frozen=True)
 class InputBasis:
-    """Inputs on an interval as the polynomial through values at its ends and at inner points.
+    """Inputs on an interval as polynomials.
+
+    Their unknowns are values at the ends and at inner points or, if inputs are limited, Bernstein coefficients:
+    between the limits if these are, so is the polynomial everywhere.
 
     Attributes
     ----------
@@ -28,11 +31,14 @@ class InputBasis:
     joined : bool
         Whether the values at both ends count too; they belong to the mesh
         points, so that the inputs are continuous.
+    limited : bool
+        Whether the unknowns are Bernstein coefficients.
     """
 
     name: str
     inner: tuple[float, ...]
     joined: bool
+    limited: bool = False
 
     @property
     def taus(self) -> np.ndarray:
@@ -41,15 +47,30 @@ class InputBasis:
 
     @cached_property
     def coefficients(self) -> np.ndarray:
-        """Monomial coefficients of the Lagrange polynomials (k, k), one row for each value."""
-        return lagrange_coefficients(self.taus)
+        """Monomial coefficients of the polynomial of each unknown (k, k), one row for each."""
+        return bernstein_coefficients(self.taus.size) if self.limited else lagrange_coefficients(self.taus)
+
+    @property
+    def bounded(self) -> bool:
+        """True if an input keeps limits everywhere that its unknowns keep."""
+        return self.limited or self.taus.size <= (2 if self.joined else 1)
+
+    @cached_property
+    def control_points(self) -> np.ndarray:
+        """Bernstein coefficients of an input (k, k), one row for each, from its unknowns."""
+        return np.linalg.solve(bernstein_coefficients(self.taus.size).T, self.coefficients.T)
+
+    def unknowns(self, values: np.ndarray) -> np.ndarray:
+        """Unknowns (…, k, n_u) of the inputs through values at :attr:`taus` (…, k, n_u)."""
+        found: np.ndarray = np.linalg.solve(self.weights(self.taus).T, values) if self.limited else values
+        return found
 
     def weights(self, tau: Any) -> Any:
-        """Weight of each value in the input at a point (k,)."""
+        """Weight of each unknown in the input at a point (k,)."""
         return combine(self.coefficients, powers(tau, self.taus.size))
 
     def rate_weights(self, tau: Any) -> Any:
-        """Weight of each value in the derivative by tau (k,)."""
+        """Weight of each unknown in the derivative by tau (k,)."""
         k = self.taus.size
         if k < 2:
             return np.zeros((k, 1))
@@ -57,7 +78,7 @@ class InputBasis:
         return combine(slopes, powers(tau, k - 1))
 
 
-def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: bool) -> InputBasis:
+def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: bool, limited: bool) -> InputBasis:
     """Return the basis for a kind of control.
 
     Parameters
@@ -68,6 +89,8 @@ def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: 
         The polynomial that suits the transcription.
     rates : bool
         Whether the problem contains rates of inputs: these must then be continuous.
+    limited : bool
+        Whether inputs have limits.
     """
     if control == "linear":
         return InputBasis(control, (), True)
@@ -80,4 +103,5 @@ def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: 
     if rates and not joined:
         # of the degree that the stages determine: a higher one could move between them unseen
         inner, joined = tuple(np.linspace(0, 1, max(len(inner), 2))[1:-1].tolist()), True
-    return InputBasis(control, inner, joined)
+    # joined ones keep their values: with coefficients the solver took twice the iterations and found worse optima
+    return InputBasis(control, inner, joined, limited and not joined)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import Integrator
+from ..uniqueness import Uniqueness
 from .base import Formulation
 from .explicit import Explicit
 from .kkt import KKT
@@ -48,8 +49,8 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
     if eom.Q_depends_on_lam:
         if not integrator.solves_algebraic:
             raise SimulationError(
-                f'method="{integrator.name}" needs forces that do not depend on reactions, and friction here does; use '
-                'method="idas"'
+                f'method="{integrator.name}" needs forces that do not depend on reactions, and '
+                f'{Uniqueness(numeric).frictions} does; use method="idas"'
             )
         if redundant:
             raise SimulationError(

@@ -14,7 +14,7 @@ from ...model.joints.lower_pairs import Translational
 from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
-from .loads import draw_loads
+from .loads import draw_loads, draw_velocities
 from .outlines import points_on, shape_loops
 from .pen import Pen
 from .sample import Sample
@@ -36,6 +36,8 @@ class Options:
         Points whose path is drawn.
     tooltips : bool
         Whether items carry numbers.
+    velocities : bool
+        Whether velocities of the centres of mass are drawn, as a group that can be left out.
     """
 
     forces: bool = False
@@ -44,6 +46,7 @@ class Options:
     centroids: bool = False
     trace: tuple[Marker | ca.SX, ...] = ()
     tooltips: bool = False
+    velocities: bool = False
 
     @property
     def paths(self) -> ca.SX:
@@ -96,6 +99,8 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     elements = [*mechanism.joints, *mechanism.drivers, *mechanism.forces]
     loads = [(e, load) for e in elements for load in glyph_of(e, pen).loads() if options.forces or load.always]
     scale = draw_loads(pen, loads)
+    if options.velocities:
+        scale |= draw_velocities(pen)
     pen.scene.traces += [pen.point(place).number for place in options.trace]
     if options.names:
         _names(pen)

@@ -31,6 +31,16 @@ def turned(points: Points, angle: float) -> Points:
     return np.asarray(points, float) @ np.array([[c, s], [-s, c]])
 
 
+def bar(half: float, count: int = 16) -> Points:
+    """Outline of a bar with round ends from 0 to the length of its frame, which stretches (k, 4)."""
+    right = half * _directions(np.linspace(-np.pi / 2, np.pi / 2, count))
+    left = half * _directions(np.linspace(np.pi / 2, 3 * np.pi / 2, count))
+    ends = [
+        np.column_stack([p[:, 0], np.full(count, k), p[:, 1], np.zeros(count)]) for k, p in ((1.0, right), (0.0, left))
+    ]
+    return np.vstack(ends)
+
+
 def rectangle(low: tuple[float, float], high: tuple[float, float]) -> Points:
     """Closed rectangle between two corners, counter-clockwise."""
     (x0, y0), (x1, y1) = low, high

@@ -60,7 +60,7 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
         return {}
     box = pen.box()
     diagonal = float(np.hypot(*(box[1] - box[0])))
-    values = pen.over(*[ca.norm_2(load.value) for _, load in loads])
+    values = pen.sample.sizes(ca.vertcat(*[ca.norm_2(load.value) for _, load in loads]))
     couple = np.array([load.value.numel() == 1 for _, load in loads])
     values[:, ~np.isfinite(values).all(axis=0)] = 0.0  # what is not known, as forces of a current in kinematics
     scale = {}
@@ -78,6 +78,26 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
                 group = "" if load.always else "loads"
                 (_couple if couple[k] else _arrow)(pen, load, 1 / scale[kind], group)
     return scale
+
+
+def draw_velocities(pen: Pen) -> dict[str, float]:
+    """Draw the velocities of the centres of mass as arrows, which form the group "velocities".
+
+    Returns
+    -------
+    dict of str to float
+        Scale: metres per second of an arrow of 1 m.
+    """
+    bodies = pen.sample.mechanism.bodies
+    box = pen.box()
+    speeds = pen.over(*[ca.norm_2(body.velocity) for body in bodies])
+    diagonal, largest = float(np.hypot(*(box[1] - box[0]))), _usual_largest(speeds)
+    # a mechanism at rest may be set in motion: it then passes its own size in a second
+    scale = (largest if largest > NOISE * diagonal else diagonal) / (ARROW * diagonal)
+    for body in bodies:
+        pen.item = pen.item_of(body)
+        _arrow(pen, Load(body.at(0, 0), body.velocity, "velocity"), 1 / scale, "velocities")
+    return {"m/s": scale}
 
 
 def _usual_largest(sizes: np.ndarray) -> float:

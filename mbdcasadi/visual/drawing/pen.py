@@ -159,6 +159,8 @@ class Pen:
         return Frame(self, base.number, (x, y), angle, base.body)
 
     def _is_fixed(self, marker: Marker) -> bool:
+        if self.sample.varies(ca.vertcat(marker.local, marker.local_angle)):
+            return False
         values = self.over(marker.local, marker.local_angle)
         return bool(np.ptp(values, axis=0).max() <= 1e-12)
 
@@ -170,9 +172,11 @@ class Pen:
         """Frame at a point whose x axis goes along a vector."""
         return Frame(self, self.scene.add(MovingFrame(ca.SX(position), vector=ca.vec(ca.SX(direction)))))
 
-    def between(self, start: Any, end: Any) -> Frame:
+    def between(self, start: Any, end: Any, body: Body | None = None) -> Frame:
         """Frame whose x axis runs from one point to another, as long as their distance."""
-        return self.vector(start, ca.SX(end) - ca.SX(start), 1.0)
+        frame = self.vector(start, ca.SX(end) - ca.SX(start), 1.0)
+        frame.body = body
+        return frame
 
     def point(self, place: Any) -> Frame:
         """Frame at a marker or a point, with the axes of the ground."""

@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import MechanismError
 from ...model.mechanism import Mechanism
 from ...results.interpolation import hermite, linear
+from ...results.phases import PhasedTrajectory
 from ...results.state import State
 from ...results.trajectory import Trajectory
 
@@ -21,6 +22,9 @@ def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
     One that was made from arrays alone cannot be brought back onto the constraints, and
     follows its velocities and accelerations.
     """
+    if isinstance(motion, PhasedTrajectory):
+        moved = motion.at(times)
+        return moved.with_absent_bodies(motion.last_seen) if isinstance(moved, PhasedTrajectory) else moved
     if motion.interpolates:
         return motion.at(times)
     q, v = hermite(motion.t, motion.q, motion.v, motion.a, times)
@@ -48,6 +52,8 @@ class Sample:
 
     def __init__(self, source: State | Trajectory, times: np.ndarray | None = None):
         self.mechanism: Mechanism = source.mechanism
+        if isinstance(source, PhasedTrajectory) and times is None:
+            source = source.with_absent_bodies()
         self._source: Any = source
         self._start: State
         if isinstance(source, State):
@@ -76,6 +82,14 @@ class Sample:
         if isinstance(self._source, State):
             return np.asarray(self._source[column], float).reshape(1, -1)
         return np.asarray(self._source[column], float).reshape(len(self._source), -1)
+
+    def varies(self, expression: Any) -> bool:
+        """Return True if an expression changes in another way than with the times, which a fixed sample does not."""
+        return False
+
+    def sizes(self, expression: Any) -> np.ndarray:
+        """Values (n, k) of loads by which their arrows are scaled."""
+        return self[expression]
 
     def number(self, expression: Any) -> float:
         """Value of a scalar at the first time."""

@@ -21,12 +21,12 @@ SERIES_DARK = ("#7db4f0", "#ff8fa0", "#6fd3a8", "#f0c060", "#c5a1e0", "#b4bfc8",
 LIGHT = {
     "ink": "#20272e", "paper": "#ffffff", "muted": "#77828c", "ground": "#5b6770", "soil": "#e4e8eb",
     "spring": "#3d4852", "rubber": "#8d7b6c", "force": "#c22f43", "reaction": "#1f6f4a", "weight": "#77828c",
-    "motion": "#c46f0a", "trace": "#7a5195",
+    "motion": "#c46f0a", "trace": "#7a5195", "velocity": "#1f5fa8",
 }  # fmt: skip
 DARK = {
     "ink": "#e6ebef", "paper": "#14191e", "muted": "#8d99a3", "ground": "#a5b0b9", "soil": "#2b333a",
     "spring": "#c9d2d9", "rubber": "#a8917d", "force": "#ff7b8b", "reaction": "#5fd19a", "weight": "#8d99a3",
-    "motion": "#f5ab4e", "trace": "#c5a1e0",
+    "motion": "#f5ab4e", "trace": "#c5a1e0", "velocity": "#7db4f0",
 }  # fmt: skip
 
 
@@ -78,6 +78,8 @@ STYLES = {
     "reaction head": Style("reaction", "reaction", 0.6),
     "weight": Style(None, "weight", 1.6),
     "weight head": Style("weight", "weight", 0.6),
+    "velocity": Style(None, "velocity", 1.7),
+    "velocity head": Style("velocity", "velocity", 0.6),
     "centroid": Style("paper", "ink", 0.9),
     "centroid quarters": Style("ink", None, 0.0),
     "x axis": Style(None, "ink", 1.3),

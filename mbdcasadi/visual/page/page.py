@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import json
+import re
+from collections.abc import Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from string import Template
@@ -22,7 +24,9 @@ from .columns import Column, Columns
 Shapes = dict[str, tuple[int, list[list[float]]]]
 #: Pixels of the page to a point.
 PIXELS = 4 / 3
-_SCRIPTS = ("data.js", "stage.js", "plots.js", "player.js")
+#: A comment at the end of a line of a script, two spaces after it.
+_COMMENT = re.compile(r"  +// .*$")
+_SCRIPTS = ("frames.js", "data.js", "stage.js", "plots.js", "svg.js", "panel.js", "player.js")
 
 
 def page(film: Film, forces: bool) -> str:
@@ -35,21 +39,68 @@ def page(film: Film, forces: bool) -> str:
     forces : bool
         Whether forces are shown from the start.
     """
+    store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
+    data = page_data(film, store, forces) | {"count": len(film.t), "t1": float(film.t[-1])}
+    return filled(data, film.title, "player.html", _SCRIPTS)
+
+
+def filled(
+    data: dict[str, Any],
+    title: str,
+    controls: str,
+    scripts: Sequence[str],
+    styles: Sequence[str] = ("page.css",),
+    model: str = "",
+) -> str:
+    """Return the template with data, controls and scripts in it.
+
+    Parameters
+    ----------
+    data : dict
+        What the scripts read.
+    title : str
+        Title of the page.
+    controls : str
+        Name of the file with the controls.
+    scripts : sequence of str
+        Names of the scripts, in order.
+    styles : sequence of str
+        Names of the style sheets.
+    model : str
+        A script that goes before them.
+    """
     folder = files(__package__) / "template"
-    text = {name: (folder / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *_SCRIPTS)}
-    data = json.dumps(_data(film, forces), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return Template(text["page.html"]).substitute(
-        title=html.escape(film.title or "motion"),
-        style=text["page.css"],
-        script="\n".join(text[name] for name in _SCRIPTS),
+
+    def text(name: str) -> str:
+        lines = folder.joinpath(*name.split("/")).read_text(encoding="utf-8").splitlines()
+        # comments and indentation stay in the package
+        return "\n".join(_COMMENT.sub("", line.strip()) for line in lines if not line.lstrip().startswith("//"))
+
+    written = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return Template(text("page.html")).substitute(
+        title=html.escape(title or "motion"),
+        style="\n".join(map(text, styles)),
+        controls=text(controls),
+        model=model,
+        script="\n".join(map(text, scripts)),
         # neither "</script>" nor "<!--<script>" in a name may change where the script ends
-        data=data.replace("<", "\\u003c"),
+        data=written.replace("<", "\\u003c"),
     )
 
 
-def _data(film: Film, forces: bool) -> dict[str, Any]:
+def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
+    """What the scripts of a page read: the drawing, the items that one points at, and the plots.
+
+    Parameters
+    ----------
+    film : Film
+        What is shown.
+    store : Columns
+        Takes the expressions, and gives them their numbers.
+    forces : bool
+        Whether forces are shown from the start.
+    """
     scene, t = film.scene, film.t
-    store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
     frames = _frames(film, store)
     tooltips = [
         {
@@ -66,7 +117,7 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
     packed = store.packed()
     shapes: Shapes = {}
     return {
-        "t0": float(t[0]), "t1": float(t[-1]), "count": len(t), "speed": film.speed, "forces": forces,
+        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces,
         "digits": film.digits,
         "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
@@ -79,7 +130,7 @@ def _data(film: Film, forces: bool) -> dict[str, Any]:
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
         "traces": scene.traces,
         "plots": [{"label": label, "lines": _readings(lines, "name")} for label, lines in plots.items()],
-        "styles": {name: asdict(style) for name, style in STYLES.items()},
+        "styles": {name: asdict(STYLES[name]) for name in sorted({mark.style for mark in scene.marks})},
         "light": LIGHT, "dark": DARK, "bodiesLight": BODIES_LIGHT, "bodiesDark": BODIES_DARK,
         "seriesLight": SERIES_LIGHT, "seriesDark": SERIES_DARK,
         **packed,
@@ -137,7 +188,7 @@ def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
 def _scale(film: Film) -> str:
     """Legend of the size of arrows."""
     diagonal, parts = float(np.hypot(*(film.box[1] - film.box[0]))), []
-    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius")):
+    for unit, share, what in (("N", 0.15, "arrow"), ("N m", 0.06, "radius"), ("m/s", 0.15, "arrow")):
         if unit in film.scale:
             value = nice(share * diagonal * film.scale[unit])
             parts.append(f"{value:g} {unit}: {what} of {value / film.scale[unit]:.3g} m")

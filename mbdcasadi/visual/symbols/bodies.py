@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
 
-from ...model.bodies import Body
+from ...model.bodies import Body, Marker
 from ..drawing import lines
 from ..drawing.outlines import HALF_WIDTH, points_on, shape_loops
 from .base import Glyph
@@ -31,7 +32,12 @@ class BodyGlyph(Glyph, of=Body):
             if not pen.covers(body):
                 frame.area("body", *self._shape(points_on(body, [*mechanism.joints, traced], pen)))
             return
-        points = points_on(body, [*mechanism.joints, *mechanism.forces, traced], pen)
+        elements = [*mechanism.joints, *mechanism.forces, traced]
+        markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]
+        if any(pen.sample.varies(marker.local) for marker in markers) and not pen.replaced.get(body):
+            self._bars(markers)
+            return
+        points = points_on(body, elements, pen)
         drawn = pen.replaced.get(body, 0.0)
         if len(points) == 1 and np.hypot(*points[0]) > 1e-9 and not drawn:
             frame.area("body", lines.plate(np.vstack([points, [[0, 0]]]), 0.5 * HALF_WIDTH * u))
@@ -40,6 +46,18 @@ class BodyGlyph(Glyph, of=Body):
             frame.area("body", lines.plate(points, HALF_WIDTH * u))
         elif not drawn:
             frame.area("body", lines.circle((0, 0), 1.5 * u))
+
+    def _bars(self, markers: list[Marker]) -> None:
+        """Bars between places that move in the body, one after the other."""
+        body, pen = self.element, self.pen
+        places: list[Marker] = []
+        for marker in markers:
+            if all(np.hypot(*pen.first(marker.local - other.local)) > 1e-9 for other in places):
+                places.append(marker)
+        closed = [*places, places[0]] if len(places) > 2 else places
+        pairs = [(a.position, b.position) for a, b in pairwise(closed)] or [(places[0].position, body.position)]
+        for start, end in pairs:
+            pen.between(start, end, body).area("body", lines.bar(HALF_WIDTH * pen.unit))
 
     def _shape(self, points: np.ndarray) -> list[np.ndarray]:
         """Outline of the shape; of a single rod a plate, if elements sit beside it."""

@@ -128,28 +128,26 @@ function timeOf(k) { return DATA.t0 + (DATA.t1 - DATA.t0) * k / (DATA.count - 1)
 
 function frameOf(time) { return (time - DATA.t0) / (DATA.t1 - DATA.t0) * (DATA.count - 1); }
 
-// Pose of a frame: its place, cosine and sine of its angle, and its length.
-function poseOf(number, time) {
-  const frame = DATA.frames[number], values = frame.c.map(function (index) { return valueAt(index, time); });
-  let x, y;
-  if (frame.a) {
-    const base = poseOf(frame.a[0], time);
-    x = base[0] + base[2] * frame.a[1] - base[3] * frame.a[2];
-    y = base[1] + base[3] * frame.a[1] + base[2] * frame.a[2];
-  } else { x = values.shift(); y = values.shift(); }
-  if (frame.v === undefined) return [x, y, Math.cos(values[0]), Math.sin(values[0]), values[1]];
-  const size = Math.hypot(values[0], values[1]), along = size > 0 ? [values[0] / size, values[1] / size] : [1, 0];
-  return [x, y, along[0], along[1], frame.v ? frame.v * size : 1];
+// --- what the drawing and the plots read ---------------------------------------------------
+function timeSpan() { return [DATA.t0, DATA.t1]; }
+function revision() { return 0; }                            // the motion does not change
+const drawnPoints = new Map();
+function pointsOf(index) {
+  if (!drawnPoints.has(index)) drawnPoints.set(index, timesOf([index]).map(function (time) { return [time, valueAt(index, time)]; }));
+  return drawnPoints.get(index);
 }
-
-// A number with four digits, or fewer where they are not known, and a true minus sign.
-function written(value, decimals) {
-  const size = Math.abs(value), known = decimals === undefined ? 12 : decimals;
-  if (size < 0.5 * Math.pow(10, -known)) return "0";
-  const power = Math.floor(Math.log10(size)), places = Math.min(3 - power, known);
-  let text;
-  if (size >= 1e5 || size < 1e-4) text = value.toExponential(Math.min(Math.max(places + power, 0), 3));
-  else if (places >= 0) text = String(Number(value.toFixed(places)));
-  else text = String(Math.round(value / Math.pow(10, -places)) * Math.pow(10, -places));
-  return text.replace("-", "\u2212");
+const drawnPaths = DATA.traces.map(function (frame) {
+  const times = timesOf(columnsOf(frame));
+  return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
+});
+function paths() { return drawnPaths; }
+// Everything that is read or plotted, as a table over the times of the frames.
+function table() {
+  const columns = DATA.plots.flatMap(function (plot) { return plot.lines.map(function (line) { return [line.name ? plot.label + ", " + line.name : plot.label, line.column]; }); });
+  for (const item of DATA.items) for (const reading of item.readings) columns.push([item.name + ": " + reading.label, reading.column]);
+  const rows = Array.from({ length: DATA.count }, function (_, k) {
+    const time = timeOf(k);
+    return [time, ...columns.map(function (column) { return valueAt(column[1], time); })];
+  });
+  return { names: columns.map(function (column) { return column[0]; }), rows: rows };
 }

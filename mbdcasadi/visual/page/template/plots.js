@@ -6,18 +6,31 @@ const plots = DATA.plots.map(function (plot) {
   canvas.setAttribute("aria-label", "plot of " + plot.label + " over time");
   canvas.title = plot.label;
   document.getElementById("plots").appendChild(canvas);
+  const lines = plot.lines.map(function (line) { return { name: line.name, column: line.column, d: line.d }; });
+  return { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
+           low: 0, high: 1, span: timeSpan(), measured: null, width: 0, height: 0 };
+});
+
+// The time that a plot spans, and the values of its lines over it.
+function measure(plot) {
+  if (plot.measured === revision()) return;
+  plot.measured = revision();
+  plot.span = timeSpan();
   let low = Infinity, high = -Infinity;
-  const lines = plot.lines.map(function (line) {
-    const points = timesOf([line.column]).map(function (time) { return [time, valueAt(line.column, time)]; });
-    for (const point of points) { low = Math.min(low, point[1]); high = Math.max(high, point[1]); }
-    return { name: line.name, column: line.column, d: line.d, points: points };
-  });
+  for (const line of plot.lines) {
+    for (const point of pointsOf(line.column)) {
+      if (point[0] < plot.span[0] || !isFinite(point[1])) continue;
+      low = Math.min(low, point[1]);
+      high = Math.max(high, point[1]);
+    }
+  }
+  if (!(low <= high)) low = high = 0;
   const size = Math.max(Math.abs(low), Math.abs(high));
   if (high - low < 1e-9 * Math.max(size, 1e-3)) { const room = size > 1e-9 ? 0.1 * size : 1; low -= room; high += room; }
   const room = 0.06 * (high - low);
-  return { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
-           low: low - room, high: high + room, width: 0, height: 0 };
-});
+  plot.low = low - room;
+  plot.high = high + room;
+}
 
 function fitPlots() {
   for (const plot of plots) {
@@ -31,7 +44,7 @@ function fitPlots() {
 }
 
 function across(plot, time) {
-  return MARGIN.left + (time - DATA.t0) / (DATA.t1 - DATA.t0) * (plot.width - MARGIN.left - MARGIN.right);
+  return MARGIN.left + (time - plot.span[0]) / (plot.span[1] - plot.span[0]) * (plot.width - MARGIN.left - MARGIN.right);
 }
 
 function heightOf(plot, value) {
@@ -51,9 +64,12 @@ function drawStill(plot, theme, series) {
     draw.lineWidth = 1.7;
     draw.lineJoin = "round";
     draw.beginPath();
-    line.points.forEach(function (point, k) {
+    let begun = false;
+    pointsOf(line.column).forEach(function (point) {
+      if (point[0] < plot.span[0] || !isFinite(point[1])) { begun = false; return; }
       const x = across(plot, point[0]), y = heightOf(plot, point[1]);
-      if (k === 0) draw.moveTo(x, y); else draw.lineTo(x, y);
+      if (begun) draw.lineTo(x, y); else draw.moveTo(x, y);
+      begun = true;
     });
     draw.stroke();
   });
@@ -63,7 +79,8 @@ function drawPlots(time, dark) {
   const theme = dark ? DATA.dark : DATA.light, series = dark ? DATA.seriesDark : DATA.seriesLight;
   for (const plot of plots) {
     const draw = plot.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
-    const wanted = [dark, ratio, plot.canvas.width, plot.canvas.height].join();
+    measure(plot);
+    const wanted = [plot.measured, dark, ratio, plot.canvas.width, plot.canvas.height].join();
     if (plot.stillFor !== wanted) { drawStill(plot, theme, series); plot.stillFor = wanted; }
     draw.setTransform(1, 0, 0, 1, 0, 0);
     draw.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
@@ -109,9 +126,9 @@ function drawAxes(draw, plot, theme) {
     draw.fillText(written(Math.abs(value) < 1e-9 * step ? 0 : value), MARGIN.left - 5, heightOf(plot, value) + 4);
   }
   draw.textAlign = "center";
-  const pace = roundStep((DATA.t1 - DATA.t0) * 60 / Math.max(plot.width - MARGIN.left - MARGIN.right, 1));
-  for (let time = Math.ceil(DATA.t0 / pace - 1e-9) * pace; time <= DATA.t1 + 1e-9 * pace; time += pace) {
-    const last = time + pace > DATA.t1 + 1e-9 * pace;
+  const pace = roundStep((plot.span[1] - plot.span[0]) * 60 / Math.max(plot.width - MARGIN.left - MARGIN.right, 1));
+  for (let time = Math.ceil(plot.span[0] / pace - 1e-9) * pace; time <= plot.span[1] + 1e-9 * pace; time += pace) {
+    const last = time + pace > plot.span[1] + 1e-9 * pace;
     draw.fillText(written(Math.abs(time) < 1e-9 * pace ? 0 : time) + (last ? " s" : ""), Math.min(across(plot, time), plot.width - 18), plot.height - 7);
   }
   draw.textAlign = "left";

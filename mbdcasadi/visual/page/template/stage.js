@@ -1,6 +1,7 @@
 // --- the drawing -------------------------------------------------------------------------
 const stage = document.getElementById("stage");
-const pen = stage.getContext("2d");
+const canvasPen = stage.getContext("2d");
+let pen = canvasPen;                                         // another one while the picture is written as SVG
 const view = { x: 0, y: 0, zoom: 1 };                 // shift in pixels, and how much nearer than the whole
 let pixels = { width: 0, height: 0, ratio: 1, scale: 1, left: 0, top: 0 };
 
@@ -54,7 +55,7 @@ function drawStage(time, options) {
   const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
   let traced = false;
   for (const mark of DATA.marks) {
-    if (mark.g && !options.forces) continue;
+    if (mark.g && !options[mark.g]) continue;
     if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
     const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
     trace(mark, poses[mark.f]);
@@ -67,7 +68,8 @@ function drawStage(time, options) {
       pen.setLineDash([]);
     }
   }
-  for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
+  if (options.names) for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
+  if (DATA.live) drawPull();
 }
 
 function drawLabel(label, pose, theme) {
@@ -88,13 +90,8 @@ function drawLabel(label, pose, theme) {
   pen.textBaseline = "alphabetic";
 }
 
-const PATHS = DATA.traces.map(function (frame) {
-  const times = timesOf(columnsOf(frame));
-  return { frame: frame, times: times, points: times.map(function (time) { return poseOf(frame, time); }) };
-});
-
 function drawTraces(time, theme) {
-  for (const path of PATHS) {
+  for (const path of paths()) {
     for (const past of [false, true]) {
       pen.beginPath();
       for (let k = 0; k < path.points.length; k++) {
@@ -133,7 +130,8 @@ function drawGrid(theme) {
   for (let x = Math.ceil(left / step) * step; toScreen(x, 0)[0] < pixels.width; x += step) {
     const at = toScreen(x, 0)[0];
     pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, pixels.height); pen.stroke();
-    pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
+    // the unit stands in the corner
+    if (at < pixels.width - 48) pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
   }
   for (let y = Math.floor(top / step) * step; toScreen(0, y)[1] < pixels.height - 24; y -= step) {
     const at = toScreen(0, y)[1];
@@ -148,7 +146,7 @@ function itemAt(x, y, time, forces) {
   pen.setTransform(1, 0, 0, 1, 0, 0);
   for (let k = DATA.marks.length - 1; k >= 0; k--) {
     const mark = DATA.marks[k];
-    if (mark.i === null || (mark.g && !forces)) continue;
+    if (mark.i === null || (mark.g && !(forces && mark.g === "loads"))) continue;
     trace(mark, poseOf(mark.f, time));
     pen.lineWidth = 10;
     if ((mark.c && pen.isPointInPath(x, y)) || pen.isPointInStroke(x, y)) return mark.i;

@@ -10,20 +10,22 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ...assembly.setup import Setup
-from ...equations import equations
-from ...equations.numeric import NumericEquations
-from ...errors import SimulationError, SingularityError
-from ...model.events import Event
-from ...model.forces.friction.modes import Senses, switching, variant_in
-from ...model.mechanism import Mechanism
-from ...model.rates import time_derivative
-from ...numerics.rank import analyse_rank
-from ...numerics.tolerances import AT_REST
-from ...results.state import State
-from ...results.trajectory import Trajectory
-from ..impacts import velocities_with
-from ..modes import Modes
+from ..assembly.assemble import decide_friction_by
+from ..assembly.consistent_start import consistent_start
+from ..assembly.setup import Setup
+from ..equations import equations
+from ..equations.numeric import NumericEquations
+from ..errors import SimulationError, SingularityError
+from ..model.events import Event
+from ..model.forces.friction.modes import Senses, switching, variant_in
+from ..model.mechanism import Mechanism
+from ..model.rates import time_derivative
+from ..numerics.rank import analyse_rank
+from ..numerics.tolerances import AT_REST
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from .impacts import jump_to
+from .modes import Modes
 
 #: Share by which friction at rest may exceed its limit, and accelerations point the wrong way, by rounding.
 FRICTION_TOLERANCE = 1e-7
@@ -159,9 +161,9 @@ class FrictionModes(Modes):
         for i, friction in enumerate(self.frictions):
             if before is not None and _breaks(friction) in names and before.senses[i] == "sticks":
                 broken[i] = self.pull(i, state)
-        found = self.holding(state, broken)
-        if found is not None:
-            return found
+        holding = self.holding(state, broken)
+        if holding is not None:
+            return holding
         raise SimulationError(
             f"at t = {state.t:.6g} s neither sticking nor sliding of "
             f"{', '.join(f.description for f in self.frictions)} meets the laws of friction: friction is so large that "
@@ -236,14 +238,14 @@ class FrictionModes(Modes):
 
     def _candidates(self, choices: Sequence[list[str]], rows: dict[int, np.ndarray]) -> list[tuple[Senses, list[int]]]:
         """Modes that may hold, and what is held in them; last those in which something held helps what sticks."""
-        found: list[tuple[bool, Senses, list[int]]] = []
+        candidates: list[tuple[bool, Senses, list[int]]] = []
         for modes in product(*choices):
             sticking = [i for i in rows if modes[i] == "sticks"]
             held = self._held(rows, sticking)
             depends = sticking and analyse_rank(np.array([rows[i] for i in sticking]), TURNS).rank < len(sticking)
             if not depends and not any(mode == "free" and i not in held for i, mode in enumerate(modes)):
-                found.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
-        return [(modes, held) for _, modes, held in sorted(found, key=lambda candidate: candidate[0])]
+                candidates.append((bool(sticking) and any(SENSE[modes[i]] for i in held), modes, held))
+        return [(modes, held) for _, modes, held in sorted(candidates, key=lambda candidate: candidate[0])]
 
     def _is_met(
         self,
@@ -281,7 +283,7 @@ class FrictionModes(Modes):
             return state.v
         speeds = ca.vertcat(*[self.frictions[i].sliding_speed for i in resting])
         numeric = NumericEquations(state.equations, state.parameters)
-        return velocities_with(numeric, state, speeds, np.zeros(len(resting)))[0]
+        return jump_to(numeric, state, speeds, np.zeros(len(resting))).v
 
 
 def _stops(friction: Any) -> str:
@@ -290,3 +292,22 @@ def _stops(friction: Any) -> str:
 
 def _breaks(friction: Any) -> str:
     return f"{friction.name} breaks away"
+
+
+def start_with_friction(setup: Setup) -> State:
+    """Find the consistent start; accelerations and reactions belong to the friction that the laws allow there."""
+    modes = FrictionModes(setup)
+    time = float(setup.grid[0])
+    state = consistent_start(modes.numeric(modes.free), setup.initial, time, setup.signals)
+    holding = modes.holding(state, {})
+    if holding is not None:
+        return modes.whole(*holding)
+    names = ", ".join(friction.description for friction in modes.frictions)
+    obstacle = SingularityError(
+        f"neither sticking nor sliding of {names} meets the laws of friction at t = {time:.6g} s: it jams", time=time
+    )
+    lam, a = modes.multipliers(modes.free, state)[0], state.a
+    return State(setup.mechanism, time, state.q, state.v, a, state.z, lam, state.inputs, state.parameters, obstacle)
+
+
+decide_friction_by(start_with_friction)

@@ -1,0 +1,196 @@
+"""Impacts: velocities that jump by impulses of joints, as expressions and as numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import ModelError
+from ..numerics.least_squares import least_norm
+from ..numerics.rank import dependent_rows, unit_rows
+from ..numerics.tolerances import ACCURACY
+from .derivation import Equations
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Velocities just after an impact, and its impulses.
+
+    Attributes
+    ----------
+    v : numpy.ndarray
+        Velocities (n,).
+    impulses : numpy.ndarray
+        Multipliers Λ of the rows (k,); zero for dependent ones.
+    left_over : numpy.ndarray
+        Amounts ``J v⁺ - b`` by which the rows are missed (k,): rounding, unless rows contradict each other.
+    contradiction : numpy.ndarray
+        The same with the misses spread over all rows that contradict each other (k,).
+    dependent : tuple of int
+        Rows that others imply.
+    """
+
+    v: np.ndarray
+    impulses: np.ndarray
+    left_over: np.ndarray
+    contradiction: np.ndarray
+    dependent: tuple[int, ...]
+
+
+def jump(
+    mass: np.ndarray, jacobian: np.ndarray, right: np.ndarray, v: np.ndarray, sizes: np.ndarray | None = None
+) -> Jump:
+    """Solve ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``, also if J has dependent rows.
+
+    Of rows that depend on each other the first ones bear the impulses.
+
+    Parameters
+    ----------
+    mass : numpy.ndarray
+        Diagonal of M (n,); some of it may be zero.
+    jacobian, right : numpy.ndarray
+        Rows J (k, n) and right sides b (k,).
+    v : numpy.ndarray
+        Velocities before (n,).
+    sizes : numpy.ndarray, optional
+        Typical sizes of the coordinates (n,), by which rows are compared.
+
+    References
+    ----------
+    Haug 1989, section 6.6; Pfeiffer and Glocker, *Multibody Dynamics with Unilateral Contacts*, 1996, chapter 6.
+    """
+    rows = unit_rows(jacobian if sizes is None else jacobian * sizes)
+    dependent = dependent_rows(rows)
+    kept = [k for k in range(right.size) if k not in set(dependent)]
+    n, own = v.size, jacobian[kept]
+    scale = float(np.max(mass, initial=0.0)) or 1.0
+    system = np.block([[np.diag(mass / scale), own.T], [own, np.zeros((len(kept), len(kept)))]])
+    step = least_norm(system, np.r_[np.zeros(n), right[kept] - own @ v], threshold=ACCURACY)
+    after, impulses = v + step[:n], np.zeros(right.size)
+    impulses[kept] = scale * step[n:]
+    left_over = jacobian @ after - right
+    spread = left_over - jacobian @ least_norm(jacobian, left_over, threshold=ACCURACY) if dependent else left_over
+    return Jump(after, impulses, left_over, spread, tuple(dependent))
+
+
+class ImpactLaw:
+    """The law by which velocities jump into a mechanism: impulses of its joints, as expressions.
+
+    ``M (v⁺ - v⁻) + J^T Λ = 0``, ``J v⁺ = b``; J has the rows of the mechanism, for
+    which ``b = nu``, and those of joints that are there at the instant alone, for
+    which Newton's restitution gives ``Phi_q v⁺ - nu = -e (Phi_q v⁻ - nu)``.
+
+    Parameters
+    ----------
+    eom : Equations
+        Equations of the mechanism that holds afterwards.
+    restitution : mapping of joint to float, optional
+        Joints that are there at the instant alone, with their coefficients e.
+
+    Attributes
+    ----------
+    v_before : casadi.SX
+        Velocities v⁻ (n,), symbols.
+    impulses : casadi.SX
+        Λ (k,): symbols of the joints of the mechanism, then of those of the instant alone.
+    jacobian, right : casadi.SX
+        J (k, n) and b (k,); b contains v⁻ if there is restitution.
+    row_names : tuple of str
+        Names of the rows.
+
+    Raises
+    ------
+    ModelError
+        If a joint of the instant is attached to a body that the mechanism does not have.
+    """
+
+    def __init__(self, eom: Equations, restitution: Mapping[Any, float] | None = None):
+        self.eom, self.restitution = eom, dict(restitution or {})
+        self._refuse_foreign()
+        self.v_before = ca.SX.sym("v_before", eom.v.numel())
+        none = ca.SX(0, 1)
+        #: position rows of the joints that are there at the instant alone
+        self.momentary = ca.vertcat(none, *[joint.rows for joint in self.restitution])
+        slopes = ca.jacobian(self.momentary, eom.q)
+        rest = -ca.jacobian(self.momentary, eom.t)
+        sizes = [joint.rows.numel() for joint in self.restitution]
+        e = ca.DM([value for value, k in zip(self.restitution.values(), sizes, strict=True) for _ in range(k)])
+        self.jacobian = ca.vertcat(eom.Phi_q, slopes)
+        self.right = ca.vertcat(eom.nu, rest - e * (slopes @ self.v_before - rest)) if sizes else eom.nu
+        elements = [*dict.fromkeys(eom.row_elements), *self.restitution]
+        self.impulses = ca.vertcat(none, *[impulses_of(element) for element in elements])
+        self.row_names = (*eom.row_names, *(name for joint in self.restitution for name in joint.row_names))
+
+    def _refuse_foreign(self) -> None:
+        bodies = self.eom.mechanism.bodies
+        for joint in self.restitution:
+            if joint.velocity_rows.numel():
+                raise ModelError(f"restitution: {joint.description} has rows at velocity level, which do not close")
+            if any(joint is other for other in self.eom.mechanism.joints):
+                raise ModelError(
+                    f"restitution: {joint.description} is a joint of the mechanism itself; restitution is for joints "
+                    "that are there at the instant of the impact alone"
+                )
+            for body in joint.bodies:
+                if not body.is_ground and not any(body is other for other in bodies):
+                    raise ModelError(f"restitution: {joint.description} acts on '{body.name}', which is not there")
+
+    @property
+    def momentum(self) -> ca.SX:
+        """``M (v⁺ - v⁻) + J^T Λ`` (n,), in ``v``, `v_before` and `impulses`."""
+        eom = self.eom
+        return eom.mass_diagonal * (eom.v - self.v_before) + self.jacobian.T @ self.impulses
+
+    @property
+    def velocity(self) -> ca.SX:
+        """``J v⁺ - b`` (k,)."""
+        return self.jacobian @ self.eom.v - self.right
+
+    def by_joint(self, impulses: np.ndarray) -> dict[Any, np.ndarray]:
+        """Return impulses by joint, from those of all rows (k,)."""
+        return _split([*dict.fromkeys(self.eom.row_elements), *self.restitution], impulses)
+
+    def solve(self, mass: np.ndarray, t: float, q: np.ndarray, v: np.ndarray, p: np.ndarray) -> Jump:
+        """Return the velocities just after the impact at a pose.
+
+        Parameters
+        ----------
+        mass : numpy.ndarray
+            Diagonal of M at the parameters (n,).
+        t : float
+            Time, s.
+        q, v : numpy.ndarray
+            Pose, and velocities just before (n,).
+        p : numpy.ndarray
+            Values of the parameters.
+        """
+        eom = self.eom
+        key = ("impact", *((joint, float(e)) for joint, e in self.restitution.items()))
+        function = eom.mechanism.cache.get_or_create(
+            key,
+            lambda: ca.Function(
+                "impact", [eom.t, eom.q, self.v_before, eom.p], [ca.densify(self.jacobian), ca.densify(self.right)]
+            ),
+        )
+        jacobian, right = (part.full() for part in function(t, q, v, p))
+        return jump(mass, jacobian, right.ravel(), v)
+
+
+def impulses_of(element: Any) -> ca.SX:
+    """Return the symbols of the impulses of a constraint; new ones for an element of a user that has none."""
+    own = getattr(element, "impulses", None)
+    return ca.SX.sym(f"{element.name}.impulse", element.multipliers.numel()) if own is None else own
+
+
+def by_element(eom: Equations, impulses: np.ndarray) -> dict[Any, np.ndarray]:
+    """Return impulses by constraint of a mechanism, from those of its rows (m,)."""
+    return _split(dict.fromkeys(eom.row_elements), impulses)
+
+
+def _split(elements: Iterable[Any], impulses: np.ndarray) -> dict[Any, np.ndarray]:
+    ends = np.cumsum([element.multipliers.numel() for element in elements])
+    return dict(zip(elements, np.split(impulses, ends), strict=False))

@@ -1,0 +1,218 @@
+"""Shared libraries from C source: built by the compiler of the system, and kept in a folder of the user.
+
+A library is kept under a key of everything that decides on it, and a digest of
+its content, which is verified before it is opened: a file that was cut off or
+changed is built anew. It is written under another name and then renamed, so that
+nobody sees half of it, and of two processes that build the same, either wins.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from ...errors import MechanismError
+
+#: Compilers that are looked for on the path if ``$CC`` names none.
+COMPILERS = ("gcc", "clang", "cc")
+#: The rounding must be that of the interpreter: no contraction to fused operations.
+FLAGS = ("-fPIC", "-shared", "-ffp-contract=off", "-fno-math-errno")
+#: Days after which a library that was not used is removed.
+KEPT_DAYS = 90
+#: Longest time that a compiler may take, s.
+PATIENCE = 600.0
+_SUFFIX = ".dll" if sys.platform == "win32" else ".so"
+
+
+class CompilationError(MechanismError):
+    """The compiler failed; carries its last line."""
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler.
+
+    Attributes
+    ----------
+    command : tuple of str
+        How it is called.
+    identity : str
+        What changes if it is replaced by another one.
+    """
+
+    command: tuple[str, ...]
+    identity: str
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return Path(self.command[0]).name
+
+
+def compiler() -> Compiler | None:
+    """Return the compiler that ``$CC`` names, else the first of :data:`COMPILERS` on the path; None without one."""
+    return _compiler(os.environ.get("CC", ""), os.environ.get("PATH", ""))
+
+
+@cache
+def _compiler(wanted: str, path: str) -> Compiler | None:
+    candidates = [tuple(shlex.split(wanted))] if wanted.strip() else [(name,) for name in COMPILERS]
+    for command in candidates:
+        place = shutil.which(command[0], path=path or None)
+        if place is not None:
+            about = os.stat(place)
+            identity = f"{' '.join(command)} {os.path.realpath(place)} {about.st_size} {about.st_mtime_ns}"
+            return Compiler((place, *command[1:]), f"{identity} {platform.machine()} {sys.platform}")
+    return None
+
+
+def cache_folder() -> Path:
+    """Folder in which libraries are kept: ``$MBDCASADI_CACHE``, else one of the platform's own."""
+    given = os.environ.get("MBDCASADI_CACHE")
+    if given:
+        return Path(given).expanduser()
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = str(Path.home() / "Library" / "Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "mbdcasadi"
+
+
+@cache
+def _own_folder() -> Path:
+    """Folder of this process alone, if the cache cannot be written; removed at its end."""
+    import atexit
+
+    folder = Path(tempfile.mkdtemp(prefix="mbdcasadi-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def _folders() -> list[Path]:
+    """Folders in which a library may be kept."""
+    return [cache_folder(), *([_own_folder()] if _own_folder.cache_info().currsize else [])]
+
+
+def key_of(*parts: str | bytes) -> str:
+    """Digest of everything that decides on a library."""
+    digest = hashlib.sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part
+        digest.update(len(content).to_bytes(8, "little") + content)
+    return digest.hexdigest()[:32]
+
+
+def find(key: str) -> ctypes.CDLL | None:
+    """Open the library of a key, if it is kept and whole."""
+    for folder in _folders():
+        try:
+            places = sorted(folder.glob(f"{key}-*{_SUFFIX}"))
+        except OSError:
+            continue
+        for place in places:
+            library = _opened(place)
+            if library is not None:
+                return library
+    return None
+
+
+def _opened(place: Path) -> ctypes.CDLL | None:
+    """Open a library whose content is that of its name; remove one that is not."""
+    try:
+        content = place.read_bytes()
+        if _digest(content) != place.stem.rsplit("-", 1)[1]:
+            raise OSError("the content is another one")
+        library = ctypes.CDLL(str(place.resolve()))
+    except OSError:
+        _remove(place)
+        return None
+    try:
+        os.utime(place)
+    except OSError:
+        pass
+    return library
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _remove(place: Path) -> None:
+    try:
+        place.unlink()
+    except OSError:
+        pass
+
+
+def build(key: str, source: str, optimisation: str, using: Compiler) -> ctypes.CDLL:
+    """Compile C source to the library of a key, keep it and open it.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler fails, or what it makes cannot be opened.
+    """
+    with tempfile.TemporaryDirectory(prefix="mbdcasadi-") as scratch:
+        text, made = Path(scratch) / "equations.c", Path(scratch) / f"equations{_SUFFIX}"
+        text.write_text(source)
+        command = [*using.command, optimisation, *FLAGS, "-o", str(made), str(text), "-lm"]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, stdin=subprocess.DEVNULL)
+        except (OSError, subprocess.SubprocessError) as error:
+            raise CompilationError(f"the compiler {using.name} did not run: {error}") from None
+        if done.returncode or not made.exists():
+            said = (done.stderr or done.stdout).strip().splitlines()
+            raise CompilationError(f"the compiler {using.name} failed: {said[0] if said else 'it gives no reason'}")
+        content = made.read_bytes()
+    name = f"{key}-{_digest(content)}{_SUFFIX}"
+    for own in (False, True):
+        folder = _own_folder() if own else cache_folder()
+        place = _kept(folder, name, content)
+        library = None if place is None else _opened(place)
+        if library is not None:
+            return library
+    raise CompilationError(f"a library that {using.name} made cannot be opened")
+
+
+def _kept(folder: Path, name: str, content: bytes) -> Path | None:
+    """Write a file whole or not at all; None if the folder cannot be written."""
+    place = folder / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, temporary = tempfile.mkstemp(prefix=".", suffix=_SUFFIX, dir=folder)
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(content)
+            os.replace(temporary, place)
+        except OSError:
+            _remove(Path(temporary))
+            if not place.exists():
+                raise
+        _remove_unused(folder)
+    except OSError:
+        return None
+    return place
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove libraries that nobody has used for long."""
+    oldest = time.time() - 86400 * KEPT_DAYS
+    for place in folder.glob(f"*{_SUFFIX}"):
+        try:
+            if place.stat().st_mtime < oldest:
+                place.unlink()
+        except OSError:
+            continue

@@ -1,0 +1,554 @@
+/* A whole run of an explicit Runge-Kutta method of order 8(5,3) around the equations of a mechanism.
+
+   Above this file stand, written by coefficients.py and c_code.py: the coefficients
+   (STAGES, NODES, combine_1 ... combine_11, combine_step, combine_fifth, combine_third,
+   combine_13 ... combine_15, combine_dense_3 ... combine_dense_6), OPERATIONS, the cases of the
+   interpreter of tapes, and the constants of stretch.py.
+
+   A state is y = (q, v, z, integrals); the integrals take no part in the error test. Every accepted step
+   is projected onto the constraints at position and velocity level. Nothing is allocated in a step, and all
+   that changes belongs to one run: runs in several threads share nothing but the functions.
+
+   E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., Springer 1993,
+   sections II.5, II.6 and (test for stiffness) IV.2 of the second volume. */
+
+/* --- what Python knows too (native.py mirrors these) ------------------------------------------------- */
+
+typedef long long integer;
+
+typedef int (*code_t)(const double** arg, double** res, long long int* iw, double* w, int mem);
+
+/* A function as compiled code, or as a tape of `count` instructions where `code` is null. */
+typedef struct {
+  code_t code;
+  const int* tape;
+  const double* constants;
+  integer count, work;
+} function_t;
+
+/* The equations; read only.
+   input (t, q, v, z, p, levels, channel) -> u
+   dynamics (t, q, v, z, u, p) -> (a, rate of z, lam, regularity)
+   quadrature (t, q, v, a, z, lam, u, p) -> rates of the integrals
+   projection (t, q, v, p, weights) -> (q, v, largest |Phi| that is left)
+   event (t, q, v, a, z, lam, u, p) -> values */
+typedef struct {
+  integer coordinates, states, multipliers, inputs, integrals, events;
+  integer event_needs_dynamics;
+  function_t input, dynamics, quadrature, projection, event;
+} system_t;
+
+enum status { DONE, PAUSED, FULL, HALTED, EVENT, SINGULAR, STIFF, TOO_SMALL, NOT_FINITE, APART };
+
+/* One stretch of a run. */
+typedef struct {
+  /* given */
+  double start;
+  const double* x;             /* (q, v, z) at the start, on the constraints */
+  integer count;
+  const double* times;         /* increasing, later than the start */
+  const int* stops;            /* over which of them no step may go; the last one always counts */
+  const double* channels;      /* what holds by interval: (count, channel) by row */
+  integer channel;
+  const double *p, *levels, *weights;
+  double reltol, abstol, max_step;
+  double accuracy;             /* |Phi| relative to 1 + |q| that is rounding */
+  double seconds;              /* time after which it pauses, or 0 */
+  integer most_steps;          /* steps after which it pauses, or 0 */
+  const volatile int* halt;
+  integer every_step;          /* whether the ends of steps are recorded */
+  integer samples;             /* points inside every step at which events are looked at */
+  double spacing;              /* their largest distance, s */
+  integer keep_samples;        /* whether they are always recorded */
+  const double *offset, *band, *side;
+  const int *direction, *decides;
+  double fall;                 /* fall of the regularity, relative to the largest seen, that is reported; or 0 */
+  integer stiff_after;         /* steps at the limit of stability that are reported; or 0 */
+  integer capacity;
+  /* given and returned */
+  double step;                 /* size of the next step, or 0 */
+  double regularity;           /* largest one seen */
+  integer stiff, not_stiff;
+  /* returned */
+  double *out_times, *out_x, *out_integrals;
+  integer* out_index;          /* place among the times, or -1 */
+  integer recorded, reached;
+  integer steps, rejected, evaluations;
+  double time;
+  double least_regularity;
+  int status;
+} stretch_t;
+
+/* --- a run ------------------------------------------------------------------------------------------- */
+
+#define ROWS 16
+
+typedef struct {
+  const system_t* system;
+  integer n, n_x, n_y;
+  double* k;                  /* (ROWS, n_y) */
+  double *y, *next, *stage, *trial, *scale, *dense, *point, *moved;
+  double *u, *lam, *accelerations, *work;
+  double* events;             /* three rows of values, and one of times */
+  double* sign;
+  double hint;                /* least regularity since it was set */
+  const stretch_t* task;
+  const double* channel;
+  integer evaluations;
+} run_t;
+
+static integer largest(integer a, integer b) { return a > b ? a : b; }
+
+integer mbd_size_of_stretch(void) { return (integer)sizeof(stretch_t); }
+
+integer mbd_size_of_system(void) { return (integer)sizeof(system_t); }
+
+void mbd_free(run_t* run) {
+  if (run) free(run->k);
+  free(run);
+}
+
+run_t* mbd_new(const system_t* system) {
+  run_t* run = calloc(1, sizeof(run_t));
+  if (!run) return NULL;
+  const integer n = system->coordinates, n_x = 2 * n + system->states, n_y = n_x + system->integrals;
+  integer work = system->input.work;
+  work = largest(work, system->dynamics.work);
+  work = largest(work, system->quadrature.work);
+  work = largest(work, system->projection.work);
+  work = largest(work, system->event.work);
+  const integer size = (ROWS + 7 + 6) * n_y + n_x + system->inputs + system->multipliers + n + work +
+                       5 * system->events + 3;
+  double* place = calloc((size_t)size, sizeof(double));
+  if (!place) { free(run); return NULL; }
+  run->system = system;
+  run->n = n; run->n_x = n_x; run->n_y = n_y;
+  run->k = place; place += ROWS * n_y;
+  run->dense = place; place += 7 * n_y;
+  run->y = place; place += n_y;
+  run->next = place; place += n_y;
+  run->stage = place; place += n_y;
+  run->trial = place; place += n_y;
+  run->scale = place; place += n_y;
+  run->point = place; place += n_y;
+  run->moved = place; place += n_x;
+  run->u = place; place += system->inputs;
+  run->lam = place; place += system->multipliers;
+  run->accelerations = place; place += n;
+  run->events = place; place += 4 * system->events + 3;
+  run->sign = place; place += system->events;
+  run->work = place;
+  return run;
+}
+
+/* --- evaluating the equations ------------------------------------------------------------------------ */
+
+static void interpret(const function_t* f, const double** arg, double** res, double* w) {
+  const int* i = f->tape;
+  const int* end = i + 4 * f->count;
+  for (; i < end; i += 4) {
+    switch (i[0]) {
+      case 0: w[i[1]] = f->constants[i[2]]; break;
+      case 1: w[i[1]] = arg[i[2]] ? arg[i[2]][i[3]] : 0.0; break;
+      case 2: if (res[i[1]]) res[i[1]][i[3]] = w[i[2]]; break;
+      OPERATIONS
+    }
+  }
+}
+
+static void evaluate(const function_t* f, const double** arg, double** res, double* w) {
+  if (f->code) f->code(arg, res, NULL, w, 0);
+  else interpret(f, arg, res, w);
+}
+
+static void find_inputs(run_t* run, double t, const double* x) {
+  if (!run->system->inputs) return;
+  const stretch_t* task = run->task;
+  const double* arg[7] = {&t, x, x + run->n, x + 2 * run->n, task->p, task->levels, run->channel};
+  double* res[1] = {run->u};
+  evaluate(&run->system->input, arg, res, run->work);
+}
+
+static void find_accelerations(run_t* run, double t, const double* x, double* a, double* rates, double* lam) {
+  find_inputs(run, t, x);
+  double hint = INFINITY;
+  const double* arg[6] = {&t, x, x + run->n, x + 2 * run->n, run->u, run->task->p};
+  double* res[4] = {a, rates, lam, &hint};
+  evaluate(&run->system->dynamics, arg, res, run->work);
+  if (hint < run->hint) run->hint = hint;
+  ++run->evaluations;
+}
+
+/* dy/dt at a state. */
+static void find_rate(run_t* run, double t, const double* y, double* rate) {
+  const integer n = run->n;
+  memcpy(rate, y + n, (size_t)n * sizeof(double));
+  find_accelerations(run, t, y, rate + n, rate + 2 * n, run->lam);
+  if (run->system->integrals) {
+    const double* arg[8] = {&t, y, y + n, rate + n, y + 2 * n, run->lam, run->u, run->task->p};
+    double* res[1] = {rate + run->n_x};
+    evaluate(&run->system->quadrature, arg, res, run->work);
+  }
+}
+
+static void find_events(run_t* run, double t, const double* x, double* values) {
+  const system_t* s = run->system;
+  if (s->event_needs_dynamics) find_accelerations(run, t, x, run->accelerations, run->moved, run->lam);
+  const double* arg[8] = {&t, x, x + run->n, run->accelerations, x + 2 * run->n, run->lam, run->u, run->task->p};
+  double* res[1] = {values};
+  evaluate(&s->event, arg, res, run->work);
+}
+
+/* Bring a state onto the constraints; 0 if this does not succeed. */
+static int project(run_t* run, double t, double* x) {
+  if (!run->system->multipliers) return 1;
+  const stretch_t* task = run->task;
+  const integer n = run->n;
+  double before = INFINITY, left = INFINITY, size = 1.0;
+  for (int k = 0; k < PROJECTIONS; ++k) {
+    const double* arg[5] = {&t, x, x + n, task->p, task->weights};
+    double* res[3] = {run->moved, run->moved + n, &left};
+    evaluate(&run->system->projection, arg, res, run->work);
+    if (!isfinite(left)) return 0;
+    memcpy(x, run->moved, (size_t)(2 * n) * sizeof(double));
+    size = 0.0;
+    for (integer i = 0; i < n; ++i) size = fmax(size, fabs(x[i]));
+    size += 1.0;
+    if (left <= task->accuracy * size) return 1;
+    if (left >= before / 2) break;
+    before = left;
+  }
+  return left <= LOOSE * size;
+}
+
+/* --- one step ---------------------------------------------------------------------------------------- */
+
+static double norm(const run_t* run, const double* x) {
+  double sum = 0.0;
+  for (integer i = 0; i < run->n_x; ++i) { const double e = x[i] / run->scale[i]; sum += e * e; }
+  return sqrt(sum / (double)largest(run->n_x, 1));
+}
+
+static double least_step(double t) { return 10.0 * fabs(nextafter(t, INFINITY) - t); }
+
+/* Size of the first step, as in section II.4 of the book. */
+static double first_step(run_t* run, const stretch_t* task, double t, double limit) {
+  double* k0 = run->k;
+  for (integer i = 0; i < run->n_x; ++i) run->scale[i] = task->abstol + fabs(run->y[i]) * task->reltol;
+  const double d0 = norm(run, run->y), d1 = norm(run, k0);
+  double h0 = d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1;
+  h0 = fmin(h0, limit);
+  for (integer i = 0; i < run->n_y; ++i) run->stage[i] = run->y[i] + h0 * k0[i];
+  find_rate(run, t + h0, run->stage, run->k + run->n_y);
+  for (integer i = 0; i < run->n_x; ++i) run->next[i] = run->k[run->n_y + i] - k0[i];
+  const double d2 = norm(run, run->next) / h0;
+  if (!isfinite(d2)) return fmin(1e-6, limit);
+  const double h1 = d1 <= 1e-15 && d2 <= 1e-15 ? fmax(1e-6, h0 * 1e-3) : pow(0.01 / fmax(d1, d2), 1.0 / 8.0);
+  return fmin(fmin(100.0 * h0, h1), limit);
+}
+
+/* The stages of a step from run->y to run->next, not projected; its error relative to the tolerances. */
+static double attempt(run_t* run, const stretch_t* task, double t, double h) {
+  const integer n = run->n_y;
+  double* k = run->k;
+#define STAGE(s) combine_##s(n, h, run->y, k, run->stage); find_rate(run, t + NODES[s] * h, run->stage, k + s * n);
+  STAGE(1) STAGE(2) STAGE(3) STAGE(4) STAGE(5) STAGE(6) STAGE(7) STAGE(8) STAGE(9) STAGE(10) STAGE(11)
+#undef STAGE
+  combine_step(n, h, run->y, k, run->next);
+  for (integer i = 0; i < run->n_x; ++i)
+    run->scale[i] = task->abstol + fmax(fabs(run->y[i]), fabs(run->next[i])) * task->reltol;
+  combine_fifth(run->n_x, n, k, run->trial);
+  double fifth = norm(run, run->trial);
+  combine_third(run->n_x, n, k, run->trial);
+  double third = norm(run, run->trial);
+  fifth *= fifth;
+  third *= third;
+  if (fifth == 0.0 && third == 0.0) return 0.0;
+  return fabs(h) * fifth / sqrt(fifth + 0.01 * third);
+}
+
+/* The end of a step on the constraints, and the rate there; 0 if it must be repeated. */
+static int arrive(run_t* run, double t) {
+  memcpy(run->trial, run->next, (size_t)run->n_y * sizeof(double));
+  if (run->system->multipliers) {
+    if (!project(run, t, run->next)) return 0;
+    for (integer i = 0; i < run->n_x; ++i) {
+      const double moved = fabs(run->next[i] - run->trial[i]);
+      run->point[i] = moved > SLIGHT * (1.0 + fabs(run->next[i])) ? moved : 0.0;
+    }
+    if (!(norm(run, run->point) <= DRIFT)) return 0;
+  }
+  double* rate = run->k + 12 * run->n_y;
+  find_rate(run, t, run->next, rate);
+  for (integer i = 0; i < run->n_x; ++i)
+    if (!isfinite(rate[i])) return 0;
+  return 1;
+}
+
+/* h |lambda| of the last step, by the two last stages, which are at the same time. */
+static double stability(const run_t* run, double h) {
+  const double *late = run->k + 12 * run->n_y, *early = run->k + 11 * run->n_y;
+  double change = 0.0, distance = 0.0;
+  for (integer i = 0; i < run->n_x; ++i) {
+    const double a = (late[i] - early[i]) / run->scale[i], b = (run->next[i] - run->stage[i]) / run->scale[i];
+    change += a * a;
+    distance += b * b;
+  }
+  return distance > 0.0 ? h * sqrt(change / distance) : 0.0;
+}
+
+/* Coefficients of the dense output of the last step. */
+static void prepare_dense(run_t* run, double t, double h) {
+  const integer n = run->n_y;
+  double *k = run->k, *f = run->dense;
+  combine_13(n, h, run->y, k, run->stage); find_rate(run, t + NODES[13] * h, run->stage, k + 13 * n);
+  combine_14(n, h, run->y, k, run->stage); find_rate(run, t + NODES[14] * h, run->stage, k + 14 * n);
+  combine_15(n, h, run->y, k, run->stage); find_rate(run, t + NODES[15] * h, run->stage, k + 15 * n);
+  for (integer i = 0; i < n; ++i) {
+    const double change = run->next[i] - run->y[i], begin = h * k[i], end = h * k[12 * n + i];
+    f[i] = change;
+    f[n + i] = begin - change;
+    f[2 * n + i] = 2.0 * change - (end + begin);
+  }
+  combine_dense_3(n, h, k, f + 3 * n);
+  combine_dense_4(n, h, k, f + 4 * n);
+  combine_dense_5(n, h, k, f + 5 * n);
+  combine_dense_6(n, h, k, f + 6 * n);
+}
+
+static void dense_output(const run_t* run, double s, double* y) {
+  const integer n = run->n_y;
+  const double *f = run->dense, r = 1.0 - s;
+  for (integer i = 0; i < n; ++i)
+    y[i] = run->y[i] +
+           s * (f[i] +
+                r * (f[n + i] +
+                     s * (f[2 * n + i] +
+                          r * (f[3 * n + i] + s * (f[4 * n + i] + r * (f[5 * n + i] + s * f[6 * n + i]))))));
+}
+
+/* --- a stretch --------------------------------------------------------------------------------------- */
+
+static void record(run_t* run, stretch_t* task, double t, const double* y, integer index) {
+  const integer r = task->recorded++;
+  task->out_times[r] = t;
+  task->out_index[r] = index;
+  memcpy(task->out_x + r * run->n_x, y, (size_t)run->n_x * sizeof(double));
+  if (run->system->integrals)
+    memcpy(task->out_integrals + r * run->system->integrals, y + run->n_x,
+           (size_t)run->system->integrals * sizeof(double));
+}
+
+static int sign_of(double x) { return x > 0.0 ? 1 : x < 0.0 ? -1 : 0; }
+
+/* Whether a parabola through three values of one sign comes near to zero between them. */
+static int may_touch(double t0, double f0, double t1, double f1, double t2, double f2) {
+  if (f0 == 0.0 || sign_of(f0) != sign_of(f1) || sign_of(f1) != sign_of(f2)) return 0;
+  const double h0 = t1 - t0, h1 = t2 - t1, bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0);
+  for (int second = 0; second < 2; ++second) {
+    const double g0 = second ? f1 : f0, g1 = second ? f2 : f1, length = second ? h1 : h0;
+    const double rise = (g1 - g0) / length - bend * length, place = -rise / (2.0 * bend);
+    if (!(place > 0.0 && place < length)) continue;
+    const double extreme = g0 + rise * place / 2.0;
+    if (extreme * sign_of(g0) < TOUCHES * (fabs(g1 - g0) + fabs(bend) * length * length)) return 1;
+  }
+  return 0;
+}
+
+/* Look at new values of the events: 1 where one may take place between the last two, 2 where it decides. */
+static int look(run_t* run, const stretch_t* task, double t, integer known) {
+  const integer n = run->system->events;
+  double *oldest = run->events, *last = oldest + n, *values = last + n, *times = values + n;
+  int found = 0;
+  times[2] = t;
+  for (integer i = 0; i < n; ++i) {
+    const double value = values[i] - task->offset[i];
+    if (isnan(value)) continue;
+    const int now = task->band[i] > 0.0 && fabs(value) <= task->band[i] ? (int)run->sign[i] : sign_of(value);
+    const int crossed = now != (int)run->sign[i] && run->sign[i] != 0.0;
+    const int rising = run->sign[i] < 0.0;
+    int candidate = crossed && (task->direction[i] == 0 || (task->direction[i] > 0) == rising);
+    if (!candidate && known > 1)
+      candidate = may_touch(times[0], oldest[i] - task->offset[i], times[1], last[i] - task->offset[i], t, value);
+    if (candidate) found |= task->decides[i] ? 3 : 1;
+    if (now) run->sign[i] = now;
+  }
+  memmove(oldest, last, (size_t)n * sizeof(double));
+  memcpy(last, values, (size_t)n * sizeof(double));
+  times[0] = times[1];
+  times[1] = t;
+  return found;
+}
+
+static double seconds_now(void) {
+  struct timespec now;
+#ifdef CLOCK_MONOTONIC
+  clock_gettime(CLOCK_MONOTONIC, &now);
+#else
+  timespec_get(&now, TIME_UTC);
+#endif
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Outputs inside the last step, in order of time; 0 where one cannot be brought onto the constraints. */
+static int record_step(run_t* run, stretch_t* task, double t, double h, double end, integer samples) {
+  integer sample = 1;
+  double last = t;
+  for (;;) {
+    const double due = task->reached < task->count ? task->times[task->reached] : INFINITY;
+    const double between = sample <= samples ? t + h * (double)sample / (double)(samples + 1) : INFINITY;
+    if (fmin(due, between) >= end) break;
+    const int wanted = due <= between;
+    const double time = wanted ? due : between;
+    if (wanted || (time > last && time < due)) {
+      dense_output(run, (time - t) / h, run->point);
+      if (!project(run, time, run->point)) return 0;
+      record(run, task, time, run->point, wanted ? task->reached : -1);
+      last = time;
+    }
+    if (wanted) ++task->reached;
+    if (between <= time) ++sample;
+  }
+  return 1;
+}
+
+/* Integrate over a stretch, or up to where something must be decided. */
+int mbd_advance(run_t* run, stretch_t* task) {
+  const system_t* s = run->system;
+  const integer n_y = run->n_y;
+  const double began = task->seconds > 0.0 ? seconds_now() : 0.0;
+  double t = task->start, *y = run->y;
+  run->task = task;
+  run->evaluations = 0;
+  task->recorded = task->reached = task->steps = task->rejected = 0;
+  task->time = t;
+  task->least_regularity = INFINITY;
+  task->status = DONE;
+  memcpy(y, task->x, (size_t)run->n_x * sizeof(double));
+  memset(y + run->n_x, 0, (size_t)s->integrals * sizeof(double));
+  run->channel = task->channels;
+  run->hint = INFINITY;
+  find_rate(run, t, y, run->k);
+  for (integer i = 0; i < run->n_x; ++i)
+    if (!isfinite(run->k[i])) { task->status = NOT_FINITE; task->evaluations = run->evaluations; return NOT_FINITE; }
+  integer looked = 0;
+  if (s->events) {
+    double *last = run->events + s->events, *times = run->events + 3 * s->events;
+    find_events(run, t, y, last);
+    times[1] = t;
+    looked = 1;
+    for (integer i = 0; i < s->events; ++i)
+      run->sign[i] = sign_of(task->side[i] != 0.0 ? task->side[i] : last[i] - task->offset[i]);
+  }
+  const integer margin = s->events || task->keep_samples || task->fall > 0.0 ? MOST_SAMPLES + 4 : 4;
+  double step = task->step;
+  integer stop = 0, near_steps = 0;
+  while (task->reached < task->count) {
+    while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
+    const double end = task->times[stop];
+    if (step <= 0.0) step = first_step(run, task, t, fmin(end - t, task->max_step));
+    step = fmin(step, task->max_step);
+    const double tried = step;
+    int clipped = 0, repeated = 0;
+    double h = step, arrival = t + h, error;
+    if (t + 1.01 * h >= end) { h = end - t; arrival = end; clipped = 1; }
+    else if (t + 2.0 * h > end) { h = (end - t) / 2.0; arrival = t + h; clipped = 1; }
+    for (;;) {
+      run->hint = INFINITY;
+      error = attempt(run, task, t, h);
+      if (error < 1.0 && arrive(run, arrival)) break;
+      ++task->rejected;
+      repeated = 1;
+      clipped = 0;
+      h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, SAFETY * pow(error, -1.0 / 8.0)) : LEAST;
+      arrival = t + h;
+      if (!(h > least_step(t))) {
+        /* what was reached so far counts; who called sees that it goes no further */
+        task->status = !isfinite(error) ? NOT_FINITE : error < 1.0 ? APART : TOO_SMALL;
+        goto finish;
+      }
+    }
+    ++task->steps;
+    const double factor = error > 0.0 ? fmin(MOST, SAFETY * pow(error, -1.0 / 8.0)) : MOST;
+    step = h * (repeated ? fmin(factor, 1.0) : factor);
+    if (clipped) step = fmax(step, tried);
+    if (task->stiff_after) {
+      if (stability(run, h) > STABILITY) {
+        task->not_stiff = 0;
+        if (++task->stiff >= task->stiff_after) task->status = STIFF;
+      } else if (++task->not_stiff == FORGOTTEN) task->stiff = 0;
+    }
+    integer samples = 0;
+    int found = 0;
+    if (s->events || task->keep_samples) {
+      samples = task->samples;
+      if (h > task->spacing * (double)(samples + 1)) samples = (integer)fmin(ceil(h / task->spacing), MOST_SAMPLES);
+    }
+    const int inside = task->times[task->reached] < arrival;
+    if (inside || samples) prepare_dense(run, t, h);
+    if (s->events) {
+      for (integer k = 1; k <= samples + 1; ++k) {
+        const double *state = run->next, part = (double)k / (double)(samples + 1);
+        if (k <= samples) { dense_output(run, part, run->point); state = run->point; }
+        const double time = k <= samples ? t + part * h : arrival;
+        find_events(run, time, state, run->events + 2 * s->events);
+        found |= look(run, task, time, looked);
+        looked = 2;
+      }
+    }
+    if (s->multipliers && task->fall > 0.0) {
+      const double hint = run->hint;
+      if (hint < task->least_regularity) task->least_regularity = hint;
+      if (hint > task->regularity && isfinite(hint)) task->regularity = hint;
+      const int near = hint < task->fall * task->regularity;
+      if (near) { ++near_steps; found |= 1; }
+      if ((near_steps && !near) || near_steps >= NEAR_STEPS) task->status = SINGULAR;
+    }
+    const integer kept = found || task->keep_samples ? (samples ? samples : found ? task->samples : 0) : 0;
+    if (kept && !inside && !samples) prepare_dense(run, t, h);
+    if (!record_step(run, task, t, h, arrival, kept)) {
+      task->status = APART;
+      goto finish;
+    }
+    const int due = task->reached < task->count && task->times[task->reached] == arrival;
+    if (found & 2) task->status = EVENT;
+    if (task->status == DONE) {
+      if (*task->halt) task->status = HALTED;
+      else if (task->capacity - task->recorded < margin + task->count - task->reached) task->status = FULL;
+      else if (task->most_steps && task->steps >= task->most_steps) task->status = PAUSED;
+      else if (task->seconds > 0.0 && seconds_now() - began > task->seconds) task->status = PAUSED;
+    }
+    if (due) record(run, task, arrival, run->next, task->reached++);
+    else if (task->every_step || task->status != DONE) record(run, task, arrival, run->next, -1);
+    t = arrival;
+    task->time = t;
+    memcpy(y, run->next, (size_t)n_y * sizeof(double));
+    if (task->status != DONE) break;
+    if (due && task->reached < task->count && task->stops[task->reached - 1]) {
+      run->channel = task->channels + task->reached * task->channel;
+      find_rate(run, t, y, run->k);
+    } else memcpy(run->k, run->k + 12 * n_y, (size_t)n_y * sizeof(double));
+  }
+finish:
+  /* after a failure the last state that was reached is the last one that is recorded */
+  if (task->status >= TOO_SMALL && t > task->start && !(task->recorded && task->out_times[task->recorded - 1] >= t))
+    record(run, task, t, y, -1);
+  if (task->status == HALTED || task->status == PAUSED || task->status == FULL || task->status == STIFF)
+    if (task->reached == task->count) task->status = DONE;
+  task->step = step;
+  task->evaluations = run->evaluations;
+  return task->status;
+}
+
+/* Inputs, accelerations and multipliers at states by row. */
+void mbd_complete(run_t* run, stretch_t* task, integer count, const double* times, const double* x,
+                  const double* channels, double* a, double* lam, double* u) {
+  const system_t* s = run->system;
+  run->task = task;
+  for (integer i = 0; i < count; ++i) {
+    const double* row = x + i * run->n_x;
+    run->channel = channels + i * task->channel;
+    find_accelerations(run, times[i], row, a + i * run->n, run->moved, lam + i * s->multipliers);
+    memcpy(u + i * s->inputs, run->u, (size_t)s->inputs * sizeof(double));
+  }
+}

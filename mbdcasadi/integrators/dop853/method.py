@@ -1,0 +1,76 @@
+"""DOP853: explicit Runge–Kutta of order 8, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from ...errors import SimulationError
+from ..base import ABSTOL, RELTOL, Integrator
+
+
+class DOP853(Integrator):
+    """Explicit Runge–Kutta of order 8(5,3) with dense output of order 7, the whole run in C.
+
+    The fastest method for motion that is smooth and not stiff, ten times and more
+    on small mechanisms. Every step is projected onto the constraints, at position
+    and velocity level; events are looked at inside every step.
+
+    The equations are interpreted in C at first, and compiled by the compiler of the
+    system once that pays; what was compiled is kept for later (in the folder
+    ``$MBDCASADI_CACHE``, or that of the user's platform). Without a compiler the
+    same method runs step by step, ten times slower. ``motion.statistics.notes``
+    tells what ran.
+
+    It needs rows that do not depend on each other, and forces that do not depend on
+    reactions. Stiff motion, as with hard contacts or stiff bushings, ends in an
+    error or takes long: use :class:`IDAS` or :class:`Rosenbrock`.
+
+    Parameters
+    ----------
+    reltol, abstol : float, default 1e-8
+        Relative and absolute tolerance of the local error.
+    max_step : float, optional
+        Longest step, s.
+    jit : bool, default False
+        Compile the equations before the run, and not only once that pays.
+
+    Raises
+    ------
+    SimulationError
+        For tolerances and steps that are not positive, for options, and without a compiler for ``jit=True``.
+
+    References
+    ----------
+    Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., Springer 1993, section II.5.
+
+    Examples
+    --------
+    >>> import mbdcasadi as mbd
+    >>> mbd.DOP853(reltol=1e-10, abstol=1e-10)
+    DOP853(reltol=1e-10, abstol=1e-10)
+    """
+
+    name: ClassVar[str] = "dop853"
+    plugin: ClassVar[str] = ""
+    solves_algebraic: ClassVar[bool] = False
+    runs_whole: ClassVar[bool] = True
+
+    def __init__(
+        self,
+        reltol: float = RELTOL,
+        abstol: float = ABSTOL,
+        *,
+        max_step: float | None = None,
+        jit: bool = False,
+        options: Mapping[str, Any] | None = None,
+    ):
+        super().__init__(reltol, abstol, max_step=max_step, jit=jit, options=options)
+        if self.options:
+            raise SimulationError(f"DOP853 takes no options, got {', '.join(map(repr, self.options))}")
+
+    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
+        raise SimulationError(
+            'method="dop853" runs in C of its own and is no CasADi function, as derivatives need it; '
+            'take method="erk", or "idas"'
+        )

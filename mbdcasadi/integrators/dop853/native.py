@@ -1,0 +1,350 @@
+"""The run in C: the engine that the package ships, and its calls."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+import weakref
+from collections.abc import Sequence
+from ctypes import c_double, c_int, c_longlong, c_void_p
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...equations.c_code import Tape, interpreter_in_c
+from . import build, stretch
+from .code import Code, package_version
+from .coefficients import coefficients_in_c
+from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
+
+#: Optimisation of the engine, which is compiled once.
+OPTIMISATION = "-O3"
+#: States beyond the outputs that one call may return.
+EXTRA_ROWS = 2048
+#: Bytes that one call may return beyond the outputs.
+EXTRA_BYTES = 4_000_000
+#: Constants that the engine takes from ``stretch``.
+CONSTANTS = (
+    "SAFETY",
+    "LEAST",
+    "MOST",
+    "PROJECTIONS",
+    "LOOSE",
+    "DRIFT",
+    "SLIGHT",
+    "STABILITY",
+    "FORGOTTEN",
+    "TOUCHES",
+    "MOST_SAMPLES",
+    "NEAR_STEPS",
+)
+
+_HEAD = """\
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
+#define CLONES __attribute__((target_clones("avx2", "default")))
+#else
+#define CLONES
+#endif
+typedef long long integer;
+"""
+
+
+class _Function(ctypes.Structure):
+    _fields_ = (
+        ("code", c_void_p),
+        ("tape", c_void_p),
+        ("constants", c_void_p),
+        ("count", c_longlong),
+        ("work", c_longlong),
+    )
+
+
+class _System(ctypes.Structure):
+    _fields_ = (
+        *((name, c_longlong) for name in ("coordinates", "states", "multipliers", "inputs", "integrals", "events")),
+        ("event_needs_dynamics", c_longlong),
+        *((name, _Function) for name in ("input", "dynamics", "quadrature", "projection", "event")),
+    )
+
+
+class _Stretch(ctypes.Structure):
+    _fields_ = (
+        ("start", c_double),
+        ("x", c_void_p),
+        ("count", c_longlong),
+        ("times", c_void_p),
+        ("stops", c_void_p),
+        ("channels", c_void_p),
+        ("channel", c_longlong),
+        ("p", c_void_p),
+        ("levels", c_void_p),
+        ("weights", c_void_p),
+        ("reltol", c_double),
+        ("abstol", c_double),
+        ("max_step", c_double),
+        ("accuracy", c_double),
+        ("seconds", c_double),
+        ("most_steps", c_longlong),
+        ("halt", c_void_p),
+        ("every_step", c_longlong),
+        ("samples", c_longlong),
+        ("spacing", c_double),
+        ("keep_samples", c_longlong),
+        ("offset", c_void_p),
+        ("band", c_void_p),
+        ("side", c_void_p),
+        ("direction", c_void_p),
+        ("decides", c_void_p),
+        ("fall", c_double),
+        ("stiff_after", c_longlong),
+        ("capacity", c_longlong),
+        ("step", c_double),
+        ("regularity", c_double),
+        ("stiff", c_longlong),
+        ("not_stiff", c_longlong),
+        ("out_times", c_void_p),
+        ("out_x", c_void_p),
+        ("out_integrals", c_void_p),
+        ("out_index", c_void_p),
+        ("recorded", c_longlong),
+        ("reached", c_longlong),
+        ("steps", c_longlong),
+        ("rejected", c_longlong),
+        ("evaluations", c_longlong),
+        ("time", c_double),
+        ("least_regularity", c_double),
+        ("status", c_int),
+    )
+
+
+def engine_source() -> str:
+    """The engine as one C source."""
+    own = (Path(__file__).parent / "engine.c").read_text(encoding="utf-8")
+    own = own.replace("typedef long long integer;\n", "", 1)
+    cases = interpreter_in_c().replace("\n", " \\\n")
+    constants = "".join(f"#define {name} {getattr(stretch, name)!r}\n" for name in CONSTANTS)
+    return f"{_HEAD}\n{constants}\n#define OPERATIONS \\\n{cases}\n\n{coefficients_in_c()}\n{own}"
+
+
+_lock = threading.Lock()
+
+
+def engine(using: build.Compiler) -> ctypes.CDLL:
+    """Return the engine, built if it is not kept.
+
+    Raises
+    ------
+    CompilationError
+        If it cannot be built.
+    """
+    with _lock:
+        return _engine(using, str(build.cache_folder()))
+
+
+@cache
+def _engine(using: build.Compiler, folder: str) -> ctypes.CDLL:
+    source = engine_source()
+    key = "engine-" + build.key_of(source, package_version(), using.identity, OPTIMISATION, *build.FLAGS)
+    library = build.find(key) or build.build(key, source, OPTIMISATION, using)
+    library.mbd_new.restype = c_void_p
+    library.mbd_new.argtypes = [c_void_p]
+    library.mbd_free.restype = None
+    library.mbd_free.argtypes = [c_void_p]
+    library.mbd_advance.restype = c_int
+    library.mbd_advance.argtypes = [c_void_p, c_void_p]
+    library.mbd_complete.restype = None
+    library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
+    for name, kind in (("mbd_size_of_stretch", _Stretch), ("mbd_size_of_system", _System)):
+        size = getattr(library, name)
+        size.restype = c_longlong
+        if size() != ctypes.sizeof(kind):
+            raise build.CompilationError(f"the compiler {using.name} lays structures out in another way")
+    return library
+
+
+class NativeRun:
+    """Runs of one system in C; one thread at a time.
+
+    Parameters
+    ----------
+    library : ctypes.CDLL
+        The engine.
+    system : ExplicitSystem
+        The equations.
+    codes : sequence of Code
+        Of the dynamics, projection and quadrature; of the input; of the events.
+    watched : Watched, optional
+        Events.
+    """
+
+    def __init__(
+        self, library: ctypes.CDLL, system: ExplicitSystem, codes: Sequence[Code], watched: Watched | None = None
+    ):
+        self.library, self.system, self.codes, self.watched = library, system, tuple(codes), watched
+        self._halt = np.zeros(1, np.int32)
+        self._state = self.compiled
+        found = _System(
+            coordinates=system.coordinates,
+            states=system.states,
+            multipliers=system.multipliers,
+            inputs=system.inputs,
+            integrals=system.integrals,
+            events=0 if watched is None else watched.size,
+            event_needs_dynamics=watched is not None and watched.needs_dynamics,
+        )
+        mechanism, inputs, *events = self.codes
+        found.dynamics, found.projection, found.quadrature = (_entry(mechanism, k) for k in range(3))
+        found.input = _entry(inputs, 0)
+        if events:
+            found.event = _entry(events[0], 0)
+        self._system = found
+        self._run = library.mbd_new(ctypes.addressof(found))
+        if not self._run:
+            raise MemoryError("no memory for the run in C")
+        weakref.finalize(self, library.mbd_free, self._run)
+
+    @property
+    def compiled(self) -> tuple[bool, ...]:
+        """Which of the codes are compiled now."""
+        return tuple(code.library is not None for code in self.codes)
+
+    @property
+    def is_current(self) -> bool:
+        """Whether it runs the compiled code that there is."""
+        return self._state == self.compiled
+
+    def halt(self) -> None:
+        """End the call that runs in another thread at the end of its step, and any later one."""
+        self._halt[0] = 1
+
+    def advance(self, s: Stretch, progress: Progress) -> Reached:
+        """Integrate over a stretch; `progress` goes on."""
+        system, given = self.system, _Arrays()
+        count, n_x, n_int = s.times.size, system.size, system.integrals
+        capacity = count + 8
+        if s.every_step or s.keep_samples or self.watched is not None or s.fall:
+            capacity += MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * n_x + 16)), 64)
+        times, x = np.empty(capacity), np.empty((capacity, n_x))
+        integrals, index = np.empty((capacity, n_int)), np.empty(capacity, np.int64)
+        events = 0 if self.watched is None else self.watched.size
+        none = np.zeros(events)
+        task = _Stretch(
+            start=s.start,
+            x=given.doubles(s.x),
+            count=count,
+            times=given.doubles(s.times),
+            stops=given.ints(s.stops),
+            channels=given.doubles(s.channels),
+            channel=system.channel,
+            p=given.doubles(s.p),
+            levels=given.doubles(s.levels),
+            weights=given.doubles(s.weights),
+            reltol=s.reltol,
+            abstol=s.abstol,
+            max_step=s.max_step,
+            accuracy=ACCURACY,
+            seconds=s.seconds,
+            most_steps=s.most_steps,
+            halt=self._halt.ctypes.data,
+            every_step=s.every_step,
+            samples=SAMPLES,
+            spacing=s.spacing,
+            keep_samples=s.keep_samples,
+            offset=given.doubles(s.offset if s.offset.size else none),
+            band=given.doubles(s.band if s.band.size else none),
+            side=given.doubles(s.side if s.side.size else none),
+            direction=given.ints(none if self.watched is None else self.watched.direction),
+            decides=given.ints(none if self.watched is None else self.watched.decides),
+            fall=s.fall,
+            stiff_after=s.stiff_after,
+            capacity=capacity,
+            step=progress.step,
+            regularity=progress.regularity,
+            stiff=progress.stiff,
+            not_stiff=progress.not_stiff,
+            out_times=times.ctypes.data,
+            out_x=x.ctypes.data,
+            out_integrals=integrals.ctypes.data,
+            out_index=index.ctypes.data,
+        )
+        self.library.mbd_advance(self._run, ctypes.addressof(task))
+        progress.step, progress.regularity = task.step, task.regularity
+        progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
+        r = task.recorded
+        return Reached(
+            times[:r].copy(),
+            x[:r].copy(),
+            integrals[:r].copy(),
+            index[:r].copy(),
+            Status(task.status),
+            task.steps,
+            task.rejected,
+            task.evaluations,
+            task.least_regularity,
+        )
+
+    def complete(
+        self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations (k, n), multipliers (k, m) and inputs (k, n_u) at states by row.
+
+        Parameters
+        ----------
+        channels : numpy.ndarray
+            What holds in the interval of each state (k, n_channel).
+        """
+        system, given, count = self.system, _Arrays(), times.size
+        a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))
+        u = np.empty((count, system.inputs))
+        task = _Stretch(channel=system.channel, p=given.doubles(p), levels=given.doubles(levels))
+        self.library.mbd_complete(
+            self._run,
+            ctypes.addressof(task),
+            count,
+            given.doubles(times),
+            given.doubles(x),
+            given.doubles(channels),
+            a.ctypes.data,
+            lam.ctypes.data,
+            u.ctypes.data,
+        )
+        return a, lam, u
+
+
+class _Arrays:
+    """Arrays that live as long as a call that is given their addresses."""
+
+    def __init__(self) -> None:
+        self._kept: list[np.ndarray] = []
+
+    def doubles(self, values: Any) -> int:
+        """Address of values as C doubles."""
+        return self._address(np.ascontiguousarray(values, dtype=np.float64))
+
+    def ints(self, values: Any) -> int:
+        """Address of values as C ints."""
+        return self._address(np.ascontiguousarray(values, dtype=np.int32))
+
+    def _address(self, array: np.ndarray) -> int:
+        self._kept.append(array)
+        return array.ctypes.data
+
+
+def _entry(code: Code, k: int) -> _Function:
+    """A function for the engine: compiled if it is."""
+    tape: Tape = code.tapes[k]
+    address, work = code.entry(k) if code.library is not None else (0, 0)
+    return _Function(
+        code=address or None,
+        tape=tape.instructions.ctypes.data,
+        constants=tape.constants.ctypes.data,
+        count=tape.size,
+        work=max(work, tape.work) + 1,
+    )

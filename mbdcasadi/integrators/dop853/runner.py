@@ -1,0 +1,136 @@
+"""The choice of what runs the method: C with the equations compiled or interpreted, or steps as CasADi functions."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from ...equations.c_code import UnsupportedOperation
+from ...model.cache import Cache
+from . import build
+from .code import Code
+from .native import NativeRun, engine
+from .stepwise import StepwiseRun
+from .stretch import ExplicitSystem, Progress, Reached, Stretch, Watched
+
+#: Time after which a run in C comes back, s: for Ctrl-C, progress, and the choice to compile.
+SLICE, FIRST_SLICE = 0.2, 0.02
+
+
+class _Run(Protocol):
+    @property
+    def is_current(self) -> bool: ...
+
+    def advance(self, s: Stretch, progress: Progress) -> Reached: ...
+
+    def complete(
+        self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]: ...
+
+
+class Runner:
+    """Runs one system, by compiled code where that pays.
+
+    Parameters
+    ----------
+    system : ExplicitSystem
+        The equations.
+    watched : Watched or None
+        Events.
+    cache : Cache
+        Of the mechanism: what is compiled serves later runs with the same functions.
+    compiles : bool
+        Whether the equations are compiled at once, and not only once that pays.
+
+    Attributes
+    ----------
+    said : str
+        What runs, and why.
+    """
+
+    def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, *, compiles: bool = False):
+        self.system, self.watched = system, watched
+        self._cache, self._compiles = cache, compiles
+        self._codes: tuple[Code, ...] = ()
+        self._interpreted = 0.0
+        self._using = build.compiler()
+        self.said = ""
+        self._run: _Run = self._made(self._using)
+
+    # --- what runs ---------------------------------------------------------------------------
+    def _made(self, using: build.Compiler | None) -> _Run:
+        if using is None:
+            return self._stepwise("no C compiler is on the path")
+        try:
+            self._library = engine(using)
+            self._codes = self._code(using)
+        except (build.CompilationError, UnsupportedOperation) as error:
+            return self._stepwise(str(error))
+        if self._compiles:
+            self._compile(using, np.inf)
+        self._describe()
+        return NativeRun(self._library, self.system, self._codes, self.watched)
+
+    def _stepwise(self, reason: str) -> _Run:
+        self.said = f"dop853 ran step by step, without C: {reason}"
+        return StepwiseRun(self.system, self.watched, self._cache)
+
+    def _code(self, using: build.Compiler) -> tuple[Code, ...]:
+        s = self.system
+        parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature), (s.input,)]
+        parts += [] if self.watched is None else [(self.watched.function,)]
+        found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts]
+        for code in found:
+            code.look_for_library(using)
+        return tuple(found)
+
+    def _compile(self, using: build.Compiler, coming: float) -> None:
+        """Compile what pays before interpreting for so many seconds more."""
+        total = sum(code.size for code in self._codes) or 1
+        for code in self._codes:
+            if code.size and code.pays(coming * code.size / total):
+                code.compile(using)
+
+    def _describe(self) -> None:
+        said = self._codes[0].said
+        if self._codes[0].library is None and not said:
+            said = f"interpreted equations: compiling them, about {self._codes[0].price:.2g} s, would not have paid"
+        self.said = f"dop853 ran in C, {said}"
+
+    # --- running ------------------------------------------------------------------------------
+    @property
+    def is_interpreted(self) -> bool:
+        """Whether equations are interpreted that may be compiled."""
+        return bool(self._codes) and self._codes[0].library is None
+
+    def advance(self, s: Stretch, progress: Progress) -> Reached:
+        """Integrate over a stretch, or a part of it."""
+        if self._using is None or not self.is_interpreted:
+            return self._run.advance(s, progress)
+        began = time.perf_counter()
+        reached = self._run.advance(s, progress)
+        seconds = time.perf_counter() - began
+        total = sum(code.size for code in self._codes) or 1
+        for code in self._codes:
+            code.spent += seconds * code.size / total
+        end = float(s.times[-1])
+        done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
+        self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
+        if not self._run.is_current:
+            self._run = NativeRun(self._library, self.system, self._codes, self.watched)
+        self._describe()
+        return reached
+
+    def slice(self) -> float:
+        """Time after which the next call is to come back, s."""
+        return FIRST_SLICE if self.is_interpreted else SLICE
+
+    def complete(
+        self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Accelerations, multipliers and inputs at states by row."""
+        return self._run.complete(times, x, channels, p, levels)

@@ -1,0 +1,254 @@
+"""What is asked of the method, and what it found; the same for the run in C and the one without a compiler."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+#: Points inside every step at which events are looked at, at least.
+SAMPLES = 7
+#: Residual of a constraint, relative to 1 + |q|, that is rounding.
+ACCURACY = 1e-14
+#: Residual with which a step is accepted if no iteration reduces it.
+LOOSE = 1e-9
+#: Correction by the projection, in tolerances, from which a step is repeated.
+DRIFT = 10.0
+#: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.
+SLIGHT = 1e-9
+#: Iterations of the projection, at most.
+PROJECTIONS = 10
+#: Factors of the step size: of the estimate, smallest and largest.
+SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
+#: Product of step and largest eigenvalue at the limit of stability.
+STABILITY = 6.1
+#: Steps off that limit after which those at it are forgotten.
+FORGOTTEN = 6
+#: Fraction of the change over neighbouring samples by which a parabola must come near to zero.
+TOUCHES = 0.1
+#: Steps near to a singular pose after which this is reported at the latest.
+NEAR_STEPS = 200
+#: Samples inside one step at most.
+MOST_SAMPLES = 1000
+
+
+class Status(IntEnum):
+    """Why a stretch ended; in the order of ``enum status`` in ``engine.c``."""
+
+    DONE = 0
+    PAUSED = 1
+    FULL = 2
+    HALTED = 3
+    EVENT = 4
+    SINGULAR = 5
+    STIFF = 6
+    TOO_SMALL = 7
+    NOT_FINITE = 8
+    APART = 9
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether the method cannot go on."""
+        return self >= Status.TOO_SMALL
+
+
+@dataclass(frozen=True, eq=False)
+class ExplicitSystem:
+    """Equations of motion as an explicit system of first order, with the constraints as its invariants.
+
+    The state is ``x = (q, v, z)``, and after it come integrals that take no part in the error test.
+
+    Attributes
+    ----------
+    input : casadi.Function
+        ``(t, q, v, z, p, levels, channel) -> u``.
+    dynamics : casadi.Function
+        ``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``; the regularity falls to zero in a singular pose.
+    quadrature : casadi.Function
+        ``(t, q, v, a, z, lam, u, p) ->`` rates of the integrals.
+    projection : casadi.Function
+        ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
+    """
+
+    input: ca.Function
+    dynamics: ca.Function
+    quadrature: ca.Function
+    projection: ca.Function
+
+    @cached_property
+    def coordinates(self) -> int:
+        """Number of coordinates."""
+        return int(self.dynamics.numel_out(0))
+
+    @cached_property
+    def states(self) -> int:
+        """Number of first-order states."""
+        return int(self.dynamics.numel_out(1))
+
+    @cached_property
+    def multipliers(self) -> int:
+        """Number of constraint rows."""
+        return int(self.dynamics.numel_out(2))
+
+    @cached_property
+    def inputs(self) -> int:
+        """Number of inputs."""
+        return int(self.input.numel_out(0))
+
+    @cached_property
+    def channel(self) -> int:
+        """Number of values that change by interval."""
+        return int(self.input.numel_in(6))
+
+    @cached_property
+    def integrals(self) -> int:
+        """Number of integrals."""
+        return int(self.quadrature.numel_out(0))
+
+    @cached_property
+    def size(self) -> int:
+        """Length of x."""
+        return 2 * self.coordinates + self.states
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Events that are looked at in every step.
+
+    Attributes
+    ----------
+    function : casadi.Function
+        ``(t, q, v, a, z, lam, u, p) ->`` values.
+    needs_dynamics : bool
+        Whether they contain accelerations, multipliers or inputs.
+    direction : numpy.ndarray of int
+        1 where a value must rise, -1 where it must fall, else 0.
+    decides : numpy.ndarray of bool
+        Whether a step in which an event may take place is the last one.
+    """
+
+    function: ca.Function
+    needs_dynamics: bool
+    direction: np.ndarray
+    decides: np.ndarray
+
+    @property
+    def size(self) -> int:
+        """Number of events."""
+        return self.direction.size
+
+
+@dataclass
+class Progress:
+    """What goes on from one stretch to the next.
+
+    Attributes
+    ----------
+    step : float
+        Size of the next step, s; 0 if it is not known.
+    regularity : float
+        Largest regularity that was seen.
+    stiff, not_stiff : int
+        Steps at the limit of stability, and steps off it since the last of these.
+    """
+
+    step: float = 0.0
+    regularity: float = 0.0
+    stiff: int = 0
+    not_stiff: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A part of a run.
+
+    Attributes
+    ----------
+    start : float
+        s.
+    x : numpy.ndarray
+        State at the start, on the constraints (n_x,).
+    times : numpy.ndarray
+        Increasing, later than the start (k,), s.
+    stops : numpy.ndarray of bool
+        Over which of them no step may go.
+    channels : numpy.ndarray
+        What holds in the interval that ends at each of the times (k, n_channel).
+    p, levels, weights : numpy.ndarray
+        Parameters, levels of the inputs, metric of the projection.
+    reltol, abstol : float
+        Tolerances.
+    max_step : float
+        Longest step, s.
+    seconds : float
+        Time of computing after which it pauses, s; 0 for never.
+    most_steps : int
+        Steps after which it pauses; 0 for never.
+    every_step : bool
+        Whether the states at the ends of steps are returned too.
+    keep_samples : bool
+        Whether states inside steps are returned too.
+    spacing : float
+        Largest distance of samples, s.
+    offset, band, side : numpy.ndarray
+        By event: what is taken from its value, below which size its sign does not count, and its
+        sign at the start (0: that of its value).
+    fall : float
+        Fall of the regularity, relative to the largest one seen, that is reported; 0 for none.
+    stiff_after : int
+        Steps at the limit of stability that are reported; 0 for none.
+    """
+
+    start: float
+    x: np.ndarray
+    times: np.ndarray
+    stops: np.ndarray
+    channels: np.ndarray
+    p: np.ndarray
+    levels: np.ndarray
+    weights: np.ndarray
+    reltol: float
+    abstol: float
+    max_step: float = np.inf
+    seconds: float = 0.0
+    most_steps: int = 0
+    every_step: bool = False
+    keep_samples: bool = False
+    spacing: float = np.inf
+    offset: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    band: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    side: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    fall: float = 0.0
+    stiff_after: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """What was reached over a stretch.
+
+    Attributes
+    ----------
+    times, x, integrals : numpy.ndarray
+        Outputs, and other states where asked for, (r,), (r, n_x), (r, n_integrals); integrals since the start.
+    index : numpy.ndarray of int
+        Place of each among the times of the stretch, or -1.
+    status : Status
+        Why it ended.
+    steps, rejected, evaluations : int
+        Steps that were accepted and repeated, and evaluations of the equations.
+    least_regularity : float
+        Smallest one that was seen.
+    """
+
+    times: np.ndarray
+    x: np.ndarray
+    integrals: np.ndarray
+    index: np.ndarray
+    status: Status
+    steps: int
+    rejected: int
+    evaluations: int
+    least_regularity: float

@@ -1,0 +1,85 @@
+"""Expressions of a problem that a solver with derivatives cannot follow: kinks, and values that are not finite."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import casadi as ca
+import numpy as np
+
+from ...printing import to_text
+from ..phase import Phase
+from ..placeholders import placeholders_in
+
+if TYPE_CHECKING:
+    from ..solution import PhaseSolution, Solution
+
+#: Operations whose slope jumps, or that jump themselves.
+_KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL)
+#: Longest text of an expression in a message.
+_LONGEST = 60
+
+
+def kinks_in(expression: ca.SX) -> list[ca.SX]:
+    """Return the operations in an expression whose slope jumps, such as ``fabs``."""
+    whole = ca.vertcat(expression, *[p.expression for p in placeholders_in(expression)])
+    function = ca.Function("f", [ca.vertcat(ca.SX(0, 1), *ca.symvar(whole))], [whole])
+    nodes = function.instructions_sx()
+    return [nodes[k] for k in range(function.n_instructions()) if function.instruction_id(k) in _KINKS]
+
+
+def kinks_of(solution: Solution) -> str:
+    """Return in words the kinks in the cost and in the path conditions of a problem; empty if there are none."""
+    problem = solution.problem
+    found = [(name, kinks_in(expression)) for name, expression in _expressions(problem.phases)]
+    found.append(("terminal_cost", kinks_in(problem.terminal_cost)))
+    named = [f"{name} has a kink where {_text(nodes[0])} bends" for name, nodes in found if nodes]
+    if not named:
+        return ""
+    return (
+        f"{', '.join(named)}, and the solver needs derivatives: an input s that occurs in no force states the same "
+        "without a kink, s >= x and s >= -x in path= for fabs(x), s >= x and s >= 0 for fmax(x, 0), with s in the cost"
+    )
+
+
+def not_finite(solution: Solution) -> tuple[str, float] | None:
+    """Return in words the first expression of an iterate that is not finite, or whose slopes are not, and its time."""
+    problem = solution.problem
+    for phase, part in zip(problem.phases, solution.phases, strict=True):
+        for name, expression in _expressions([phase]):
+            found = _first(part, expression)
+            if found is not None:
+                what, time = found
+                return f"{name}: {what} is not finite at t = {time:.6g} s", time
+    if not np.isfinite(solution.cost):
+        return f"terminal_cost: {_text(problem.terminal_cost)} is not finite", solution.duration
+    return None
+
+
+def _expressions(phases: tuple[Phase, ...] | list[Phase]) -> Iterator[tuple[str, ca.SX]]:
+    """Running costs and path conditions with their names."""
+    for phase in phases:
+        yield "running_cost", phase.running_cost
+        yield from ((f"path: {c.label}", c.expression) for c in phase.path)
+
+
+def _first(part: PhaseSolution, expression: ca.SX) -> tuple[str, float] | None:
+    """The first time at which an expression, or one of its slopes, is not finite at the stages."""
+    program, stages, count = part.program, part.program.scheme.stages, part.mesh.count
+    arguments = ca.vertcat(*program.arguments)
+    values = [ca.densify(expression), ca.densify(ca.sum2(ca.jacobian(expression, arguments)))]
+    function = ca.Function("f", program.arguments, values)
+    points = part.polynomials.at(np.repeat(np.arange(count), stages.size), np.tile(stages, count))
+    t, q, v, a, z, lam, u, rates = (x.T for x in points)
+    found = function(t, q, v, a, z, lam, u, rates, part.numeric.p, part.extra)
+    for value, what in zip(found, (_text(expression), f"the slope of {_text(expression)}"), strict=True):
+        wrong = np.flatnonzero(~np.isfinite(value.full().ravel()) & np.ones(t.size, bool))
+        if wrong.size:
+            return what, float(t.ravel()[wrong[0]])
+    return None
+
+
+def _text(expression: ca.SX) -> str:
+    text = str(to_text(expression))
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"

@@ -1,0 +1,136 @@
+"""Path limits between the points at which a program holds them.
+
+Limits of inputs hold everywhere, by the control points of their polynomials. Other limits are rows at stages and mesh
+points; the polynomials of a motion may pass them in between. Rows are then added at the points of the intervals where
+they do so most. What is left over is the error of the mesh: the motion passes a limit that its polynomials keep.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ...errors import warn
+from ...model.conditions import Condition, stacked
+
+if TYPE_CHECKING:
+    from ..solution import PhaseSolution, Solution
+
+#: Points of an interval at which limits are looked at, both ends included.
+POINTS = 21
+#: Share of its size by which a limit may be passed between the points at which it is held.
+LIMIT_TOLERANCE = 1e-2
+#: Distance from a limit, as a share of its size, within which the polynomials of an interval must come for the motion
+#: itself to be looked at.
+NEAR = 0.3
+#: Largest number of times that points are added.
+ROUNDS = 3
+
+
+class PassedLimit(NamedTuple):
+    """A limit that a solution passes in a phase: by how much, in its own unit and as a share of its size; when, s."""
+
+    phase: int
+    label: str
+    amount: float
+    share: float
+    time: float
+
+
+def points_to_hold(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> set[tuple[int, str, float]]:
+    """Return phases, labels of limits and points of the intervals at which these should be held besides.
+
+    Those at which the polynomials of the solution pass a limit most, by more than a share of its size.
+    """
+    found = set()
+    for number, part in enumerate(solution.phases):
+        if not part.mesh.count:  # a phase of no duration
+            continue
+        limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
+        for limit, values in zip(limits, np.moveaxis(excess, 2, 0), strict=True):
+            most = float(np.max(values))
+            if most > tolerance * _size(part, limit, _time_of(part, values)):
+                found |= {(number, limit.label, tau) for tau in _places(part, limit, values)}
+    return found
+
+
+def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> list[PassedLimit]:
+    """Return the limits that the motion of a solution passes by more than a share of their sizes."""
+    found = []
+    for number, part in enumerate(solution.phases):
+        if not part.mesh.count:  # a phase of no duration
+            continue
+        limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
+        sizes = np.array([part.program.size_of(c) for c in limits])
+        near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
+        if not near.size:
+            continue
+        begin, length = part.mesh_times[near, None], np.diff(part.mesh_times)[near, None]
+        # up to just before the next mesh point, since what jumps there belongs to the interval that ends
+        times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf)).ravel()
+        motion = part.trajectory.at(times)
+        for limit in limits:
+            values = motion[limit.expression]
+            worst = int(np.argmax(values))
+            time, amount = float(times[worst]), float(values[worst])
+            share = amount / _size(part, limit, time) if amount > 0 else 0.0
+            if share > tolerance:
+                found.append(PassedLimit(number, limit.label, amount, share, time))
+    return found
+
+
+def largest_share(solution: Solution) -> float:
+    """Return the largest share of its size by which a limit is passed."""
+    return max((limit.share for limit in passed_limits(solution, 0.0)), default=0.0)
+
+
+def _excess_of_polynomials(part: PhaseSolution) -> np.ndarray:
+    """Values of the limits by the polynomials of the transcription (N, POINTS, limits), negative if they hold."""
+    program, count = part.program, part.mesh.count
+    limits = program.limits_at_points
+    if not limits:
+        return np.zeros((count, POINTS, 0))
+    k, tau = np.repeat(np.arange(count), POINTS), np.tile(np.linspace(0, 1, POINTS), count)
+    t, q, v, a, z, lam, u, rates = (x.T for x in part.polynomials.at(k, tau))
+    function = ca.Function("limits", program.arguments, [ca.densify(stacked(limits))])
+    values: np.ndarray = function(t, q, v, a, z, lam, u, rates, part.numeric.p, part.extra).full()
+    return values.T.reshape(count, POINTS, len(limits))
+
+
+def _time_of(part: PhaseSolution, values: np.ndarray) -> float:
+    """Time of the largest of values at the points of the intervals (N, POINTS), s."""
+    i, j = np.unravel_index(int(np.argmax(values)), values.shape)
+    begin, end = part.mesh_times[i : i + 2]
+    return float(begin + (end - begin) * j / (POINTS - 1))
+
+
+def _places(part: PhaseSolution, limit: Condition, values: np.ndarray) -> set[float]:
+    """Points at which intervals pass a limit most (N, POINTS), if it is not held there yet."""
+    taus = np.linspace(0, 1, POINTS)
+    held = np.r_[0.0, 1.0, part.program.scheme.stages, part.program.held_at(limit)]
+    free = np.min(np.abs(taus[:, None] - held), axis=1) > 0.5 / (POINTS - 1)
+    inside, most = np.where(free, values, -np.inf), float(np.max(values))
+    return {float(taus[np.argmax(row)]) for row in inside if np.max(row) > most / 2}
+
+
+def _size(part: PhaseSolution, limit: Condition, time: float) -> float:
+    """Size of a limit at a time: the larger of its two sides, or its typical size if one of them is zero by itself."""
+    expression, typical = limit.expression, part.program.size_of(limit)
+    if expression.n_dep() != 2 or expression.op() not in (ca.OP_SUB, ca.OP_ADD):
+        return typical
+    sides = [expression.dep(0), expression.dep(1)]
+    if any(side.is_zero() for side in sides):
+        return typical
+    return float(np.max(np.abs(part.trajectory.at(time)[ca.vertcat(*sides)]))) or typical
+
+
+def warn_of_passed_limits(solution: Solution) -> None:
+    """Warn of limits that a motion passes between the points at which they are held."""
+    for limit in passed_limits(solution):
+        warn(
+            f"the limit {limit.label} is passed by {limit.amount:.3g} at t = {limit.time:.6g} s, between the points at "
+            f"which it is held ({100 * limit.share:.2g} % of it); take more intervals=, or tolerance= for a mesh that "
+            "is refined"
+        )

@@ -1,0 +1,277 @@
+"""Motions through several mechanisms made of the same bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations import equations
+from ..errors import MechanismError
+from ..model.cache import ExpressionKey
+from ..model.mechanism import Mechanism
+from ..model.symbols import as_expression
+from .energy_and_drift import Drift, Energy
+from .state import EventOccurrence, State
+from .trajectory import Statistics, Trajectory
+
+
+def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
+    """Return a mechanism with all parts of several: what results of a motion through them are expressed in.
+
+    It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as
+    gravity, the first one stands for all.
+
+    Raises
+    ------
+    ModelError
+        If different joints, inputs, parameters or states have the same name.
+    """
+    different = list(dict.fromkeys(mechanisms))
+    if len(different) == 1:
+        return different[0]
+    parts: dict[str, Any] = {}
+    for name in ("bodies", "joints", "drivers", "inputs", "parameters"):
+        found: list[Any] = []
+        for mechanism in different:
+            found += [x for x in getattr(mechanism, name) if not any(x is other for other in found)]
+        parts[name] = found
+    forces: list[Any] = []
+    for mechanism in different:
+        for force in mechanism.forces:
+            twin = any(force.name == x.name for x in forces) and not (force.rates or force.multipliers.numel())
+            if not twin and not any(force is x for x in forces):
+                forces.append(force)
+    states: dict[Any, Any] = {}
+    for mechanism in different:
+        states = mechanism._own_states | states
+    name = next((m.name for m in different if m.name), "")
+    return Mechanism(**parts, forces=forces, states=states, name=name)
+
+
+def places_in(whole: ca.SX, part: ca.SX) -> list[int]:
+    """Return the places of the entries of a column of symbols in another one."""
+    place = {symbol.element_hash(): k for k, symbol in enumerate(ca.vertsplit(whole))}
+    return [place[symbol.element_hash()] for symbol in ca.vertsplit(part)]
+
+
+def present(expression: ca.SX, whole: Mechanism, mechanism: Mechanism) -> ca.SX:
+    """Return an expression without the reactions of joints that a mechanism does not have.
+
+    What is left does not depend on the bodies of such a joint any more, which may not be there.
+    """
+
+    def make() -> tuple[ca.SX, ca.SX]:
+        all_of, here = equations(whole), equations(mechanism)
+        known = {s.element_hash() for s in ca.vertsplit(here.lam)}
+        absent = ca.vertcat(ca.SX(0, 1), *[s for s in ca.vertsplit(all_of.lam) if s.element_hash() not in known])
+        return ca.substitute(expression, absent, ca.SX.zeros(absent.numel())), expression
+
+    key = mechanism, ExpressionKey(expression)
+    found: ca.SX = whole.cache.get_or_create(key, make, bounded=True)[0]
+    return found
+
+
+class _WideState(State):
+    """A state of one mechanism in the symbols of all mechanisms of a motion."""
+
+    def __init__(self, here: Mechanism, *arguments: Any):
+        super().__init__(*arguments)
+        self._here = here
+
+    def __getitem__(self, expression: Any) -> float | np.ndarray:
+        return super().__getitem__(present(as_expression(expression, "state[…]"), self.mechanism, self._here))
+
+
+def in_whole(state: State, whole: Mechanism, parameters: np.ndarray) -> State:
+    """Return a state of one mechanism that knows the symbols of all mechanisms of its motion.
+
+    Reactions of joints that are not there are zero; coordinates of bodies that are not there are NaN.
+
+    Parameters
+    ----------
+    state : State
+        In the mechanism that holds.
+    whole : Mechanism
+        All parts, see :func:`union_of`.
+    parameters : numpy.ndarray
+        Values of all parameters.
+    """
+    if state.mechanism is whole:
+        return state
+    theirs, all_of = state.equations, equations(whole)
+    values = {}
+    for name in ("q", "v", "a", "z", "lam", "u"):
+        column = np.full(getattr(all_of, name).numel(), 0.0 if name == "lam" else np.nan)
+        own = state.inputs if name == "u" else getattr(state, name)
+        column[places_in(getattr(all_of, name), getattr(theirs, name))] = own
+        values[name] = column
+    wide = _WideState(state.mechanism, whole, state.t, *values.values(), parameters)
+    own = (state.q, state.v, state.a, state.z, state.lam, state.inputs, state.parameters)
+    return State(state.mechanism, state.t, *own, state.obstacle, state.impulses, wide)
+
+
+class PhasedTrajectory(Trajectory):
+    """A motion through several mechanisms; any expression of any of them evaluates over all of it.
+
+    Reactions of joints that are not there are zero, quantities of bodies that are not there NaN. The times hold the
+    instant of each change twice: just before and just after.
+
+    Parameters
+    ----------
+    parts : sequence of Trajectory
+        Motions in one mechanism each, in the order of time.
+    whole : Mechanism
+        All their parts, see :func:`union_of`.
+    parameters : sequence of numpy.ndarray
+        Values of all parameters, by part.
+    events : sequence of EventOccurrence
+        Events that took place, those of the changes included.
+    statistics : Statistics, optional
+        Statistics of the run.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[Trajectory],
+        whole: Mechanism,
+        parameters: Sequence[np.ndarray],
+        *,
+        events: Sequence[EventOccurrence] = (),
+        statistics: Statistics | None = None,
+    ):
+        self._parts, self._values = tuple(parts), [np.asarray(p, float) for p in parameters]
+        self._starts = np.cumsum([0, *map(len, parts)])
+        eom, arrays = equations(whole), []
+        for name, own in (("q", "q"), ("v", "v"), ("a", "a"), ("z", "z"), ("lam", "lam"), ("u", "inputs")):
+            column = np.full((int(self._starts[-1]), getattr(eom, name).numel()), 0.0 if name == "lam" else np.nan)
+            for part, (first, last) in zip(parts, pairwise(self._starts), strict=True):
+                places = places_in(getattr(eom, name), getattr(part.equations, name))
+                column[first:last, places] = getattr(part, own)
+            arrays.append(column)
+        super().__init__(
+            whole,
+            np.concatenate([part.t for part in parts]),
+            *_six(arrays),
+            self._values[0],
+            events=events,
+            statistics=statistics,
+            missing_multipliers=next((p._missing_multipliers for p in parts if p._missing_multipliers), ""),
+        )
+
+    @property
+    def phases(self) -> tuple[Trajectory, ...]:
+        """The motion in each mechanism, one after the other."""
+        return self._parts
+
+    @cached_property
+    def _wide(self) -> list[Trajectory]:
+        """The parts in the symbols of all mechanisms."""
+        arrays = (self.q, self.v, self.a, self.z, self.lam, self.inputs)
+        return [
+            Trajectory(
+                self.mechanism,
+                self.t[first:last],
+                *_six([x[first:last] for x in arrays]),
+                p,
+                missing_multipliers=part._missing_multipliers,
+            )
+            for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True)
+        ]
+
+    def __getitem__(self, expression: Any) -> np.ndarray:
+        expression = as_expression(expression, "motion[…]")
+        parts = zip(self._wide, self._parts, strict=True)
+        return np.concatenate([wide[present(expression, self.mechanism, part.mechanism)] for wide, part in parts])
+
+    @property
+    def arguments(self) -> tuple[np.ndarray, ...]:
+        """``(t, q, v, a, z, lam, u, p)`` for compiled expressions, by time (n_t, k)."""
+        by_time = np.repeat(np.array(self._values), np.diff(self._starts), axis=0)
+        return (*super().arguments[:-1], by_time.reshape(len(self), self.parameters.size))
+
+    def state(self, index: int) -> State:
+        """State at one of the times, by index, in the mechanism that holds there."""
+        k = int(index)
+        if not -self.t.size <= k < self.t.size:
+            raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
+        k %= self.t.size
+        number = int(np.searchsorted(self._starts, k, side="right")) - 1
+        own = self._parts[number].state(k - int(self._starts[number]))
+        return in_whole(own, self.mechanism, self._values[number])
+
+    def at(self, times: Any) -> Trajectory:
+        """Return the motion at other times within its span; at a change it is the one just before."""
+        wanted = np.atleast_1d(np.asarray(times, float))
+        slack = 1e-12 * max(1.0, abs(self.t[-1]))
+        outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
+        if not wanted.size or np.any(outside):
+            return super().at(times)  # which refuses
+        wanted = np.clip(wanted, self.t[0], self.t[-1])
+        begins = np.array([part.t[0] for part in self._parts])
+        number = np.maximum(np.searchsorted(begins, wanted, side="left") - 1, 0)
+        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), wanted.size]
+        runs = [(int(number[a]), wanted[a:b]) for a, b in pairwise(cuts)]
+        # rounding of an output at the end of a part
+        pieces = [self._parts[k].at(np.clip(some, *self._parts[k].t[[0, -1]])) for k, some in runs]
+        return PhasedTrajectory(pieces, self.mechanism, [self._values[k] for k, _ in runs])
+
+    @property
+    def interpolates(self) -> bool:
+        """True if :meth:`at` can interpolate."""
+        return all(part.interpolates for part in self._parts)
+
+    @cached_property
+    def with_jumps(self) -> Trajectory:
+        """The same with the states just before and just after each reset among its times."""
+        parts = [part.with_jumps for part in self._parts]
+        if all(one is other for one, other in zip(parts, self._parts, strict=True)):
+            return self
+        return PhasedTrajectory(parts, self.mechanism, self._values, events=self.events, statistics=self.statistics)
+
+    @cached_property
+    def last_seen(self) -> np.ndarray:
+        """Last known values of the coordinates (n,)."""
+        known = np.isfinite(self.q)
+        last = len(self) - 1 - np.argmax(known[::-1], axis=0)
+        return np.asarray(self.q[last, np.arange(self.q.shape[1])])
+
+    def with_absent_bodies(self, last_seen: np.ndarray | None = None) -> Trajectory:
+        """Return the motion with bodies that have left where they were last seen, at rest: for pictures.
+
+        Parameters have their last values.
+        """
+        q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
+        others = [np.nan_to_num(x) for x in (self.v, self.a, self.z, self.lam, self.inputs)]
+        v, a, z, lam, u = others
+        return Trajectory(self.mechanism, self.t, q, v, a, z, lam, u, self._values[-1], events=self.events)
+
+    def save(self, path: str | Path) -> None:
+        """Refuse: a file belongs to one mechanism."""
+        raise MechanismError(
+            "a motion through several mechanisms is saved phase by phase: motion.phases[k].save(path), which "
+            "read_trajectory(path, mechanism) reads; to_csv writes all of it as a table"
+        )
+
+    @property
+    def energy(self) -> Energy:
+        """Kinetic and potential energy over time of what is there, J; it falls by the loss of each impact."""
+        found = [part.energy for part in self._parts]
+        return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
+
+    @property
+    def drift(self) -> Drift:
+        """Largest violation of the constraints that hold, at position and velocity level."""
+        found = [part.drift for part in self._parts]
+        return Drift(max(d.position for d in found), max(d.velocity for d in found))
+
+
+def _six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """``q, v, a, z, lam, u``."""
+    q, v, a, z, lam, u = arrays
+    return q, v, a, z, lam, u

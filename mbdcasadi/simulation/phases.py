@@ -1,0 +1,346 @@
+"""A run through several mechanisms: one run in each, and the changes at events between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..arguments.inputs import SampledController
+from ..arguments.values import pairs_of, position_in
+from ..assembly.consistent_start import carried_by
+from ..assembly.impact import pose_and_jump
+from ..assembly.setup import Setup
+from ..equations import equations
+from ..equations.impact_law import ImpactLaw
+from ..errors import MechanismError, ModelError, SimulationError
+from ..integrators import Integrator
+from ..model.events import Event
+from ..model.mechanism import Mechanism
+from ..model.symbols import StateVariable
+from ..numerics.least_squares import largest
+from ..results.phases import PhasedTrajectory, in_whole, union_of
+from ..results.state import EventOccurrence, State
+from ..results.trajectory import Statistics, Trajectory
+from .events import EventWatch
+from .impacts import NO_PRESSURE, RESET_TOLERANCE
+from .loop import Run
+from .modes import Modes
+
+#: Changes of the mechanism in one run, at most.
+CHANGES = 20_000
+
+
+class PhasedRun:
+    """A simulation through mechanisms that follow each other at events.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Mechanism at the start.
+    events : sequence of Event
+        Events of the user; those with ``becomes`` change the mechanism.
+    modes_of : callable
+        ``modes_of(setup, events)`` gives the modes of a mechanism.
+    integrator_of : callable
+        ``integrator_of(modes)`` gives the integrator for it.
+    progress : bool
+        Show a progress bar.
+    times, duration, initial, inputs, parameters
+        As :func:`simulate` takes them.
+
+    Attributes
+    ----------
+    runs : list of Run
+        Runs in one mechanism each.
+    """
+
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        events: Sequence[Event],
+        modes_of: Callable[[Setup, Sequence[Event]], Modes],
+        integrator_of: Callable[[Modes], Integrator],
+        *,
+        progress: bool = False,
+        times: Any = None,
+        duration: float | None = None,
+        initial: Any = (),
+        inputs: Any = None,
+        parameters: Any = None,
+    ):
+        self.events, self._modes_of, self._integrator_of = tuple(events), modes_of, integrator_of
+        self._progress = progress
+        self.mechanisms = list(dict.fromkeys([mechanism, *(e.becomes for e in events if e.becomes is not None)]))
+        self.whole = union_of(self.mechanisms)
+        self._refuse_unwatched()
+        self._inputs = inputs
+        given = carried_by(initial, self.whole)["parameters"] | dict(pairs_of(parameters, "parameters="))
+        self._p = np.array([p.value for p in self.whole.parameters])
+        for key, value in given.items():
+            self._p[position_in(self.whole.parameters, key, "parameters=")] = value
+        self._check_inputs()
+        self._first = Setup(
+            mechanism,
+            "simulate",
+            times=times,
+            duration=duration,
+            initial=initial,
+            inputs=self._inputs_of(mechanism),
+            parameters=self._parameters_of(mechanism),
+            takes_controller=True,
+        )
+        self.runs: list[Run] = []
+        self._kept: dict[Any, Run] = {}
+        self._last: dict[Event, float] = {}
+        self._parts: list[Trajectory] = []
+        self._values: list[np.ndarray] = []
+        self._occurrences: list[EventOccurrence] = []
+        self._notes: list[str] = []
+
+    def _refuse_unwatched(self) -> None:
+        for event in self.events:
+            if not any(event.is_watched_in(mechanism) for mechanism in self.mechanisms):
+                raise ModelError(
+                    f"event '{event.name}' is looked for in none of the mechanisms of the run: none of them has all "
+                    "its symbols, or during= leaves them out"
+                )
+
+    # --- what each mechanism is given ---------------------------------------------------------------
+    def _check_inputs(self) -> None:
+        if isinstance(self._inputs, SampledController) or hasattr(self._inputs, "inputs"):
+            return
+        for key, _ in pairs_of(self._inputs, "inputs="):
+            position_in(self.whole.inputs, key, "inputs=")
+
+    def _inputs_of(self, mechanism: Mechanism) -> Any:
+        """Inputs that a mechanism has, of those that are given."""
+        given = self._inputs
+        if isinstance(given, SampledController):
+            return SampledController(self._answer_of(given, mechanism), given.period)
+        if hasattr(given, "inputs"):
+            given = given.inputs
+        return [(k, x) for k, x in pairs_of(given, "inputs=") if any(k is own for own in mechanism.inputs)]
+
+    def _answer_of(self, controller: SampledController, mechanism: Mechanism) -> Callable[[float, State], Any]:
+        """A controller that sees the whole and answers for the inputs of a mechanism."""
+
+        def function(time: float, state: State) -> Any:
+            answer = controller.function(time, in_whole(state, self.whole, self._p))
+            if answer is None:
+                return None
+            pairs = pairs_of(answer, "the controller's answer")
+            for key, _ in pairs:
+                position_in(self.whole.inputs, key, "the controller's answer")
+            return [(key, value) for key, value in pairs if any(key is own for own in mechanism.inputs)]
+
+        return function
+
+    def _parameters_of(self, mechanism: Mechanism) -> list[tuple[Any, float]]:
+        pairs = zip(self.whole.parameters, self._p, strict=True)
+        return [(p, float(x)) for p, x in pairs if any(p is own for own in mechanism.parameters)]
+
+    def _run_in(self, mechanism: Mechanism) -> Run:
+        """The run in a mechanism at the present values of the parameters, made once."""
+        parameters = self._parameters_of(mechanism)
+        key = mechanism, tuple(value for _, value in parameters)
+        if key in self._kept:
+            return self._kept[key]
+        setup = self._first
+        if mechanism is not setup.mechanism or self._kept:
+            setup = Setup(
+                mechanism,
+                "simulate",
+                times=self._first.grid,
+                inputs=self._inputs_of(mechanism),
+                parameters=parameters,
+                takes_controller=True,
+            )
+        watched = [event for event in self.events if event.is_watched_in(mechanism)]
+        modes = self._modes_of(setup, watched)
+        run = Run(setup, modes, watched, self._integrator_of(modes), progress=self._progress)
+        self._kept[key] = run
+        self.runs.append(run)
+        return run
+
+    # --- the loop -----------------------------------------------------------------------------------
+    def run(self) -> PhasedTrajectory:
+        """Run through the mechanisms up to the end, or to an event that ends the run.
+
+        Raises
+        ------
+        SimulationError
+            If a run stops, or a change is not possible: ``.partial`` is the motion up to there.
+        Interrupted
+            On Ctrl-C, with ``.partial``.
+        """
+        try:
+            run = self._run_in(self._first.mechanism)
+            self._take(run.run())
+            for _ in range(CHANGES):
+                if not run.changing:
+                    return self._trajectory()
+                run, ended = self._change(run)
+                if ended:
+                    return self._trajectory()
+            raise SimulationError(
+                f"the mechanism changed {CHANGES} times; the motion chatters", time=self._parts[-1].t[-1]
+            )
+        except (MechanismError, KeyboardInterrupt) as error:
+            partial = getattr(error, "partial", None)
+            if isinstance(partial, Trajectory) and not isinstance(partial, PhasedTrajectory):
+                self._take(partial)
+            if self._parts and hasattr(error, "partial"):
+                error.partial = self._trajectory()
+            raise
+
+    def _take(self, part: Trajectory) -> None:
+        self._parts.append(part)
+        self._values.append(self._p.copy())
+        for event in part.events:
+            after = None if event.after is None else in_whole(event.after, self.whole, self._p)
+            state = in_whole(event.state, self.whole, self._p)
+            self._occurrences.append(EventOccurrence(event.name, event.t, state, after))
+
+    def _trajectory(self) -> PhasedTrajectory:
+        parts = [part.statistics for part in self._parts]
+        statistics = Statistics(
+            parts[0].method,
+            ", ".join(dict.fromkeys(s.formulation for s in parts if s.formulation)),
+            sum(s.seconds for s in parts),
+            max(sum(arc.stepper.starts for run in self.runs for arc in run._arcs.values()), 0),
+            list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
+        )
+        return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)
+
+    # --- changes ------------------------------------------------------------------------------------
+    def _change(self, run: Run) -> tuple[Run, bool]:
+        """Go on in the mechanism to which the events of an instant lead; whether the run ends there."""
+        assert run.reached is not None
+        before = in_whole(run.reached, self.whole, self._p)
+        chain = self._chain(run.changing, run.reached, run.instant)
+        self._refuse_accumulation(chain, before.t, run.instant)
+        target = chain[-1].becomes
+        assert target is not None
+        self._set_parameters(chain, before)
+        following = self._run_in(target)
+        if following.setup.signals.controller is not None:
+            self._carry_levels(run.modes, following.modes)
+        entry, impulses = self._entry(chain, before, following)
+        ended = run.stops or any(event.terminal for event in chain)
+        part = following.only_start(entry) if ended else following.run(entry)
+        first = part.initial
+        own = (first.q, first.v, first.a, first.z, first.lam, first.inputs, first.parameters)
+        after = in_whole(State(target, first.t, *own, first.obstacle, impulses), self.whole, self._p)
+        self._occurrences += [EventOccurrence(event.name, before.t, before, after) for event in chain]
+        self._take(part)
+        if not ended:
+            self._refuse_pressed_through(following, after)
+        return following, ended
+
+    def _chain(self, located: Sequence[Event], state: State, instant: float) -> list[Event]:
+        """Events of one instant in an order in which each one is looked for in the mechanism of the one before.
+
+        All joints that close at an instant close in one impact.
+        """
+        eom = state.equations
+        known = [e for e in self.events if e.becomes is not None and eom.contains(e.expression)]
+        watch = EventWatch(eom, known, instant)
+        through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
+        others = [e for k, e in enumerate(known) if (k in at_zero and through[k]) or e in located]
+        chains = []
+        for first in located:
+            chain = [first]
+            while True:
+                here = chain[-1].becomes
+                assert here is not None
+                following = next((e for e in others if e not in chain and e.is_watched_in(here)), None)
+                if following is None:
+                    break
+                chain.append(following)
+            chains.append(chain)
+        ends = list(dict.fromkeys(chain[-1].becomes for chain in chains))
+        if len(ends) > 1:
+            names = ", ".join(f"'{event.name}'" for event in located)
+            raise SimulationError(
+                f"the events {names} take place together at t = {state.t:.6g} s and lead to different mechanisms; let "
+                "each of them lead on, from the mechanism of the other, to one with the joints of both (during=)",
+                time=state.t,
+            )
+        return max(chains, key=len)
+
+    def _refuse_accumulation(self, events: Sequence[Event], time: float, instant: float) -> None:
+        for event in events:
+            before = self._last.get(event)
+            self._last[event] = time
+            if before is not None and time - before < 10 * instant:
+                raise SimulationError(
+                    f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
+                    f"{time - before:.3g} s later; let it become a mechanism in which the joint holds, or model the "
+                    "contact by a force (Contact, EndStop)",
+                    time=time,
+                )
+
+    def _refuse_pressed_through(self, run: Run, state: State) -> None:
+        """Raise for an event that stands at its zero in the new mechanism, and that the forces press through."""
+        watched = [event for event in run.events if event.becomes is not None and event.direction]
+        watch = EventWatch(state.equations, watched, run.instant)
+        rests, seconds = watch.rests(state), watch.accelerations(state)
+        limit = NO_PRESSURE * (1 + largest(state.a))
+        for k in watch.at_zero(state):
+            if rests[k] and watched[k].direction * seconds[k] > limit:
+                raise SimulationError(
+                    f"event '{watched[k].name}' is at its zero and at rest at t = {state.t:.9g} s, just after a change "
+                    "of the mechanism, and the forces press it through; let it become a mechanism in which the joint "
+                    "holds",
+                    time=state.t,
+                )
+
+    def _set_parameters(self, chain: Sequence[Event], before: State) -> None:
+        for event in chain:
+            for symbol, value in event.new_values:
+                if not isinstance(symbol, StateVariable):
+                    self._p[position_in(self.whole.parameters, symbol, "reset=")] = float(before[value])
+
+    @staticmethod
+    def _carry_levels(before: Modes, after: Modes) -> None:
+        """Go on with the inputs that a controller holds."""
+        theirs = before.setup.mechanism.inputs
+        for k, symbol in enumerate(after.setup.mechanism.inputs):
+            place = next((i for i, other in enumerate(theirs) if other is symbol), None)
+            if place is not None:
+                after.levels[k] = before.levels[place]
+
+    def _entry(self, chain: Sequence[Event], before: State, run: Run) -> tuple[State, dict[Any, np.ndarray]]:
+        """The state just after a change, and the impulses by joint."""
+        mechanism = run.setup.mechanism
+        numeric = run.modes.numeric(run.modes.free)
+        names = ", ".join(f"'{event.name}'" for event in chain)
+        law = ImpactLaw(numeric.eom, {joint: e for event in chain for joint, e in event.restitution.items()})
+        q, jump = pose_and_jump(numeric, law, before, f"event {names} at t = {before.t:.6g} s")
+        if jump.dependent and largest(jump.impulses) > RESET_TOLERANCE:
+            rows = ", ".join(law.row_names[k] for k in jump.dependent)
+            self._notes.append(f"event {names}: rows of the impact are redundant; {rows} bear no impulse")
+        z = np.array([self._state_value(symbol, before, chain) for symbol in mechanism.states])
+        eom = equations(mechanism)
+        nothing = (np.zeros(eom.a.numel()), z, np.zeros(eom.lam.numel()), np.zeros(eom.u.numel()))
+        state = State(mechanism, before.t, q, jump.v, *nothing, run.setup.p)
+        return state, law.by_joint(jump.impulses)
+
+    @staticmethod
+    def _state_value(symbol: StateVariable, before: State, events: Sequence[Event]) -> float:
+        given = [value for event in events for key, value in event.new_values if key is symbol]
+        if given:
+            return float(before[given[-1]])
+        return float(before[symbol]) if before.equations.contains(symbol) else float(symbol.value)
+
+    # --- what the analysis asks of a run ------------------------------------------------------------
+    @property
+    def integrator(self) -> Integrator:
+        """Integrator of the first mechanism."""
+        return self.runs[0].integrator
+
+    def unresolved(self) -> list[str]:
+        """Sentences on what the steps of the integrators did not resolve."""
+        return list(dict.fromkeys(sentence for run in self.runs for sentence in run.unresolved()))

@@ -1,0 +1,290 @@
+"""The stepper of a method that runs in code of its own over a whole piece, and looks inside its steps itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..errors import SimulationError
+from ..integrators import Integrator
+from ..integrators.compiled import IntegrationFailure
+from ..integrators.dop853.runner import Runner
+from ..integrators.dop853.stretch import Progress, Reached, Status, Stretch
+from ..model.events import Event
+from ..numerics.console import Interruption
+from ..results.state import State
+from .events import EventWatch
+from .explicit_system import explicit_system
+from .outputs import Outputs
+from .path import Path
+from .resolution import Resolution
+from .schedule import WATCH_POINTS, Piece
+from .stepping import PRECISE, Stepper
+
+#: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
+FALL = 0.1
+#: Steps at the limit of stability, and steps that are still to come at that size, from which a motion is too stiff.
+STIFF_STEPS, TOO_MANY_STEPS = 1000, 200_000
+#: Steps of the short way to an event or past a singular pose, at most.
+WAY_STEPS = 20_000
+#: Coefficient of a row in a combination of rows that vanishes, from which it takes part.
+PART = 1e-3
+#: In words, why the method stops.
+FLAGS = {
+    Status.PAUSED: f"the next {WAY_STEPS} steps lead no further",
+    Status.TOO_SMALL: "the error test failed again and again at the smallest step",
+    Status.NOT_FINITE: "the equations gave values that are not finite",
+    Status.APART: "the constraints cannot be met together any more",
+}
+
+
+def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
+    """Raise with the names of the rows that depend on each other at a state."""
+    vanishing = np.abs(numeric.rank(state.t, state.q).null_rows)
+    names = [numeric.eom.row_names[k] for k in np.flatnonzero(np.any(vanishing > PART, axis=0))]
+    some = f"{', '.join(names[:6])}{' and others' if len(names) > 6 else ''}"
+    raise SimulationError(
+        f'method="{integrator.name}" needs constraints that do not depend on each other, and {some} do (see check); '
+        'use method="idas", or remove the redundant rows'
+    )
+
+
+class WholeStepper(Stepper):
+    """The state of one set of equations, and the method that advances it.
+
+    Parameters
+    ----------
+    numeric, signals, levels, integrator, resolution, usual_length, redundant, max_step
+        As for :class:`Stepper`.
+    watch : EventWatch
+        Events that are looked at inside the steps.
+    decides : callable
+        Whether the run ends, or goes on otherwise, at an event.
+    span : float
+        Duration of the run, s.
+    may_fold : bool
+        Whether there are singular poses.
+    """
+
+    def __init__(
+        self,
+        numeric: NumericEquations,
+        signals: Signals,
+        levels: np.ndarray,
+        integrator: Integrator,
+        resolution: Resolution,
+        usual_length: float,
+        *,
+        redundant: bool,
+        max_step: float | None = None,
+        watch: EventWatch,
+        decides: Callable[[Event], bool],
+        span: float,
+        may_fold: bool,
+    ):
+        super().__init__(
+            numeric, signals, levels, integrator, resolution, usual_length, redundant=redundant, max_step=max_step
+        )
+        limits = [limit for limit in (max_step, integrator.max_step) if limit is not None]
+        self._longest = min(limits, default=np.inf)
+        self._watch, self._may_fold, self._spacing = watch, may_fold, span / WATCH_POINTS
+        self._rates = resolution.rates.numel()
+        self._keeps_samples = resolution.has_gaps
+        self._runner = Runner(
+            explicit_system(numeric, signals, resolution.rates),
+            watch.watched(decides),
+            numeric.eom.mechanism.cache,
+            compiles=integrator.jit,
+        )
+        self._own_outputs = WholeOutputs(numeric, signals, levels, self._runner)
+        self._progress = Progress()
+        self._end: tuple[float, np.ndarray] | None = None
+        self._last_start: float | None = None
+        self._tally = {"starts": 0, "steps": 0, "all": 0}
+        self._is_stiff = False
+
+    @property
+    def outputs(self) -> Outputs:
+        return self._own_outputs
+
+    @property
+    def starts(self) -> int:
+        return self._tally["starts"]
+
+    @property
+    def steps(self) -> int:
+        return self._tally["steps"]
+
+    @property
+    def all_steps(self) -> int:
+        return self._tally["all"]
+
+    @property
+    def notes(self) -> list[str]:
+        stiff = [
+            'stability and not accuracy limited most steps of dop853: the motion is stiff, and method="idas" may be '
+            "faster"
+        ]
+        return [self._runner.said, *(stiff if self._is_stiff else [])]
+
+    # --- integrating -------------------------------------------------------------------------
+    def _stretch(self, piece: Piece, x: np.ndarray) -> Stretch:
+        start, times = piece.inside
+        offset, band, side = self._watch.levels(x)
+        return Stretch(
+            start,
+            x,
+            times,
+            piece.stops,
+            self._columns(piece.begins),
+            self.numeric.p,
+            self.levels,
+            self.numeric.projection_weights,
+            self.integrator.reltol,
+            self.integrator.abstol,
+            self._longest,
+            self._runner.slice(),
+            every_step=bool(offset.size or self._rates or self._may_fold),
+            keep_samples=self._keeps_samples,
+            spacing=self._spacing if offset.size or self._keeps_samples else np.inf,
+            offset=offset,
+            band=band,
+            side=side,
+            fall=FALL if self._may_fold else 0.0,
+            stiff_after=0 if self._is_stiff else STIFF_STEPS,
+        )
+
+    def _columns(self, begins: np.ndarray) -> np.ndarray:
+        """What holds by interval from some times on (k, n_channel)."""
+        found = self.signals.channel_from(begins)
+        return np.zeros((begins.size, 0)) if found is None else found.T
+
+    def advance(self, piece: Piece, x: np.ndarray, interruption: Interruption) -> Path:
+        """Integrate over a piece from a consistent state, or up to where something must be decided.
+
+        Raises
+        ------
+        IntegrationFailure
+            If it goes no further from where it starts.
+        SimulationError
+            If the motion is too stiff.
+        """
+        goes_on = self._end is not None and self._end[0] == piece.start and np.array_equal(self._end[1], x)
+        again = self._last_start == piece.start
+        if not goes_on:
+            self._progress = Progress(regularity=self._progress.regularity)
+            self._tally["starts"] += 1
+        self._last_start = piece.start
+        reached = self._runner.advance(self._stretch(piece, x), self._progress)
+        self._tally["steps"] = reached.steps
+        self._tally["all"] += reached.steps
+        if interruption.requested:
+            raise KeyboardInterrupt
+        if reached.status == Status.STIFF:
+            self._refuse_stiffness(piece, reached)
+        if not reached.times.size:
+            raise IntegrationFailure(FLAGS[reached.status], np.zeros((0, x.size)), np.zeros((0, 0)), piece.start, x)
+        known = reached.index >= 0
+        times = np.where(known, piece.times[reached.index], reached.times)
+        self._end = float(times[-1]), reached.x[-1].copy()
+        if again:  # it was sent back to meet something with care
+            self._progress.step = 0.0
+        increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
+        return Path(
+            np.r_[piece.start, times],
+            np.vstack([x, reached.x]),
+            increments,
+            on_constraints=True,
+            is_regular=not self._may_fold or reached.least_regularity > FALL * self._progress.regularity,
+        )
+
+    def _refuse_stiffness(self, piece: Piece, reached: Reached) -> None:
+        """Raise if stability asks for far too many steps over what is left; else take note."""
+        time = float(reached.times[-1])
+        coming = (float(piece.times[-1]) - time) / max(self._progress.step, 1e-300)
+        if coming > TOO_MANY_STEPS:
+            raise SimulationError(
+                f'the motion is too stiff for method="{self.integrator.name}" at t = {time:.6g} s: stability asks for '
+                f'steps of {self._progress.step:.2g} s, {coming:.2g} of them to the end; use method="idas" or '
+                '"rosenbrock"; what was computed is in .partial',
+                time=time,
+            )
+        self._is_stiff = True
+
+    def _way(
+        self, form: Any, compiled: Any, start: float, x: np.ndarray, *, project: bool = True
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        # every step ends on the constraints
+        return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
+
+    def way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
+
+    def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        return self._way_with(start, x, *PRECISE)
+
+    def _way_with(
+        self, start: float, x: np.ndarray, reltol: float, abstol: float
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        column = self._columns(np.array([start]))
+        offset, band, side = self._watch.levels(x)
+
+        def states_at(times: np.ndarray) -> np.ndarray:
+            later = times > start
+            found, count = np.tile(x, (times.size, 1)), int(np.sum(later))
+            if not count:
+                return found
+            state, now = x, start
+            rows: list[np.ndarray] = []
+            wanted = times[later]
+            while len(rows) < count:
+                left = wanted[len(rows) :]
+                reached = self._runner.advance(
+                    Stretch(
+                        now,
+                        state,
+                        left,
+                        np.ones(left.size, bool),
+                        np.tile(column, (left.size, 1)),
+                        self.numeric.p,
+                        self.levels,
+                        self.numeric.projection_weights,
+                        reltol,
+                        abstol,
+                        self._longest,
+                        most_steps=WAY_STEPS,
+                        offset=offset,
+                        band=np.full(band.size, np.inf),  # no event counts on this way
+                        side=np.ones(side.size),
+                    ),
+                    Progress(),
+                )
+                if not reached.times.size or reached.status.is_failure or reached.status == Status.PAUSED:
+                    raise IntegrationFailure(
+                        FLAGS.get(reached.status, ""), np.zeros((0, x.size)), np.zeros((0, 0)), now, state
+                    )
+                rows += list(reached.x[reached.index >= 0])
+                now, state = float(reached.times[-1]), reached.x[-1]
+            found[later] = np.array(rows)
+            return found
+
+        return states_at
+
+
+class WholeOutputs(Outputs):
+    """Outputs whose accelerations, multipliers and inputs come from the method's own code."""
+
+    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: Runner):
+        super().__init__(numeric, signals, levels, redundant=False)
+        self._runner = runner
+
+    def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        q, v, z = self.split(x)
+        channel = self.signals.channel_from(times if since is None else since)
+        columns = np.zeros((times.size, 0)) if channel is None else channel.T
+        a, lam, u = self._runner.complete(times, x, columns, self.numeric.p, self._levels)
+        return times, q, v, a, z, lam, u

@@ -1,0 +1,219 @@
+"""Cases that run in C: one compiled method for all of them, threads that share nothing else."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations.switches import jumps_anywhere
+from ..errors import SimulationError
+from ..integrators.dop853.runner import Runner
+from ..integrators.dop853.stretch import Progress, Status, Stretch
+from ..integrators.lending import Lending
+from ..model.cache import Cache
+from ..sensitivity.compiled_run import MotionSetup
+from ..simulation.explicit_system import explicit_system
+from ..simulation.formulations import choose_formulation
+from ..simulation.gap_closings import has_gaps
+from ..simulation.schedule import Schedule
+from ..simulation.time_dependence import dependence_at, timed_equations
+from ..simulation.whole_stepping import refuse_redundant_rows
+from .starts import StartPath
+
+#: Steps of a case, at most.
+MOST_STEPS = 1_000_000
+#: Cases from which compiling the equations always pays.
+MANY = 50
+#: In words, why a case stops.
+REASONS = {
+    Status.PAUSED: f"{MOST_STEPS} steps lead no further",
+    Status.TOO_SMALL: "a step became too small",
+    Status.NOT_FINITE: "a value was not finite",
+    Status.APART: "the constraints cannot be met together any more",
+}
+
+
+@dataclass(frozen=True)
+class Times:
+    """Times of a case: outputs, and those over which no step may go.
+
+    Attributes
+    ----------
+    arguments : tuple of numpy.ndarray
+        Times (k,), which are outputs, which are stops, inputs that hold in the interval before each (k, n_channel), and
+        the longest step (1,), s.
+    """
+
+    arguments: tuple[np.ndarray, ...]
+
+    @property
+    def pattern(self) -> tuple[Any, ...]:
+        """What cases of one batch have in common."""
+        return ("whole", self.arguments[0].size)
+
+
+def refuse_unsuited(setup: MotionSetup) -> None:
+    """Raise for a mechanism whose cases need more than steps from output to output.
+
+    Raises
+    ------
+    SimulationError
+        With the method that takes it.
+    """
+    numeric, eom, method = setup.numeric, setup.eom, setup.integrator.name
+    if setup.has_redundant_rows:
+        refuse_redundant_rows(setup.integrator, numeric, setup.start)
+    choose_formulation(numeric, setup.integrator, redundant=False)
+    expressions = [eom.Q, eom.z_rate, eom.gamma, eom.nu, eom.Phi, setup.signals.parametrised]
+    if has_gaps(eom.mechanism) or jumps_anywhere([ca.SX(e) for e in expressions]):
+        raise SimulationError(
+            f'sweep: method="{method}" takes forces and inputs that are smooth, and here some jump or act in contacts; '
+            'use method="erk" or "idas"'
+        )
+
+
+def times_of(setup: MotionSetup, p: np.ndarray) -> Times:
+    """Find the times of a case.
+
+    Raises
+    ------
+    SimulationError
+        If a prescribed position or velocity jumps.
+    """
+    grid, signals = setup.grid, setup.signals
+    found = dependence_at(timed_equations(setup), p, float(grid[0]), float(grid[-1]))
+    if found.velocity_jumps or found.position_jump is not None:
+        raise SimulationError(
+            f'a prescribed motion jumps; method="{setup.integrator.name}" does not take that in sweeps'
+        )
+    limits = [limit for limit in (found.max_step, setup.integrator.max_step) if limit is not None]
+    schedule = Schedule(grid, stops=np.r_[signals.breaks, found.stops, found.jumps], watch_points=0)
+    piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
+    held = signals.channel_from(piece.begins)
+    columns = np.zeros((piece.times.size, 0)) if held is None else held.T
+    return Times((piece.times, piece.wanted, piece.stops, columns, np.array([min(limits, default=np.inf)])))
+
+
+class WholeParcel:
+    """Runs of cases in C, the outputs of each, and the way to their starts; it can travel to other processes.
+
+    Parameters
+    ----------
+    setup : MotionSetup
+        The mechanism at the first case.
+    path : StartPath
+        Way from the start of one case to those of others.
+    outputs : list of casadi.SX
+        What is kept.
+    count : int
+        Number of cases in all.
+    threads : int
+        Threads that share the cases of a batch.
+    """
+
+    def __init__(self, setup: MotionSetup, path: StartPath, outputs: list[ca.SX], count: int, threads: int):
+        self.path, self._threads = path, threads
+        self._system, self._start = explicit_system(setup.numeric, setup.signals), float(setup.grid[0])
+        self._weights, self._compiles = setup.numeric.projection_weights, setup.integrator.jit or count >= MANY
+        self._tolerances = setup.integrator.reltol, setup.integrator.abstol
+        self._outputs = setup.eom.function(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs]))
+        self._count = setup.grid.size
+        self.size = self._count * self._outputs.numel_out(0)
+        self._cache, self._free = setup.eom.mechanism.cache, Lending()
+
+    def __getstate__(self) -> dict[str, Any]:
+        # functions travel; what was compiled is found again in the user's folder
+        return {name: value for name, value in self.__dict__.items() if name not in ("_cache", "_free")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _cache=Cache(), _free=Lending())
+
+    def results(
+        self, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, course: tuple[np.ndarray, ...]
+    ) -> tuple[np.ndarray, list[str]]:
+        """Outputs of cases (k, n), NaN for one without, and why it has none.
+
+        Parameters
+        ----------
+        starts, parameters, levels : numpy.ndarray
+            By case (k, …).
+        course : tuple of numpy.ndarray
+            :attr:`Times.arguments` by case.
+        """
+        values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+
+        def work(cases: np.ndarray) -> None:
+            runner = self._free.borrow("runner", self._runner)
+            found: dict[int, tuple[np.ndarray, ...]] = {}
+            for k in cases:
+                motion = self._motion(runner, starts[k], parameters[k], levels[k], *(part[k] for part in course))
+                if isinstance(motion, str):
+                    messages[k] = motion
+                else:
+                    found[int(k)] = motion
+            self._free.give_back("runner", runner)
+            if not found:
+                return
+            chosen = np.array(list(found))
+            columns = [np.concatenate(parts, axis=-1) for parts in zip(*found.values(), strict=True)]
+            rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
+            rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
+            for k, row in zip(chosen, rows, strict=True):
+                if np.all(np.isfinite(row)):
+                    values[k] = row
+                else:
+                    messages[k] = REASONS[Status.NOT_FINITE]
+
+        parts = np.array_split(np.arange(len(starts)), min(self._threads, max(len(starts), 1)))
+        if len(parts) == 1:
+            work(parts[0])
+        else:
+            with ThreadPoolExecutor(len(parts)) as pool:
+                list(pool.map(work, parts))
+        return values, messages
+
+    def _runner(self) -> Runner:
+        return Runner(self._system, None, self._cache, compiles=self._compiles)
+
+    def _motion(
+        self,
+        runner: Runner,
+        x: np.ndarray,
+        p: np.ndarray,
+        levels: np.ndarray,
+        times: np.ndarray,
+        wanted: np.ndarray,
+        stops: np.ndarray,
+        columns: np.ndarray,
+        max_step: np.ndarray,
+    ) -> tuple[np.ndarray, ...] | str:
+        """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
+        reltol, abstol = self._tolerances
+        stretch = Stretch(
+            self._start,
+            x,
+            times,
+            stops,
+            columns,
+            p,
+            levels,
+            self._weights,
+            reltol,
+            abstol,
+            float(max_step[0]),
+            most_steps=MOST_STEPS,
+        )
+        reached = runner.advance(stretch, Progress())
+        if reached.status != Status.DONE:
+            time = float(reached.times[-1]) if reached.times.size else self._start
+            return f"{REASONS[reached.status]} at t = {time:.6g} s"
+        kept = wanted[reached.index]
+        grid, states = np.r_[self._start, reached.times[kept]], np.vstack([x, reached.x[kept]])
+        held = np.vstack([columns[:1], columns[wanted]])  # the first output takes the first interval
+        a, lam, u = runner.complete(grid, states, held, p, levels)
+        n = a.shape[1]
+        return grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T

@@ -1,0 +1,239 @@
+// --- what a motion and a live mechanism have in common: switches, keys, readings, and the pointer ---------------------
+const element = function (id) { return document.getElementById(id); };
+const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M3 1l11 7-11 7z"/></svg>',
+                pause: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M2 1h4v14H2zM10 1h4v14h-4z"/></svg>' };
+const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
+const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: !DATA.live || LIVE.names,
+                dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
+let shownAt = null;
+
+function show() {
+  drawStage(state.time, state);
+  drawPlots(state.time, state.dark);
+  element("clock").textContent = "t = " + state.time.toFixed(DATA.digits).replace("-", "\u2212") + " s";
+  showControls();
+  showReading();
+}
+
+function showReading() {
+  const box = element("reading");
+  box.hidden = state.item === null;
+  if (box.hidden) return;
+  const item = DATA.items[state.item];
+  if (!item.readings.length) { box.hidden = true; return; }  // nothing is known of it but its name
+  box.className = state.kept ? "kept" : "";
+  box.replaceChildren();
+  const name = document.createElement("b"), kind = document.createElement("small"), table = document.createElement("table");
+  name.textContent = item.name;
+  kind.textContent = item.kind;
+  for (const reading of item.readings) {
+    const row = table.insertRow(), comma = reading.label.lastIndexOf(", ");
+    row.insertCell().textContent = reading.label.slice(0, comma);
+    row.insertCell().textContent = written(valueAt(reading.column, state.time), reading.d) + " " + reading.label.slice(comma + 2);
+  }
+  box.append(name, kind, table);
+}
+
+function showPlaying(on) {
+  state.playing = on;
+  shownAt = null;
+  element("play").innerHTML = on ? ICONS.pause : ICONS.play;
+  element("play").setAttribute("aria-label", on ? "pause" : "play");
+}
+
+function setSpeed(factor) {
+  state.factor = factor;
+  element("speed").value = String(factor);
+}
+
+function setSwitch(id, on) {
+  state[id === "theme" ? "dark" : id] = on;
+  element(id).setAttribute("aria-pressed", String(on));
+  if (id === "theme") document.documentElement.dataset.theme = on ? "dark" : "light";
+  if (id === "forces") state.loads = on;
+  element("scale").hidden = !(state.forces || state.velocities) || !DATA.scale;
+  show();
+}
+
+// A picture or a table as a file.
+function download(name, text, type) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([text], { type: type }));
+  link.download = (DATA.title || "mechanism").replace(/[^\w-]+/g, "_") + name;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+function commaSeparated() {
+  const data = table(), quoted = function (name) { return '"' + name.replaceAll('"', '""') + '"'; };
+  return [["t, s", ...data.names].map(quoted).join(","), ...data.rows.map(function (row) { return row.join(","); })].join("\r\n") + "\r\n";
+}
+element("svg").addEventListener("click", function () { download(".svg", drawnAsSvg(), "image/svg+xml"); });
+element("csv").addEventListener("click", function () { download(".csv", commaSeparated(), "text/csv"); });
+
+for (const factor of SPEEDS) {
+  const option = document.createElement("option"), times = factor * DATA.speed;
+  option.value = String(factor);
+  option.textContent = written(times) + " ×";
+  element("speed").appendChild(option);
+}
+element("scale").textContent = DATA.scale;
+element("play").addEventListener("click", function () { setPlaying(!state.playing); });
+element("speed").addEventListener("change", function () { setSpeed(Number(element("speed").value)); });
+const SWITCHES = ["loop", "forces", "velocities", "names", "theme"].filter(element);
+for (const id of SWITCHES) {
+  element(id).addEventListener("click", function () { setSwitch(id, element(id).getAttribute("aria-pressed") !== "true"); });
+}
+
+const KEYS = {
+  " ": function () { setPlaying(!state.playing); },
+  ArrowUp: function () { setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.factor) + 1, SPEEDS.length - 1)]); },
+  ArrowDown: function () { setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.factor) - 1, 0)]); },
+  f: function () { element("forces").click(); },
+  d: function () { element("theme").click(); },
+  "0": function () { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
+};
+document.addEventListener("keydown", function (event) {
+  const own = event.target.tagName;                  // a select, a slider and a focused button keep their own keys
+  const action = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!action || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (own === "SELECT" || own === "SUMMARY" || (own === "BUTTON" && event.key === " ")) return;
+  if (own === "INPUT" && event.target.id !== "slider") return;
+  event.preventDefault();
+  action(event);
+});
+
+// --- pointer: read, move, come nearer; a page may take it to pull at what is under it (see `grab`) ---
+const touching = new Map();
+let moved = 0, pulling = false;
+function place(event) {
+  const corner = stage.getBoundingClientRect();
+  return [event.clientX - corner.left, event.clientY - corner.top];
+}
+// a finger scrolls the page over the whole drawing, and moves an enlarged one
+function letScroll() { stage.style.touchAction = view.zoom !== 1 || DATA.live ? "none" : "pan-y"; }
+function zoomAbout(at, factor) {
+  const zoom = Math.min(Math.max(view.zoom * factor, 0.2), 60), by = zoom / view.zoom;
+  view.x = at[0] - by * (at[0] - view.x);
+  view.y = at[1] - by * (at[1] - view.y);
+  view.zoom = zoom;
+  letScroll();
+  show();
+}
+stage.addEventListener("pointerdown", function (event) {
+  const at = place(event);
+  touching.set(event.pointerId, at);
+  moved = 0;
+  stage.setPointerCapture(event.pointerId);
+  if (touching.size > 1 && pulling) { release(); pulling = false; }
+  else if (touching.size === 1) pulling = grab(at, itemAt(at[0], at[1], state.time, state.forces));
+});
+stage.addEventListener("pointermove", function (event) {
+  const at = place(event), before = touching.get(event.pointerId);
+  if (before && touching.size === 2) {
+    const other = Array.from(touching.entries()).find(function (entry) { return entry[0] !== event.pointerId; })[1];
+    const apart = function (p) { return Math.hypot(p[0] - other[0], p[1] - other[1]); };
+    moved += 10;
+    zoomAbout(other, apart(at) / Math.max(apart(before), 1));
+  } else if (before) {
+    moved += Math.hypot(at[0] - before[0], at[1] - before[1]);
+    if (pulling) drag(at);
+    else if (moved > 4 && (event.pointerType === "mouse" || stage.style.touchAction === "none")) {
+      view.x += at[0] - before[0];
+      view.y += at[1] - before[1];
+      show();
+    }
+  } else if (!state.kept) {
+    const item = itemAt(at[0], at[1], state.time, state.forces);
+    stage.classList.toggle("over", item !== null);
+    if (item !== state.item) { state.item = item; show(); }
+  }
+  if (before) touching.set(event.pointerId, at);
+});
+stage.addEventListener("pointerup", function (event) {
+  touching.delete(event.pointerId);
+  if (pulling) { release(); pulling = false; }
+  if (moved > 6) return;
+  const at = place(event), item = itemAt(at[0], at[1], state.time, state.forces);
+  state.kept = item !== null && !(state.kept && item === state.item);
+  state.item = item;
+  show();
+});
+stage.addEventListener("pointercancel", function (event) {
+  touching.delete(event.pointerId);
+  if (pulling) { release(); pulling = false; }
+});
+stage.addEventListener("pointerleave", function () {
+  if (!state.kept && !pulling && state.item !== null) { state.item = null; show(); }
+});
+// within a page of another (a notebook) the wheel moves that page on, unless the drawing was clicked
+const framed = window.self !== window.top;
+stage.addEventListener("wheel", function (event) {
+  if (framed && !event.ctrlKey && document.activeElement !== stage) return;
+  event.preventDefault();
+  zoomAbout(place(event), Math.exp(-0.0015 * event.deltaY));
+}, { passive: false });
+
+// A page within one that has a theme of its own, as the documentation has, follows it.
+function followTheme() {
+  let outer = null;
+  try { outer = framed ? window.parent.document.body : null; } catch (error) { return; }  // a frame that is shut off
+  if (!outer || outer.dataset.theme === undefined) return;
+  const system = window.matchMedia("(prefers-color-scheme: dark)");
+  const take = function () { setSwitch("theme", outer.dataset.theme === "dark" || (outer.dataset.theme === "auto" && system.matches)); };
+  new MutationObserver(take).observe(outer, { attributes: true, attributeFilter: ["data-theme"] });
+  take();
+}
+
+function resize() { fit(); fitPlots(); show(); }
+window.addEventListener("resize", resize);
+
+function begin() {
+  setSpeed(1);
+  showPlaying(false);
+  letScroll();
+  fit(); fitPlots();
+  for (const id of SWITCHES) setSwitch(id, state[id === "theme" ? "dark" : id]);
+  element("forces").hidden = !DATA.scale;
+  followTheme();
+}
+
+// What tests, and pages around this one, may use.
+const itemOf = function (name) { return DATA.items.find(function (one) { return one.name === name; }); };
+const controls = {
+  svg: drawnAsSvg, csv: commaSeparated,
+  play: function () { setPlaying(true); }, pause: function () { setPlaying(false); },
+  get time() { return state.time; }, get playing() { return state.playing; },
+  names: DATA.items.map(function (item) { return item.name; }),
+  reading: function (name) {
+    const values = {};
+    for (const reading of itemOf(name).readings) values[reading.label] = valueAt(reading.column, state.time);
+    return values;
+  },
+  // the same as it is shown
+  shown: function (name) {
+    const texts = {};
+    for (const reading of itemOf(name).readings) texts[reading.label] = written(valueAt(reading.column, state.time), reading.d);
+    return texts;
+  },
+  // lines of a plot by name: the value at the time, and the points [t, value] that are drawn
+  plot: function (label) {
+    const plot = plots.find(function (one) { return one.label === label; }), lines = {};
+    for (const line of plot.lines) lines[line.name] = { value: valueAt(line.column, state.time), points: pointsOf(line.column) };
+    return lines;
+  },
+  // where a mark of an item is drawn, in pixels of the drawing; null if it has none
+  place: function (name) {
+    const number = DATA.items.findIndex(function (one) { return one.name === name; });
+    const marks = DATA.marks.filter(function (one) { return one.i === number && one.c && !one.g; });
+    const mark = marks.filter(function (one) { return one.k === 2; }).pop() || marks.pop();
+    if (!mark) return null;
+    const pose = poseOf(mark.f, state.time), loop = DATA.shapes[mark.p][0], c = pose[2], s = pose[3], count = loop.length / mark.k;
+    let x = 0, y = 0;
+    for (let i = 0; i < loop.length; i += mark.k) {
+      x += mark.k === 4 ? loop[i] + loop[i + 1] * pose[4] : loop[i];
+      y += mark.k === 4 ? loop[i + 2] + loop[i + 3] * Math.abs(pose[4]) : loop[i + 1];
+    }
+    x /= count; y /= count;
+    return toScreen(pose[0] + c * x - s * y, pose[1] + s * x + c * y);
+  },
+};

@@ -1,0 +1,98 @@
+"""Functions written as C: against CasADi's own interpreter, bit by bit."""
+
+import ctypes
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from mbdcasadi.equations.c_code import OPERATIONS, PIECE, UnsupportedOperation, simplified, tape_of
+from mbdcasadi.integrators.dop853 import build
+
+compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
+
+
+def in_c(function, *arguments):
+    """First result of a function that is written as C and compiled."""
+    tape = tape_of(function)
+    using = build.compiler()
+    source = "#include <math.h>\n" + tape.as_c
+    library = build.build(build.key_of("test", source, using.identity), source, "-O1", using)
+    code = getattr(library, function.name())
+    code.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_int]
+    given = [np.ascontiguousarray(a, float) for a in arguments]
+    result, work = np.full(function.nnz_out(0), np.nan), np.zeros(tape.work_in_c + 1)
+    arg = (ctypes.c_void_p * len(given))(*[a.ctypes.data for a in given])
+    res = (ctypes.c_void_p * function.n_out())(result.ctypes.data)
+    assert code(arg, res, None, work.ctypes.data, 0) == 0
+    return result
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("MBDCASADI_CACHE", str(tmp_path))
+
+
+@compiled_only
+def test_every_operation():
+    """Each operation at ordinary values, at zero, and at both signs."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    expressions = [
+        *(f(x) for f in (ca.exp, ca.sin, ca.cos, ca.tan, ca.asin, ca.acos, ca.atan, ca.floor, ca.ceil, ca.fabs)),
+        *(f(x) for f in (ca.sign, ca.erf, ca.sinh, ca.cosh, ca.tanh, ca.asinh, ca.atanh, ca.expm1, ca.sqrt, ca.log)),
+        *(f(x) for f in (ca.log1p, ca.acosh)),
+        *(f(x, y) for f in (ca.fmin, ca.fmax, ca.fmod, ca.atan2, ca.hypot, ca.copysign, ca.remainder, ca.power)),
+        x + y,
+        x - y,
+        x * y,
+        x / y,
+        1 / x,
+        -x,
+        x * x,
+        x + x,
+        x**3,
+        x**2.5,
+        x**-1.5,
+        x < y,
+        x <= y,
+        x == y,
+        x != y,
+        ca.logic_not(x),
+        ca.logic_and(x, y),
+        ca.logic_or(x, y),
+        ca.if_else(x < y, ca.sin(x), y),
+    ]
+    f = ca.Function("f", [x, y], [ca.densify(ca.vertcat(*expressions))])
+    written = {row[0] for row in tape_of(f).instructions.tolist()}
+    assert len(written) > 0.8 * len(OPERATIONS)
+    for point in [(0.3, 0.7), (-0.4, 0.2), (0.0, 1.0), (0.5, -0.5), (2.5, -1.5), (-0.0, 0.0), (1.0, 1.0)]:
+        np.testing.assert_array_equal(in_c(f, *point), f(*point).full().ravel())
+
+
+@compiled_only
+def test_long_functions_in_pieces():
+    """Values that are used in later pieces keep their places as long as they are needed."""
+    x = ca.SX.sym("x", 7)
+    values = [x[k] for k in range(7)]
+    rng = np.random.default_rng(3)
+    for _ in range(12 * PIECE):
+        a, b = (values[k] for k in rng.integers(max(0, len(values) - 3 * PIECE), len(values), 2))
+        values.append(ca.sin(a) + 0.5 * b if rng.random() < 0.5 else 0.7 * a * ca.cos(b))
+    f = ca.Function("f", [x], [ca.vertcat(*[values[k] for k in rng.integers(0, len(values), 200)])])
+    point = rng.normal(size=7)
+    np.testing.assert_array_equal(in_c(f, point), f(point).full().ravel())
+
+
+def test_simplified_keeps_values_and_names():
+    x = ca.SX.sym("x")
+    f = ca.Function("f", [x], [ca.sin(x) * ca.cos(x), ca.sin(x) + ca.cos(x)], ["angle"], ["a", "b"])
+    g = simplified(f)
+    assert (g.name(), g.name_in(), g.name_out()) == (f.name(), f.name_in(), f.name_out())
+    assert g.n_instructions() < f.n_instructions()
+    assert [float(part) for part in g(0.3)] == [float(part) for part in f(0.3)]
+
+
+def test_calls_of_other_functions_are_refused():
+    x = ca.MX.sym("x")
+    with pytest.raises(UnsupportedOperation, match="caller.*MXFunction"):
+        tape_of(ca.Function("caller", [x], [ca.sin(x)]))

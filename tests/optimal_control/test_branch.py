@@ -1,0 +1,83 @@
+"""Jumps from one branch of a linkage to another between two mesh points."""
+
+import itertools
+
+import numpy as np
+import pytest
+from motions import crank_rocker, half_turn
+
+import mbdcasadi as mbd
+from mbdcasadi.equations.numeric import NumericEquations
+from mbdcasadi.optimal_control.checks.branch import _changes_sign, branch_jump, refuse_branch_jump
+from mbdcasadi.optimal_control.solution import Solution
+
+
+def poses_of_both_branches(f, angles):
+    """Poses of the crank-rocker by the circles about A and O4, with B above and below (2, k, 9)."""
+    a, b, c, d = 0.10, 0.28, 0.24, 0.30
+    both = []
+    for side in (1, -1):
+        poses = []
+        for angle in angles:
+            pin_a = a * np.array([np.cos(angle), np.sin(angle)])
+            apart = np.array([d, 0.0]) - pin_a
+            distance = np.hypot(*apart)
+            along = (b**2 - c**2 + distance**2) / (2 * distance)
+            across = side * np.sqrt(b**2 - along**2)
+            pin_b = pin_a + (along * apart + across * np.array([-apart[1], apart[0]])) / distance
+            ends = [(np.zeros(2), pin_a), (pin_a, pin_b), (pin_b, np.array([d, 0.0]))]
+            bars = [[*(p + q) / 2, np.arctan2(*(q - p)[::-1])] for p, q in ends]
+            bars[2][2] = np.arctan2(*(pin_b - np.array([d, 0.0]))[::-1])
+            poses.append(np.ravel(bars))
+        both.append(poses)
+    return np.array(both)
+
+
+def test_the_sign_of_dependent_coordinates():
+    """It stays along a whole turn in steps of a quarter radian, and changes from one branch to the other anywhere."""
+    f = crank_rocker()
+    numeric = NumericEquations(mbd.equations(f.mechanism), np.zeros(0))
+    angles = np.linspace(0, 2 * np.pi, 26)
+    poses = poses_of_both_branches(f, angles)
+    assert max(np.abs(numeric.position(0.0, q)[0]).max() for q in poses.reshape(-1, 9)) < 1e-12
+    jacobians = [[numeric.scaled_jacobian(0.0, q) for q in branch] for branch in poses]
+    for branch in jacobians:
+        assert not any(_changes_sign(*pair) for pair in itertools.pairwise(branch))
+    assert all(_changes_sign(above, below) for above, below in zip(*jacobians, strict=True))
+
+
+def with_a_jump(solution, f, interval):
+    """The same solution with all mesh points from one on mirrored to the other branch, at rest there."""
+    x, program = solution.variables.copy(), solution.program
+    part = program.phases[0]
+    n = len(part.scheme.eom.independent)
+    angles = solution.trajectory[f.o2.angle][:: solution.points_per_interval]
+    for k in range(interval, solution.mesh.size):
+        x[part.point_index(k)[:n]] = poses_of_both_branches(f, [angles[k]])[1, 0][part.scheme.eom.independent]
+        x[part.point_index(k)[n : 2 * n]] = 0.0
+    return Solution(
+        solution.problem, program, solution.settings, solution.initial, [solution.phases[0].numeric.p], solution.meshes,
+        [solution.phases[0].segment_times], x, solution.cost, solution.statistics, solution.answer,
+    )  # fmt: skip
+
+
+def test_a_solution_that_jumps_is_refused():
+    """With the constraint, the body and the time."""
+    f = crank_rocker()
+    solution = mbd.optimize(half_turn(f), intervals=20)
+    assert branch_jump(solution) is None
+    jumping = with_a_jump(solution, f, 12)
+    jump = branch_jump(jumping)
+    assert (jump.begin, jump.end) == pytest.approx((11 * 0.03, 12 * 0.03))
+    said = r"no motion: from t = 0\.33 to 0\.36 s \w+\.phi jumps by .* to another branch"
+    with pytest.raises(mbd.OptimizationError, match=said) as caught:
+        refuse_branch_jump(jumping)
+    assert caught.value.partial is jumping and caught.value.time == pytest.approx(0.33)
+    assert jump.row.split(".")[0] in ("A", "B", "O4") and jump.coordinate.split(".")[0] in ("coupler", "rocker")
+
+
+def test_a_coarse_mesh_without_a_jump_is_not_refused():
+    """It is a warning."""
+    f = crank_rocker()
+    with pytest.warns(mbd.MechanismWarning, match="too coarse"):
+        assert branch_jump(mbd.optimize(half_turn(f), intervals=4)) is None

@@ -1,0 +1,77 @@
+"""Open chains: in angles alone, from two kinds of guesses, on meshes that are refined by themselves."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+
+def two_links(driven, duration, **changes):
+    """An acrobot or a pendubot (two uniform bars of 1 m and 1 kg) from hanging to standing upright."""
+    tau = mbd.Input("tau")
+    upper = mbd.Body("upper", mass=1.0, inertia=0.083, pose=(0, -0.5, -np.pi / 2))
+    lower = mbd.Body("lower", mass=1.0, inertia=0.083, pose=(0, -1.5, -np.pi / 2))
+    shoulder = mbd.Revolute("shoulder", mbd.ground.at(0, 0), upper.at(-0.5, 0))
+    elbow = mbd.Revolute("elbow", upper.at(0.5, 0), lower.at(-0.5, 0))
+    motor = mbd.Torque("motor", upper, tau) if driven == "shoulder" else mbd.Torque("motor", lower, tau, upper)
+    mechanism = mbd.Mechanism([upper, lower], [shoulder, elbow], forces=[mbd.Gravity(), motor], inputs=[tau])
+    rest = [upper.omega == 0, lower.omega == 0]
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=duration,
+        initial=[upper.phi == -np.pi / 2, lower.phi == -np.pi / 2, *rest],
+        final=[upper.phi == np.pi / 2, lower.phi == np.pi / 2, *rest],
+        running_cost=tau**2,
+    )
+    return problem.replace(**changes), upper, lower, elbow
+
+
+@pytest.mark.parametrize(("driven", "best"), [("elbow", 77.61), ("shoulder", 172.0)])
+def test_swing_ups(driven, best):
+    """Acrobot and pendubot of 2.5 s, from the automatic guess: cost, a mesh that holds, and the forward dynamics."""
+    problem, upper, lower, elbow = two_links(driven, 2.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # no mesh that is too coarse
+        solution = mbd.optimize(problem)
+    assert solution.cost < 1.005 * best
+    assert [start.guess for start in solution.statistics.starts] == ["kinematic", "kinematic, at rest"]
+    # replayed by forward dynamics from mesh point to mesh point
+    assert np.max(solution.verify().defects) < 0.02
+    motion = solution.trajectory
+    assert motion.final[upper.phi] == pytest.approx(np.pi / 2) and motion.final[lower.phi] == pytest.approx(np.pi / 2)
+    # reactions are those of the bodies: m a = R + m g of the lower link
+    force, gravity = motion[elbow.reaction_on(lower).force], np.array([0.0, -9.81])
+    np.testing.assert_allclose(motion[lower.acceleration], force + gravity, atol=1e-6 * np.abs(force).max())
+
+
+def test_results_of_both_forms_are_the_same():
+    """The same optimum in angles and, from it as a trajectory, in all coordinates; reactions with the same labels."""
+    problem, *_, elbow = two_links("shoulder", 2.5)
+    angles = mbd.optimize(problem, intervals=80)
+    whole = mbd.optimize(problem, intervals=80, guess=angles.trajectory)
+    assert angles.program.size < whole.program.size
+    assert whole.cost == pytest.approx(angles.cost, rel=1e-4)
+    for expression in (elbow.reaction_on(problem.mechanism.bodies[1]).force, elbow.angle):
+        one, other = (s.trajectory.at(np.linspace(0, 2.5, 51))[expression] for s in (angles, whole))
+        np.testing.assert_allclose(one, other, atol=0.02 * np.abs(other).max())
+
+
+def test_a_solution_in_angles_is_a_guess_and_is_saved(tmp_path):
+    """A solve from a solution keeps its form, and takes no iterations."""
+    problem, *_ = two_links("shoulder", 2.5)
+    solution = mbd.optimize(problem, intervals=40)
+    again = mbd.optimize(problem, intervals=40, guess=solution)
+    assert again.program is solution.program and again.statistics.iterations <= 3
+    solution.save(tmp_path / "s.npz")
+    back = mbd.read_solution(tmp_path / "s.npz", problem)
+    np.testing.assert_array_equal(back.trajectory.q, solution.trajectory.q)
+
+
+def test_a_number_of_intervals_is_kept():
+    """It warns as before if these are too coarse; without a number the mesh is refined."""
+    problem, *_ = two_links("elbow", 2.5)
+    with pytest.warns(mbd.MechanismWarning, match="the mesh of 12 intervals is too coarse"):
+        assert mbd.optimize(problem, intervals=12).mesh.size == 13
+    assert mbd.optimize(problem).mesh.size > 41

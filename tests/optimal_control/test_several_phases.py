@@ -1,0 +1,288 @@
+"""Optimal control over several phases, against closed forms and independent references."""
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G = 9.81
+
+
+def gripper(m=0.6, limit=4.0, at=2.0, beyond=0.3, L=1.0):
+    """An arm that grips a resting load and brings it to rest: phases, and what the tests ask about."""
+    place = L * np.array([np.cos(at), np.sin(at)])
+    arm = mbd.Body("arm", mass=1.5, inertia=0.2, pose=(L / 2, 0, 0))
+    load = mbd.Body("load", mass=m, inertia=0.05, pose=(*place, at))
+    tau = mbd.Input("tau", lower=-limit, upper=limit)
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-L / 2, 0))
+    table = mbd.Weld("table", mbd.ground.at(*place, angle=at), load.at(0, 0))
+    grip = mbd.Weld("grip", arm.at(L / 2, 0), load.at(0, 0))
+    motor = mbd.Torque("motor", arm, tau)
+    reaching = mbd.Mechanism(bodies=[arm, load], joints=[hinge, table], forces=[motor], inputs=[tau])
+    carrying = reaching.replace(joints=[hinge, grip])
+    start = [hinge.angle == 0, arm.omega == 0]
+    end = [hinge.angle == at + beyond, arm.omega == 0]
+    J1 = 0.2 + 1.5 * (L / 2) ** 2
+    J2 = J1 + m * L**2 + 0.05
+    return arm, load, tau, hinge, grip, reaching, carrying, start, end, J1, J2
+
+
+def soft(**more):
+    """The gripper that matches the speed before it grips: least time in closed form."""
+    arm, _load, _tau, _hinge, _grip, reaching, carrying, start, end, J1, J2 = gripper(**more)
+    reach = mbd.Phase("reach", reaching, (0.05, 4), initial=start, final=[arm.omega == 0])
+    carry = mbd.Phase("carry", carrying, (0.05, 4), final=end)
+    problem = mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t)
+    return problem, 2 * np.sqrt(2.0 * J1 / 4.0) + 2 * np.sqrt(0.3 * J2 / 4.0)
+
+
+@pytest.fixture(scope="module")
+def gripped():
+    problem, least = soft()
+    return mbd.optimize(problem, intervals=20), least
+
+
+def test_gripping_at_rest(gripped):
+    solution, least = gripped
+    assert solution.cost == pytest.approx(least, abs=1e-6)
+    assert sum(solution.durations) == pytest.approx(solution.duration, abs=1e-12)
+    assert solution.statistics.iterations <= 60
+
+
+def test_a_solution_is_a_motion_with_a_change(gripped):
+    solution, _ = gripped
+    motion, first = solution.trajectory, solution.durations[0]
+    reach, carry = solution.phases
+    assert [part.mechanism for part in motion.phases] == [reach.phase.mechanism, carry.phase.mechanism]
+    (event,) = motion.events
+    assert event.t == pytest.approx(first, abs=1e-12) and event.name == "carry"
+    grip = carry.phase.mechanism.joint("grip")
+    force = motion[grip.reaction_on(grip.a.body).force]
+    assert np.all(force[: len(reach.trajectory)] == 0)
+    np.testing.assert_allclose(event.after[grip.impulse_on(grip.b.body).force], 0, atol=1e-6)
+    assert motion.drift.position < 1e-10
+    assert solution.mesh[0] == 0 and solution.mesh[-1] == pytest.approx(solution.duration)
+    (tau,) = reach.phase.mechanism.inputs
+    polynomial = solution.inputs[tau]
+    np.testing.assert_allclose(polynomial(np.array([0.1, first + 0.1])), motion.at([0.1, first + 0.1])[tau], atol=1e-6)
+
+
+def test_files(gripped, tmp_path):
+    solution, _ = gripped
+    solution.save(tmp_path / "grip.npz")
+    again = mbd.read_solution(tmp_path / "grip.npz", solution.problem)
+    assert again.cost == solution.cost and again.durations == solution.durations
+    (one,) = (part for part in [solution.phases[0].phase])
+    alone = mbd.OptimalControlProblem(
+        one.mechanism, 1.0, initial=one.initial, running_cost=one.mechanism.inputs[0] ** 2
+    )
+    with pytest.raises(mbd.FileError):
+        mbd.read_solution(tmp_path / "grip.npz", alone)
+
+
+def test_a_solution_is_a_guess(gripped):
+    solution, least = gripped
+    again = mbd.optimize(solution.problem, intervals=20, guess=solution)
+    assert again.cost == pytest.approx(solution.cost, abs=1e-9)
+    assert again.statistics.iterations <= solution.statistics.iterations
+    from_motion = mbd.optimize(solution.problem, intervals=20, guess=solution.trajectory)
+    assert from_motion.cost == pytest.approx(least, abs=1e-6)
+
+
+def test_least_time_with_an_impact():
+    """The speed at the grip is as fast as can be braked afterwards; momentum about the hinge is kept."""
+    arm, load, _tau, _hinge, grip, reaching, carrying, start, end, J1, J2 = gripper()
+    reach = mbd.Phase("reach", reaching, (0.05, 3), initial=start)
+    carry = mbd.Phase("carry", carrying, (0.05, 3), final=end)
+    quick = mbd.optimize(mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t), intervals=20)
+    assert quick.cost == pytest.approx(1.23186849948, abs=3e-4)
+    before, after = quick.phases[0].final, quick.phases[1].initial
+    assert J1 * before[arm.omega] == pytest.approx(J2 * after[arm.omega], abs=1e-9)
+    event = quick.trajectory.events[0]
+    change = 0.6 * after[load.velocity]
+    np.testing.assert_allclose(event.after[grip.impulse_on(load).force], change, atol=1e-8)
+
+
+def test_costs_and_relations_of_phases():
+    """Integrals over one phase and over all, durations and values between phases, against the running costs."""
+    arm, _load, tau, _hinge, _grip, reaching, carrying, start, end, J1, J2 = gripper(limit=40.0)
+    rest = [arm.omega == 0]
+    plain = [
+        mbd.Phase("reach", reaching, 0.8, initial=start, final=rest, running_cost=tau**2),
+        mbd.Phase("carry", carrying, 0.5, final=end, running_cost=3 * tau**2),
+    ]
+    known = mbd.optimize(mbd.OptimalControlProblem(phases=plain), intervals=8)
+    # rest to rest: cost 12 J² angle² / T³ each
+    by_hand = 12 * J1**2 * 2.0**2 / 0.8**3 + 3 * 12 * J2**2 * 0.3**2 / 0.5**3
+    assert known.cost == pytest.approx(by_hand, rel=1e-7)
+    reach = mbd.Phase("reach", reaching, (0.2, 2), initial=start, final=rest)
+    carry = mbd.Phase("carry", carrying, (0.2, 2), final=end)
+    problem = mbd.OptimalControlProblem(
+        phases=[reach, carry],
+        terminal_cost=mbd.integral(tau**2) + 2 * carry.integral(tau**2),
+        boundary=[reach.duration == 0.8, carry.duration == 0.5, carry.at_start(arm.omega) == reach.at_end(arm.omega)],
+    )
+    problem = problem.replace(boundary=problem.boundary[:2])
+    assert mbd.optimize(problem, intervals=8).cost == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_waypoints_and_time_run_on():
+    """A waypoint of the second phase counts from its start; time runs on."""
+    arm, _load, tau, hinge, _grip, reaching, carrying, start, end, J1, _J2 = gripper(limit=40.0)
+    via = mbd.Waypoint(0.2, [hinge.angle == 2.2])
+    problem = mbd.OptimalControlProblem(
+        phases=[
+            mbd.Phase("reach", reaching, (0.5, 0.9), initial=start, final=[arm.omega == 0], running_cost=tau**2),
+            mbd.Phase("carry", carrying, 0.5, final=end, waypoints=[via], running_cost=tau**2),
+        ],
+        terminal_cost=mbd.t,
+    )
+    solution = mbd.optimize(problem, intervals=10)
+    first = solution.durations[0]
+    assert solution.durations[1] == pytest.approx(0.5, abs=1e-9)
+    assert solution.trajectory.at(first + 0.2)[hinge.angle][0] == pytest.approx(2.2, abs=1e-8)
+    assert solution.waypoint_times[0] == pytest.approx(first + 0.2, abs=1e-9)
+    energy = 12 * J1**2 * 4.0 / first**3
+    assert first == pytest.approx(min(0.9, (3 * 12 * J1**2 * 4.0) ** 0.25), abs=1e-6) and energy > 0
+
+
+def test_a_bounce():
+    h, X, e = 1.0, 3.0, 0.7
+    ball = mbd.Body("ball", mass=0.4, inertia=4e-4, pose=(0, h, 0))
+    floor = mbd.AbsoluteY("floor", ball.at(0, 0), 0.0)
+    free = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity()])
+    start = [ball.x == 0, ball.y == h, ball.phi == 0, ball.omega == 0]
+    thrown = mbd.Phase("thrown", free, (0.1, 1.5), initial=start)
+    bounced = mbd.Phase("bounced", free, (0.1, 1.5), restitution={floor: e}, final=[ball.x == X, ball.y == 0])
+    cost = mbd.at_start(mbd.dot(ball.velocity, ball.velocity))
+    lob = mbd.optimize(mbd.OptimalControlProblem(phases=[thrown, bounced], terminal_cost=cost), intervals=4)
+    assert lob.cost == pytest.approx(7.073680986320, abs=1e-8)
+    before, after = lob.phases[0].final, lob.phases[1].initial
+    assert after[ball.vy] == pytest.approx(-e * before[ball.vy], abs=1e-10)
+    assert after[ball.vx] == pytest.approx(before[ball.vx], abs=1e-12)
+    check = lob.verify()
+    assert check.final_error < 1e-8 and check.time_error < 1e-8 and check.impulse_error < 1e-8
+
+
+def rimless():
+    n, r, mass, J0, slope = 8, 1.0, 2.0, 0.1, 0.08
+    half = np.pi / n
+    wheel = mbd.Body("wheel", mass=mass, inertia=J0, pose=(-r * np.sin(half), r * np.cos(half), 0.0))
+    ends = [wheel.at(r * np.sin(half), -r * np.cos(half)), wheel.at(r * np.sin(3 * half), -r * np.cos(3 * half))]
+    pins = [mbd.Revolute(f"spoke {k}", mbd.ground.at(2 * r * np.sin(half) * k, 0), ends[k]) for k in range(2)]
+    gravity = mbd.Gravity((G * np.sin(slope), -G * np.cos(slope)))
+    on = [mbd.Mechanism(bodies=[wheel], joints=[pin], forces=[gravity]) for pin in pins]
+    return (
+        wheel,
+        pins,
+        mbd.OptimalControlProblem(
+            phases=[mbd.Phase("roll", on[0], (0.3, 3), initial=[wheel.phi == 0]), mbd.Phase("spoke lands", on[1], 0)],
+            boundary=[mbd.at_end(wheel.omega) == mbd.at_start(wheel.omega)],
+        ),
+    )
+
+
+def test_a_rimless_wheel_and_its_replay():
+    wheel, _pins, problem = rimless()
+    solution = mbd.optimize(problem, intervals=20)
+    assert -solution.phases[0].initial[wheel.omega] == pytest.approx(1.1125347121964, abs=1e-9)
+    assert solution.duration == pytest.approx(0.9600174925931, abs=1e-9)
+    assert solution.statistics.iterations <= 15
+    check = solution.verify()
+    assert check.time_error < 1e-8 and check.final_error < 1e-8 and check.impulse_error < 1e-7
+    assert check.event_times[0] == pytest.approx(0.9600174925931, abs=1e-8)
+    assert "changes off by" in repr(check)
+    refined = mbd.optimize(problem, intervals=4, tolerance=1e-8)
+    assert refined.mesh_error < 1e-8 and refined.duration == pytest.approx(0.9600174925931, abs=1e-8)
+
+
+def test_an_impulse_may_be_limited():
+    """The momentum of the load after the grip is bounded: the optimum goes to that bound."""
+    arm, load, _tau, _hinge, grip, reaching, carrying, start, end, _J1, _J2 = gripper()
+    limit = 0.4
+    size = mbd.norm(grip.impulse_on(load).force)
+    reach = mbd.Phase("reach", reaching, (0.05, 3), initial=start)
+    carry = mbd.Phase("carry", carrying, (0.05, 3), initial=[size <= limit], final=end)
+    solution = mbd.optimize(mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t), intervals=20)
+    event = solution.trajectory.events[0]
+    assert event.after[size] == pytest.approx(limit, abs=1e-6)
+    assert 0.6 * 1.0 * event.after[arm.omega] == pytest.approx(limit, abs=1e-6)
+
+
+def test_redundant_impact_rows_are_picked():
+    """A foot on a rail that gets pinned: its row across is held by the rail already."""
+    foot = mbd.Body("foot", mass=1.0, inertia=0.1, pose=(0, 0.5, 0))
+    f = mbd.Input("f")
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0, np.pi / 2), foot.at(0, 0, np.pi / 2))
+    stands = mbd.Revolute("stands", mbd.ground.at(0, 0), foot.at(0, 0))
+    push = mbd.Force("push", foot.at(0, 0), (0, f))
+    air = mbd.Mechanism(bodies=[foot], joints=[rail], forces=[mbd.Gravity(), push], inputs=[f])
+    ground = air.replace(joints=[rail, stands])
+    fall = mbd.Phase("fall", air, 0.6, initial=[foot.y == 0.5, foot.vy == 0], running_cost=f**2)
+    landed = mbd.Phase("landed", ground, 0)
+    solution = mbd.optimize(mbd.OptimalControlProblem(phases=[fall, landed]), intervals=6)
+    # least effort with a free end speed: a = c (T - t), c T³ / 3 = height - g T² / 2
+    c = 3 * (-0.5 + G * 0.6**2 / 2) / 0.6**3
+    assert solution.cost == pytest.approx(c**2 * 0.6**3 / 3, rel=1e-8)
+    assert solution.phases[1].initial[foot.vy] == pytest.approx(0, abs=1e-10)
+    event = solution.trajectory.events[0]
+    assert event.after[stands.impulse_on(foot).force][1] == pytest.approx(-event.state[foot.vy], abs=1e-9)
+
+
+def test_phases_say_what_is_wrong():
+    arm, load, tau, _hinge, grip, reaching, carrying, start, end, _J1, _J2 = gripper()
+    reach = mbd.Phase("reach", reaching, (0.05, 3), initial=start)
+    carry = mbd.Phase("carry", carrying, (0.05, 3), final=end)
+    problem = mbd.OptimalControlProblem
+
+    def refused(match, kind=mbd.ModelError, **arguments):
+        with pytest.raises(kind, match=match):
+            problem(**arguments)
+
+    refused("give a mechanism and a duration, or phases=")
+    refused("phases= is empty", phases=[])
+    refused("takes Phase objects", phases=[reaching])
+    refused("belong to the phases", phases=[reach, carry], mechanism=reaching)
+    refused("belong to the phases", phases=[reach, carry], path=[tau <= 1])
+    refused("running_cost= belongs to the phases", phases=[reach, carry], running_cost=tau**2)
+    refused("a name twice: reach, reach", phases=[reach, reach])
+    shrinking = mbd.Phase("carry", carrying, (0, 3), final=end)
+    refused("'carry': the duration may shrink to 0", phases=[reach, shrinking])
+    instant = mbd.Phase("now", reaching, 0)
+    refused("'now' is the first one", phases=[instant, carry])
+    alone = mbd.Phase("alone", mbd.Mechanism(bodies=[load]), (0.1, 1))
+    refused("'reach': 'arm' is not in the phase 'alone'", phases=[alone, reach])
+    other = mbd.Phase("other", carrying, (0.05, 3))
+    refused(
+        "of a phase that does not belong to the problem",
+        mbd.ExpressionError,
+        phases=[reach, carry],
+        boundary=[other.at_end(arm.omega) == 0],
+    )
+    refused(
+        "which the mechanism of phase 'reach' does not have",
+        mbd.ExpressionError,
+        phases=[mbd.Phase("reach", reaching, 1, path=[grip.reaction_on(load).force[0] <= 1]), carry],
+    )
+    impulsive = mbd.Phase("reach", reaching, 1, initial=[grip.impulse_on(load).force[0] <= 1])
+    refused("impulse", mbd.ExpressionError, phases=[impulsive, carry])
+    with pytest.raises(mbd.ModelError, match="has no duration"):
+        mbd.Phase("now", reaching, 0, path=[tau <= 1])
+    landed = mbd.Phase("landed", carrying, 0, initial=[tau == 1])
+    refused("not known at an instant", mbd.ExpressionError, phases=[reach, landed])
+    good = problem(phases=[reach, carry], terminal_cost=mbd.t)
+    with pytest.raises(mbd.ModelError, match="unknown argument"):
+        good.replace(duration=2)
+    with pytest.raises(mbd.ModelError, match="not those of the phases"):
+        mbd.optimize(good, guess=mbd.simulate(reaching, duration=0.1))
+    with pytest.raises(mbd.ModelError, match="takes a list of guesses"):
+        mbd.optimize(good, starts=3)
+
+
+def test_a_failure_names_the_phase():
+    _arm, _load, _tau, _hinge, _grip, reaching, carrying, start, end, _J1, _J2 = gripper(limit=0.1)
+    reach = mbd.Phase("reach", reaching, (0.05, 0.3), initial=start)
+    carry = mbd.Phase("carry", carrying, (0.05, 0.3), final=end)
+    with pytest.raises(mbd.OptimizationError, match="phase '(reach|carry)'") as caught:
+        mbd.optimize(mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t), intervals=8)
+    assert caught.value.largest_violations

@@ -1,0 +1,290 @@
+"""Simulation through mechanisms that change at events, against closed forms."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+import mbdcasadi as mbd
+
+G = 9.81
+
+
+def wheel(n=8, m=2.0, J0=0.1, slope=0.08, spokes=5):
+    """A rimless wheel, its mechanisms by the spoke it stands on, the landings, and the recursion of its speed."""
+    half, l = np.pi / n, 1.0  # noqa: E741
+    body = mbd.Body("wheel", mass=m, inertia=J0, pose=(-l * np.sin(half), l * np.cos(half), 0.0), velocity=(1, 0, -1))
+    feet = [body.at(-l * np.sin(-half - 2 * half * k), -l * np.cos(-half - 2 * half * k)) for k in range(spokes)]
+    pins = [mbd.Revolute(f"spoke {k}", mbd.ground.at(2 * l * np.sin(half) * k, 0), f) for k, f in enumerate(feet)]
+    gravity = mbd.Gravity((G * np.sin(slope), -G * np.cos(slope)))
+    on = [mbd.Mechanism(bodies=[body], joints=[pin], forces=[gravity]) for pin in pins]
+    landings = [
+        mbd.Event(f"spoke {k} lands", feet[k].y, direction=-1, during=on[k - 1], becomes=on[k])
+        for k in range(1, spokes)
+    ]
+    J = J0 + m * l**2
+    mu = (J0 + m * l**2 * np.cos(2 * half)) / J
+    gain = 4 * m * G * l * np.sin(half) * np.sin(slope) / J
+    return body, pins, on, landings, mu, gain, J
+
+
+def roll(method="idas", t=2.5, **more):
+    body, _, on, landings, *_ = wheel()
+    return mbd.simulate(
+        on[0],
+        np.linspace(0, t, 101),
+        initial=[body.phi == 0, body.omega == -1.0],
+        events=landings,
+        method=method,
+        reltol=1e-11,
+        abstol=1e-11,
+        **more,
+    )
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_a_rimless_wheel(method):
+    body, pins, on, landings, mu, gain, J = wheel()
+    motion = mbd.simulate(
+        on[0],
+        np.linspace(0, 2.5, 101),
+        initial=[body.phi == 0, body.omega == -1.0],
+        events=landings,
+        method=method,
+        reltol=1e-11,
+        abstol=1e-11,
+    )
+    assert len(motion.events) >= 2
+    speed, energy, last = 1.0, motion.energy, 0
+    for k, event in enumerate(motion.events, start=1):
+        before = np.sqrt(speed**2 + gain)
+        assert -event.state[body.omega] == pytest.approx(before, abs=1e-9)
+        speed = mu * before
+        assert -event.after[body.omega] == pytest.approx(speed, abs=1e-9)
+        # the impulse changes the momentum, and the energy falls by what the impact takes
+        change = 2.0 * (event.after[body.velocity] - event.state[body.velocity])
+        np.testing.assert_allclose(event.after[pins[k].impulse_on(body).force], change, atol=1e-9)
+        i = int(np.flatnonzero(motion.t == event.t)[0])
+        assert motion.t[i + 1] == event.t
+        loss = J / 2 * (before**2 - speed**2)
+        assert energy.total[i] - energy.total[i + 1] == pytest.approx(loss, abs=1e-8)
+        assert np.ptp(energy.total[last : i + 1]) < 1e-7
+        last = i + 1
+    first = motion.events[0].t
+    half, slope = np.pi / 8, 0.08
+    exact = quad(
+        lambda x: 1 / np.sqrt(1 + 2 * 2.0 * G / J * (np.cos(slope - half) - np.cos(x))), slope - half, slope + half
+    )[0]
+    assert first == pytest.approx(exact, abs=1e-9)
+    assert [part.mechanism for part in motion.phases] == on[: len(motion.events) + 1]
+
+
+def test_results_evaluate_over_all_phases():
+    motion = roll()
+    body = motion.mechanism.bodies[0]
+    pins = motion.mechanism.joints
+    first = motion.events[0].t
+    on_first = np.zeros(len(motion), bool)
+    on_first[: len(motion.phases[0])] = True
+    force = motion[pins[0].reaction_on(body).force]
+    assert np.all(force[~on_first] == 0) and np.all(np.abs(force[on_first, 1]) > 1)
+    assert np.all(motion[pins[1].reaction_on(body).force][on_first] == 0)
+    assert motion.drift.position < 1e-12 and motion.drift.velocity < 1e-11
+    before, at, after = motion.at([first - 1e-3, first, first + 1e-3])[body.omega]
+    assert at == pytest.approx(motion.events[0].state[body.omega], abs=1e-10)
+    assert abs(before - at) < 0.01 and abs(at - after) > 0.3
+    assert motion.at(np.nextafter(first, 9))[body.omega][0] == pytest.approx(motion.events[0].after[body.omega])
+    # unsorted times, and one beyond the end
+    np.testing.assert_allclose(motion.at([first + 1e-3, first - 1e-3])[body.omega], [after, before])
+    with pytest.raises(mbd.MechanismError, match="covers"):
+        motion.at(99.0)
+    assert motion.initial[pins[0].reaction_on(body).force][1] > 0
+    assert motion.final.mechanism is motion.phases[-1].mechanism
+    assert motion.final[pins[0].reaction_on(body).force][1] == 0
+
+
+def thrown(angle=0.6):
+    """A ball on an arm that turns evenly, let go."""
+    arm = mbd.Body("arm", mass=1.0, inertia=0.1, pose=(0.5, 0, 0))
+    ball = mbd.Body("ball", mass=0.2, inertia=0.01, pose=(1.0, 0, 0))
+    hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    hand = mbd.Weld("hand", arm.at(0.5, 0), ball.at(0, 0))
+    turn = mbd.Driver("turn", hinge.angle, 3.0 * mbd.t)
+    held = mbd.Mechanism(bodies=[arm, ball], joints=[hinge, hand], drivers=[turn], forces=[mbd.Gravity()])
+    free = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity()])
+    release = mbd.Event("release", hinge.angle - angle, direction=1, becomes=free)
+    return arm, ball, hand, held, free, release
+
+
+def test_bodies_leave():
+    arm, ball, hand, held, _free, release = thrown()
+    motion = mbd.simulate(held, np.linspace(0, 0.5, 51), events=[release])
+    (event,) = motion.events
+    assert event.t == pytest.approx(0.2, abs=1e-9)
+    np.testing.assert_allclose(event.after[ball.velocity], event.state[ball.velocity], atol=1e-12)
+    flying = np.arange(len(motion)) >= len(motion.phases[0])
+    assert np.all(np.isnan(motion[arm.phi][flying])) and np.all(np.isfinite(motion[arm.phi][~flying]))
+    t = motion.t[flying] - 0.2
+    x, y = np.cos(0.6), np.sin(0.6)
+    np.testing.assert_allclose(motion[ball.x][flying], x - 3 * y * t, atol=1e-8)
+    np.testing.assert_allclose(motion[ball.y][flying], y + 3 * x * t - G * t**2 / 2, atol=1e-8)
+    assert np.all(motion[hand.reaction_on(ball).force][flying] == 0)
+    assert np.all(np.isfinite(motion.energy.total))
+    assert motion.statistics.restarts > 0 and motion.statistics.method
+
+
+def test_a_ball_that_bounces_by_restitution_and_comes_to_rest_is_an_error():
+    """Bounces at closed-form times; where they accumulate the run ends with the remedy, and what was computed."""
+    ball = mbd.Body("ball", mass=0.4, inertia=1e-3, pose=(0, 1.0, 0))
+    floor = mbd.AbsoluteY("floor", ball.at(0, 0), 0.0)
+    free = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity()])
+    e = 0.5
+    bounce = mbd.Event("bounce", ball.y, direction=-1, becomes=free, during=free, restitution={floor: e})
+    motion = mbd.simulate(free, np.linspace(0, 1.0, 101), events=[bounce])
+    v, t = np.sqrt(2 * G), np.sqrt(2 / G)
+    for event in motion.events:
+        assert event.t == pytest.approx(t, abs=1e-8)
+        assert event.after[ball.vy] == pytest.approx(e * v, abs=1e-7)
+        assert event.after[floor.impulse_on(ball).force[1]] == pytest.approx(0.4 * (1 + e) * v, abs=1e-7)
+        v, t = e * v, t + 2 * e * v / G
+    with pytest.raises(mbd.SimulationError, match="'bounce'.*the joint holds") as caught:
+        mbd.simulate(free, np.linspace(0, 3, 31), events=[bounce])
+    assert caught.value.time == pytest.approx(np.sqrt(2 / G) * (1 + 2 * e / (1 - e)), abs=1e-3)
+    assert caught.value.partial.t[-1] > 1.2
+
+
+def test_joints_that_close_at_one_instant_close_in_one_impact():
+    """A beam that falls level onto two supports; whatever the order of the events, it stays level."""
+    beam = mbd.Body("beam", mass=2.0, inertia=0.5, pose=(0, 0.5, 0))
+    left, right = beam.at(-1, 0), beam.at(1, 0)
+    on_left, on_right = mbd.AbsoluteY("left", left, 0.0), mbd.AbsoluteY("right", right, 0.0)
+    air = mbd.Mechanism(bodies=[beam], forces=[mbd.Gravity()])
+    one, other, both = (air.replace(joints=j) for j in ([on_left], [on_right], [on_left, on_right]))
+    events = [
+        mbd.Event("left lands", left.y, direction=-1, during=air, becomes=one),
+        mbd.Event("right lands", right.y, direction=-1, during=air, becomes=other),
+        mbd.Event("right lands too", right.y, direction=-1, during=one, becomes=both),
+        mbd.Event("left lands too", left.y, direction=-1, during=other, becomes=both),
+    ]
+    for order in (events, events[::-1]):
+        motion = mbd.simulate(air, np.linspace(0, 1, 21), events=order)
+        v = np.sqrt(2 * G * 0.5)
+        after = motion.events[-1].after
+        assert after.mechanism is both
+        assert abs(after[beam.omega]) < 1e-12 and abs(after[beam.vy]) < 1e-12
+        for joint in (on_left, on_right):
+            assert after[joint.impulse_on(beam).force[1]] == pytest.approx(v, abs=1e-7)
+        assert abs(motion.final[beam.phi]) < 1e-12
+    with pytest.raises(mbd.SimulationError, match="lead to different mechanisms"):
+        mbd.simulate(air, np.linspace(0, 1, 21), events=events[:2])
+
+
+def test_what_closes_must_be_there():
+    _arm, ball, _hand, held, free, _ = thrown()
+    apart = held.replace(joints=[held.joint("hinge")])
+    grip = mbd.Event("grip", mbd.t - 0.1, direction=1, during=apart, becomes=held)
+    with pytest.raises(mbd.SimulationError, match=r"event 'grip' at t = 0\.1 s: the position of 'hand\.[xy]'"):
+        mbd.simulate(apart, np.linspace(0, 0.5, 11), initial=[ball.x == 1, ball.y == 0, ball.phi == 0], events=[grip])
+    comes = mbd.Event("comes", ball.y + 0.1, direction=-1, during=free, becomes=held)
+    with pytest.raises(mbd.SimulationError, match="body 'arm'.*may leave, not come"):
+        mbd.simulate(free, np.linspace(0, 0.5, 11), events=[comes])
+
+
+def test_a_parameter_takes_the_place_where_a_foot_lands():
+    block = mbd.Body("block", mass=1.0, inertia=0.1, pose=(0, 1.0, 0), velocity=(2.0, 0, 0))
+    place = mbd.Parameter("place", 0.0)
+    air = mbd.Mechanism(bodies=[block], forces=[mbd.Gravity()])
+    pin = mbd.Revolute("pin", mbd.ground.at(place, 0), block.at(0, 0))
+    landed = mbd.Mechanism(bodies=[block], joints=[pin], forces=[mbd.Gravity()], parameters=[place])
+    lands = mbd.Event("lands", block.y, direction=-1, becomes=landed, reset={place: block.x}, terminal=True)
+    motion = mbd.simulate(air, np.linspace(0, 1, 21), events=[lands])
+    t = np.sqrt(2 / G)
+    assert motion.t[-1] == motion.t[-2] == pytest.approx(t, abs=1e-9)
+    assert motion[place][-1] == pytest.approx(2 * t, abs=1e-8) and motion[place][0] == 0.0
+    assert abs(motion.final[block.vx]) < 1e-12 and motion.final[place] == pytest.approx(2 * t, abs=1e-8)
+    with pytest.raises(mbd.SimulationError, match=r"'pin\.x'"):
+        again = mbd.Event("lands", block.y, direction=-1, becomes=landed)
+        mbd.simulate(air, np.linspace(0, 1, 21), events=[again])
+
+
+def test_a_reaction_that_pulls_lets_go_at_once():
+    """A ball on a track that falls away: the joint would pull from the first instant on."""
+    ball = mbd.Body("ball", mass=1.0, inertia=0.1, velocity=(1.0, 0, 0))
+    track = mbd.Constraint("track", ball.y + 20 * ball.x**2)
+    on = mbd.Mechanism(bodies=[ball], joints=[track], forces=[mbd.Gravity()])
+    off = on.replace(joints=[])
+    lifts = mbd.Event("lifts off", track.reaction_on(ball).force[1], direction=-1, becomes=off)
+    motion = mbd.simulate(on, np.linspace(0, 0.1, 11), initial=[ball.x == 0, ball.vx == 1], events=[lifts])
+    assert [e.t for e in motion.events] == [0.0]
+    np.testing.assert_allclose(motion[ball.y][1:], -G * motion.t[1:] ** 2 / 2, atol=1e-9)
+
+
+def test_controllers_samples_and_resets_go_on():
+    """A controller is called at its own instants through a change, and holds its values across it."""
+    block = mbd.Body("block", mass=1.0, inertia=0.1)
+    f = mbd.Input("f")
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    one = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Force("push", block.at(0, 0), (f, 0))], inputs=[f])
+    drag = mbd.Force("drag", block.at(0, 0), (-0.5, 0))
+    other = one.replace(forces=[*one.forces, drag])
+    change = mbd.Event("mud", mbd.t - 0.25 + 0 * block.x, direction=1, during=one, becomes=other)
+    called = []
+
+    def answer(time, state):
+        called.append(time)
+        return {f: 1.0 if time < 0.35 else 2.0}
+
+    motion = mbd.simulate(one, np.linspace(0, 0.5, 51), inputs=mbd.SampledController(answer, 0.1), events=[change])
+    np.testing.assert_allclose(called, [0, 0.1, 0.2, 0.3, 0.4], atol=1e-12)
+    speed = 0.25 * 1 + 0.15 * 0.5 + 0.1 * 1.5
+    assert motion.final[block.vx] == pytest.approx(speed, abs=1e-8)
+    samples = mbd.simulate(one, np.linspace(0, 0.5, 51), inputs={f: np.linspace(0, 1, 51)}, events=[change])
+    assert samples.final[block.vx] == pytest.approx(0.25 - 0.125, abs=1e-8)
+    kick = mbd.Event("kick", block.x - 0.05, direction=1, reset={block.vx: block.vx + 1})
+    kicked = mbd.simulate(one, np.linspace(0, 0.5, 51), inputs={f: 1.0}, events=[change, kick])
+    assert [e.name for e in kicked.events] == ["mud", "kick"]
+    assert kicked.final[block.vx] == pytest.approx(0.25 + 0.125 + 1, abs=1e-7)
+
+
+def test_exact_friction_in_every_phase():
+    """A block slides to rest by dry friction after a second block has left it."""
+    block = mbd.Body("block", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
+    rider = mbd.Body("rider", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    seat = mbd.Weld("seat", block.at(0, 0), rider.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.2))
+    both = mbd.Mechanism(bodies=[block, rider], joints=[guide, seat], forces=[mbd.Gravity(), rub])
+    alone = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub])
+    jump = mbd.Event("jump", mbd.t - 0.3 + 0 * rider.x, direction=1, during=both, becomes=alone)
+    motion = mbd.simulate(both, np.linspace(0, 2, 101), initial=[block.vx == 2.0], events=[jump])
+    stop = 2.0 / (0.2 * G)
+    assert motion.final[block.vx] == pytest.approx(0, abs=1e-9)
+    assert motion.final[block.x] == pytest.approx(stop, abs=1e-6)  # v² / (2 mu g) = 1 stop
+    assert any("rub" in e.name for e in motion.events)
+
+
+def test_events_say_what_is_wrong():
+    ball = mbd.Body("ball", mass=1, inertia=1)
+    free = mbd.Mechanism(bodies=[ball])
+    floor = mbd.AbsoluteY("floor", ball.at(0, 0), 0.0)
+    p = mbd.Parameter("p", 0.0)
+    with pytest.raises(mbd.ModelError, match="becomes= takes a Mechanism"):
+        mbd.Event("a", ball.y, becomes=ball)
+    with pytest.raises(mbd.ModelError, match="during= takes"):
+        mbd.Event("a", ball.y, becomes=free, during=[ball])
+    with pytest.raises(mbd.ModelError, match="during= is empty"):
+        mbd.Event("a", ball.y, becomes=free, during=[])
+    with pytest.raises(mbd.ModelError, match="give becomes= too"):
+        mbd.Event("a", ball.y, restitution={floor: 0.5})
+    with pytest.raises(mbd.ModelError, match="from 0 to 1"):
+        mbd.Event("a", ball.y, becomes=free, restitution={floor: 1.5})
+    with pytest.raises(mbd.ModelError, match="velocities follow from the impulses"):
+        mbd.Event("a", ball.y, becomes=free, reset={ball.vy: 0})
+    with pytest.raises(mbd.ModelError, match="'p', which the mechanism of becomes= does not have"):
+        mbd.Event("a", ball.y, becomes=free, reset={p: ball.x})
+    other = mbd.Body("other", mass=1, inertia=1)
+    away = mbd.Event("a", other.y, becomes=mbd.Mechanism(bodies=[ball]))
+    with pytest.raises(mbd.ModelError, match="looked for in none"):
+        mbd.simulate(free, duration=1.0, events=[away])
+    with pytest.raises(mbd.ModelError, match="occurs twice"):
+        twin = mbd.Mechanism(bodies=[mbd.Body("ball", mass=1, inertia=1)])
+        mbd.simulate(free, duration=1.0, events=[mbd.Event("a", ball.y - 1, becomes=twin)])

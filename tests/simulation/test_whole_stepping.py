@@ -1,0 +1,330 @@
+"""Runs by DOP853, in C and without a compiler: against closed forms, IDAS and SciPy."""
+
+import gc
+import os
+import threading
+import warnings
+
+import numpy as np
+import pytest
+from linkages import four_bar, n_four_bar, pendulum, slider_crank
+from random_mechanisms import random_case
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+
+import mbdcasadi as mbd
+from mbdcasadi.integrators.dop853 import build
+
+compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
+
+#: Seeds of random mechanisms that lock up within half a second, from far beyond what any method follows.
+LOCKED = (15, 26)
+
+
+@pytest.fixture(params=["in C", "stepwise"])
+def way(request, monkeypatch):
+    """Both ways in which the method runs."""
+    if request.param == "stepwise":
+        monkeypatch.setenv("CC", "no-such-compiler")
+    elif build.compiler() is None:
+        pytest.skip("no C compiler")
+    return request.param
+
+
+def without_compiler(monkeypatch, run):
+    """What a run gives without a compiler."""
+    with monkeypatch.context() as patch:
+        patch.setenv("CC", "no-such-compiler")
+        motion = run()
+    assert "without C" in motion.statistics.notes[0]
+    return motion
+
+
+# --- closed forms ------------------------------------------------------------------------------------
+def test_period_of_a_pendulum(way):
+    """The period of a swing of 90° is a complete elliptic integral."""
+    f = pendulum(angle=0.0)
+    inertia = 1.0 * 0.5**2 + float(f.rod.inertia)
+    period = 4 * np.sqrt(inertia / (9.81 * 0.5)) * ellipk(np.sin(np.pi / 4) ** 2)
+    motion = mbd.simulate(f.mechanism, [0, period / 2, period], method=mbd.DOP853(1e-12, 1e-12))
+    assert motion.final[f.rod.phi] == pytest.approx(0.0, abs=1e-9)
+    assert motion[f.rod.phi][1] == pytest.approx(-np.pi, abs=1e-9)
+    assert ("without C" in motion.statistics.notes[0]) == (way == "stepwise")
+
+
+def test_reactions_of_a_pendulum(way):
+    """Accelerations and reactions at outputs are those of the equations of motion there."""
+    f = pendulum(angle=0.0)
+    motion = mbd.simulate(f.mechanism, np.linspace(0, 1, 21), method="dop853")
+    phi, omega = motion[f.rod.phi], motion[f.rod.omega]
+    inertia = 0.25 + float(f.rod.inertia)
+    np.testing.assert_allclose(motion[f.rod.alpha], -9.81 * 0.5 * np.cos(phi) / inertia, atol=1e-8)
+    # along the rod the pin holds the weight's component and the centripetal force
+    a = np.column_stack([motion[f.rod.ax], motion[f.rod.ay] + 9.81])
+    along = np.column_stack([np.cos(phi), np.sin(phi)])
+    np.testing.assert_allclose(np.sum(a * along, axis=1), 9.81 * np.sin(phi) - 0.5 * omega**2, atol=1e-7)
+    np.testing.assert_allclose(np.abs(motion.lam[:, :2]), np.abs(a), atol=1e-7)
+
+
+def test_drift_of_constraints(way):
+    """Every step is projected: outputs meet positions and velocities to rounding, energy hardly drifts."""
+    f = four_bar(0.5, forces=[mbd.Gravity()])
+    motion = mbd.simulate(f.mechanism, np.linspace(0, 10, 101), initial=[f.crank.omega == 200.0], method="dop853")
+    assert abs(motion.final[f.crank.phi]) > 1000
+    assert motion.drift.position < 1e-12
+    assert motion.drift.velocity < 1e-10
+    assert np.ptp(motion.energy.total) < 1e-6 * np.abs(motion.energy.kinetic).max()
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10, 1e-12])
+def test_tolerances_against_scipy(way, tolerance):
+    """The error falls with the tolerance as that of SciPy's method on the same equations."""
+    f = pendulum(angle=0.3)
+    eom = mbd.equations(f.mechanism)
+    start = mbd.assemble(f.mechanism)
+    none = np.zeros(0)
+
+    def rate(t, y):
+        a, _ = eom.forward_dynamics(t, y[:3], y[3:], none, none, eom.parameter_values)
+        return np.r_[y[3:], a.full().ravel()]
+
+    times = np.linspace(0, 3, 7)
+    y0 = np.r_[start.q, start.v]
+    exact = solve_ivp(rate, (0, 3), y0, "DOP853", times, rtol=1e-13, atol=1e-14).y[:3].T
+    peer = solve_ivp(rate, (0, 3), y0, "DOP853", times, rtol=tolerance, atol=tolerance).y[:3].T
+    motion = mbd.simulate(f.mechanism, times, method=mbd.DOP853(tolerance, tolerance))
+    error, other = np.abs(motion.q - exact).max(), np.abs(peer - exact).max()
+    assert error < max(3 * other, 1e-11)
+    assert error < 1e3 * tolerance
+
+
+# --- in C and without, and IDAS ----------------------------------------------------------------------
+def compare(seed, monkeypatch):
+    """One random mechanism in C, without a compiler, and by IDAS."""
+    mechanism = random_case(seed).mechanism
+    start = mbd.assemble(mechanism)
+    times = np.linspace(0, 0.4, 9)
+
+    def run(method="dop853"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", mbd.MechanismWarning)
+            return mbd.simulate(mechanism, times, initial=start, method=method)
+
+    if random_case(seed).redundant:
+        with pytest.raises(mbd.SimulationError, match=r"dop853.*repeated"):
+            run()
+        return
+    motion, other = run(), without_compiler(monkeypatch, run)
+    size = 1 + np.abs(motion.q).max()
+    np.testing.assert_allclose(other.q, motion.q, atol=1e-11 * size)
+    np.testing.assert_allclose(other.a, motion.a, atol=1e-8 * (1 + np.abs(motion.a).max()))
+    np.testing.assert_allclose(other.lam, motion.lam, atol=1e-8 * (1 + np.abs(motion.lam).max()))
+    np.testing.assert_allclose(motion.q, run(mbd.IDAS(1e-10, 1e-10)).q, atol=2e-6 * size)
+    assert motion.drift.position < 1e-12 * size
+
+
+@compiled_only
+@pytest.mark.parametrize("seed", [s for s in range(34) if s not in LOCKED])
+def test_random_mechanisms(seed, monkeypatch):
+    compare(seed, monkeypatch)
+
+
+@compiled_only
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(34, 200))
+def test_more_random_mechanisms(seed, monkeypatch):
+    compare(seed, monkeypatch)
+
+
+@compiled_only
+def test_compiled_and_interpreted_equations_agree(tmp_path, monkeypatch):
+    """The compiler must not change the rounding of the interpreter."""
+    monkeypatch.setenv("MBDCASADI_CACHE", str(tmp_path))
+    mechanism = n_four_bar(3).mechanism
+    times = np.linspace(0, 0.5, 11)
+    interpreted = mbd.simulate(mechanism, times, method="dop853")
+    compiled = mbd.simulate(mechanism, times, method=mbd.DOP853(jit=True))
+    assert "interpreted" in interpreted.statistics.notes[0]
+    assert "compiled" in compiled.statistics.notes[0] and "interpreted" not in compiled.statistics.notes[0]
+    np.testing.assert_allclose(compiled.q, interpreted.q, atol=1e-12)
+
+
+# --- inputs, states, drivers, events -------------------------------------------------------------------
+def cart(**more):
+    """A cart of 2 kg with a force on it."""
+    u = mbd.Input("u")
+    body = mbd.Body("cart", mass=2.0, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    push = mbd.Force("push", body.at(0, 0), (u, 0))
+    return body, u, mbd.Mechanism(bodies=[body], joints=[rail], forces=[push], inputs=[u], **more)
+
+
+def test_inputs(way):
+    """A number, samples with a kink, an expression in time, and feedback."""
+    body, u, mechanism = cart()
+    times = np.linspace(0, 2, 9)
+    end = [mbd.simulate(mechanism, times, inputs={u: given}, method="dop853").final[body.x] for given in (
+        3.0,
+        np.where(times < 1, 4.0 * times, 4.0),
+        mbd.sin(3 * mbd.t),
+    )]  # fmt: skip
+    assert end[0] == pytest.approx(3.0, rel=1e-9)
+    # up to 1 s: x = t³/3, v = t²; then with 2 m/s²
+    assert end[1] == pytest.approx(1 / 3 + 1.0 + 1.0, rel=1e-8)
+    assert end[2] == pytest.approx((2 - np.sin(6) / 3) / 3 / 2, rel=1e-7)
+    swing = mbd.simulate(mechanism, times, initial=[body.x == 1.0], inputs={u: -8.0 * body.x}, method="dop853")
+    np.testing.assert_allclose(swing[body.x], np.cos(2 * times), atol=1e-6)
+
+
+def test_first_order_states(way):
+    """A motor current that decays into a force."""
+    z = mbd.StateVariable("z", value=1.0)
+    body = mbd.Body("cart", mass=2.0, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    forces = [mbd.Force("push", body.at(0, 0), (z, 0))]
+    mechanism = mbd.Mechanism(bodies=[body], joints=[rail], forces=forces, states={z: -5 * z})
+    motion = mbd.simulate(mechanism, [0, 1.0], method="dop853")
+    assert motion.final[z] == pytest.approx(np.exp(-5), rel=1e-7)
+    assert motion.final[body.vx] == pytest.approx((1 - np.exp(-5)) / 10, rel=1e-7)
+
+
+def test_a_driven_mechanism(way):
+    """Constraints in time: the slider follows the crank, with the velocity and acceleration of the closed form."""
+    f = slider_crank(0.4, drivers=lambda f: [mbd.Driver("speed", f.A.angle, 0.4 + 3 * mbd.t)])
+    motion = mbd.simulate(f.mechanism, np.linspace(0, 2, 41), method="dop853")
+    theta = 0.4 + 3 * motion.t
+    x = 0.15 * np.cos(theta) + np.sqrt(0.45**2 - (0.15 * np.sin(theta)) ** 2)
+    np.testing.assert_allclose(motion[f.slider.x], x, atol=1e-11)
+
+
+def test_bounces(way):
+    """A ball with restitution: every bounce at its time, to rounding."""
+    ball = mbd.Body("ball", mass=1.0, inertia=0.1, pose=(0, 1, 0))
+    bounce = mbd.Event("bounce", ball.y, direction=-1, reset={ball.vy: -0.8 * ball.vy})
+    mechanism = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity()])
+    motion = mbd.simulate(mechanism, [0, 2.0], events=[bounce], method="dop853")
+    fall = np.sqrt(2 / 9.81)
+    expected = [fall, fall * (1 + 2 * 0.8), fall * (1 + 2 * (0.8 + 0.64))]
+    found = [event.t for event in motion.events]
+    np.testing.assert_allclose(found, [t for t in expected if t < 2.0], atol=1e-9)
+
+
+def test_events_between_far_outputs(way):
+    """Events inside one long step are found in both directions, and a terminal one ends the run."""
+    f = pendulum(angle=0.0)
+    below = mbd.Event("below", mbd.cos(f.rod.phi), direction=0)
+    stop = mbd.Event("stop", f.rod.omega, direction=1, terminal=True)
+    motion = mbd.simulate(f.mechanism, [0, 10.0], events=[below, stop], method="dop853")
+    inertia = 0.25 + float(f.rod.inertia)
+    period = 4 * np.sqrt(inertia / (9.81 * 0.5)) * ellipk(0.5)
+    assert [event.name for event in motion.events] == ["below", "stop"]
+    assert motion.events[0].t == pytest.approx(period / 4, abs=1e-7)
+    assert motion.events[1].t == pytest.approx(period / 2, abs=1e-7)
+    assert motion.t[-1] == pytest.approx(period / 2, abs=1e-7)
+
+
+def test_the_longest_step(way):
+    """A limit on the step makes more of them."""
+    f = pendulum(angle=0.0)
+    free = mbd.simulate(f.mechanism, [0, 2.0], method="dop853")
+    held = mbd.simulate(f.mechanism, [0, 2.0], method=mbd.DOP853(max_step=1e-3))
+    assert held.final[f.rod.phi] == pytest.approx(free.final[f.rod.phi], abs=1e-7)
+    assert np.ptp(held.energy.total) < 1e-11
+
+
+# --- what it refuses -------------------------------------------------------------------------------------
+def test_stiff_motion_is_refused(way):
+    """A hard spring with a strong damper: stability asks for 1e7 steps, and the error says so with the remedy."""
+    body, u, _ = cart()
+    damper = mbd.Force("damper", body.at(0, 0), (-1e8 * body.vx + u, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    mechanism = mbd.Mechanism(bodies=[body], joints=[rail], forces=[damper], inputs=[u])
+    with pytest.raises(mbd.SimulationError, match=r'too stiff for method="dop853".*method="idas"') as raised:
+        mbd.simulate(mechanism, [0, 5.0], inputs={u: 1.0}, method="dop853")
+    assert 0 <= raised.value.time < 1.0
+
+
+def test_friction_by_reactions_is_refused_by_name(way):
+    body = mbd.Body("block", mass=1.0, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    friction = mbd.JointFriction("rub", rail, mbd.Coulomb(0.2, 1e-3), length=0.2)
+    mechanism = mbd.Mechanism(bodies=[body], joints=[rail], forces=[friction, mbd.Gravity()])
+    with pytest.raises(mbd.SimulationError, match=r'dop853.*rub.*method="idas"'):
+        mbd.simulate(mechanism, duration=0.1, method="dop853")
+
+
+def test_options_and_other_analyses_are_refused():
+    with pytest.raises(mbd.SimulationError, match="DOP853 takes no options, got 'max_num_steps'"):
+        mbd.DOP853(options={"max_num_steps": 3})
+    with pytest.raises(mbd.SimulationError, match="reltol must be positive"):
+        mbd.DOP853(reltol=-1)
+    f = pendulum()
+    speed = f.rod.omega == 1.0
+    with pytest.raises(mbd.SimulationError, match='dop853.*derivatives.*method="erk"'):
+        mbd.sensitivities(f.mechanism, [0, 1.0], {"angle": f.rod.phi}, [speed], initial=[speed], method="dop853")
+
+
+def test_jit_without_a_compiler(monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.delenv("CC", raising=False)
+    with pytest.raises(mbd.SimulationError, match="jit=True needs a C compiler"):
+        mbd.DOP853(jit=True)
+
+
+# --- threads, Ctrl-C, memory -------------------------------------------------------------------------------
+def test_eight_threads(way):
+    """Runs of one mechanism in eight threads are those of one thread."""
+    f = four_bar(0.5, forces=[mbd.Gravity()])
+    times = np.linspace(0, 1, 11)
+
+    def run(k):
+        return mbd.simulate(f.mechanism, times, initial=[f.crank.omega == 5.0 + k], method="dop853").q
+
+    expected = [run(k) for k in range(8)]
+    found = [None] * 8
+
+    def work(k):
+        found[k] = run(k)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+
+
+@pytest.mark.skipif(not hasattr(__import__("signal"), "setitimer"), reason="no timers")
+def test_interruption(way):
+    """Ctrl-C in a long run comes back within a second, with what was computed."""
+    import signal
+
+    f = four_bar(0.5, forces=[mbd.Gravity()])
+    signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    signal.setitimer(signal.ITIMER_REAL, 1.5)
+    try:
+        with pytest.raises(mbd.Interrupted) as raised:
+            method = mbd.DOP853(max_step=1e-5)
+            mbd.simulate(f.mechanism, np.linspace(0, 1000, 11), initial=[f.crank.omega == 20.0], method=method)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    assert 0 <= raised.value.time < 1000
+
+
+@compiled_only
+@pytest.mark.slow
+def test_memory_of_many_runs():
+    """Two thousand runs leave nothing behind."""
+    resource = pytest.importorskip("resource")
+    f = pendulum(angle=0.0)
+
+    def runs(count):
+        for _ in range(count):
+            mbd.simulate(f.mechanism, [0, 0.1], method="dop853")
+        gc.collect()
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+    before = runs(300)
+    assert runs(2000) - before < 4000  # kB
