@@ -10,10 +10,12 @@ import casadi as ca
 import numpy as np
 
 from .derivation import Equations
-from .time_breaks import TimeBreaks, TimeFunctions, merge_breaks, resolution
+from .time_breaks import AWAY_FROM_CORNERS, TimeBreaks, TimeFunctions, merge_breaks, resolution
 
 #: Highest derivative whose jump makes the accelerations jump, by what depends on time.
 _ACCELERATIONS_JUMP = {"position": 2, "velocity": 1, "force": 0}
+#: Difference of two estimates of the size of a jump, relative to it, that is rounding.
+ROUNDED_SIZE = 1e-3
 #: By how much the estimated pose is changed before rows are evaluated in it: in a special pose a jump may vanish.
 _GENERIC = 1e-3
 
@@ -207,6 +209,7 @@ class ExplicitTime:
         for side, edge, at in ((left, start, times <= start + margin), (right, end, times >= end - margin)):
             if np.any(at):
                 side[:, :, at] = row.values(p, np.array([edge]))
+        smoother = row.sides(p, start - margin, times, end + margin, AWAY_FROM_CORNERS)[:2]
         element = eom.row_elements[place].description
         unit = "rad" if eom.angular_rows[place] else "m"
         jumps = []
@@ -217,7 +220,9 @@ class ExplicitTime:
                 if np.isfinite(before) and np.isfinite(after) and abs(after - before) > rounding[order, 0, k]:
                     units = unit if rate == "position" else f"{unit}/s"
                     name = eom.row_names[place]
-                    jumps.append(ConstraintJump(element, name, float(time), rate, after - before, units))
+                    size, refined = after - before, float(smoother[1][order, 0, k] - smoother[0][order, 0, k])
+                    size = refined if abs(refined - size) < ROUNDED_SIZE * abs(size) else size
+                    jumps.append(ConstraintJump(element, name, float(time), rate, size, units))
                     break
         return jumps
 

@@ -32,14 +32,21 @@ _SWITCHING = (
 #: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
 _TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
 
+#: Operations that switch with the motion.
+_IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
+#: Operations by whose values geometry divides: the lengths of springs, and powers of these.
+_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
+
 #: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
 FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
 #: Instants closer than this many units in the last place are one.
 SAME_INSTANT = 32
 #: Offset from an instant at which its sides are evaluated, relative to the distance of the next one.
 SIDE = 1e-6
+#: The same for the size of a jump that is known: limits of ``acos(cos(t))`` are rounded near to its corners.
+AWAY_FROM_CORNERS = 1e-3
 #: Relative jumps, of a value and of its first and second derivatives, that are more than rounding.
-JUMP_TOLERANCES = (1e-9, 1e-8, 1e-7)
+JUMP_TOLERANCES = (1e-11, 1e-8, 1e-7)
 #: A transient counts as short below this share of the interval.
 SHORT_TRANSIENT = 1 / 20
 #: Steps in which a bracketed root is found to the last bit: by halving alone in the worst case.
@@ -208,13 +215,13 @@ class TimeFunctions:
         return _values(self._of_whole, p, times)
 
     def sides(
-        self, p: np.ndarray, start: float, times: np.ndarray, end: float
+        self, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Limits of ``f, f', f''`` of the expressions before and after instants, and what is rounding between them.
 
-        Each (3, expressions, k).
+        Each (3, expressions, k). They are evaluated at a distance `side`, relative to that of the next instant.
         """
-        return _sides(self._of_whole, p, start, times, end)
+        return _sides(self._of_whole, p, start, times, end, side)
 
 
 def _values(function: ca.Function, p: np.ndarray, times: np.ndarray) -> np.ndarray:
@@ -222,13 +229,13 @@ def _values(function: ca.Function, p: np.ndarray, times: np.ndarray) -> np.ndarr
 
 
 def _sides(
-    function: ca.Function, p: np.ndarray, start: float, times: np.ndarray, end: float
+    function: ca.Function, p: np.ndarray, start: float, times: np.ndarray, end: float, side: float = SIDE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Limits on both sides, and what is rounding; see :meth:`TimeFunctions.sides`."""
     borders = np.r_[start, times, end]
     gap = np.minimum(np.diff(borders)[:-1], np.diff(borders)[1:])
     width = resolution(start, end)
-    offset = np.maximum(SIDE * gap, width)
+    offset = np.maximum(side * gap, width)
     points = [times - 2 * offset, times - offset, times + offset, times + 2 * offset]
     points += [borders[:-1] + share * np.diff(borders) for share in (0.2, 0.5, 0.8)]
     places = np.cumsum([part.size for part in points])[:-1]
@@ -483,6 +490,56 @@ def _switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX
         if op in _TRANSIENT:
             transients.append(b if op == ca.OP_DIV else a)
     return _timed(zeros, t), _timed(integers, t), _timed(transients, t)
+
+
+def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Functions of a state at whose zeros expressions switch, and at whose zeros or extrema they may pass quickly.
+
+    Parameters
+    ----------
+    expressions : casadi.SX
+        Of any shape.
+    state : casadi.SX
+        Symbols on one of which a function must depend.
+    unknown : casadi.SX
+        Symbols on none of which it may depend.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
+    ([SX((2-x))], [SX((-sq(x)))])
+    """
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(expressions))
+    function = ca.Function("expressions", [symbols], [ca.vec(ca.densify(expressions))])
+    nodes = function.instructions_sx()
+    switches, transients = [], []
+    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
+        if op not in _IN_STATE and op not in _TRANSIENT:
+            continue
+        node = nodes[k]
+        operands = [node.dep(i) for i in range(node.n_dep())]
+        if op in _COMPARE:
+            switches.append(operands[0] - operands[1])
+        elif op in (ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN):
+            switches.append(operands[-1])
+        elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
+            whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
+            switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
+        elif operands[-1].op() not in _OF_GEOMETRY:
+            transients.append(operands[-1])
+    return _moving(switches, state, unknown), _moving(transients, state, unknown)
+
+
+def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:
+    """Those of the functions that depend on a state and on nothing unknown, each once."""
+    functions = _distinct(functions)
+    if not functions:
+        return []
+    column = ca.vertcat(*functions)
+    moving = ca.which_depends(column, state, 1, True)
+    blurred = ca.which_depends(column, unknown, 1, True) if unknown.numel() else [False] * len(functions)
+    return [f for f, moves, blur in zip(functions, moving, blurred, strict=True) if moves and not blur]
 
 
 def _divisors(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:

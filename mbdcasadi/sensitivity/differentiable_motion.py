@@ -39,6 +39,7 @@ from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
 from ..simulation.gap_closings import has_gaps
+from ..simulation.loop import shortest_unseen_load
 from ..simulation.schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from ..simulation.stepping import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
@@ -48,6 +49,8 @@ from .switching import BorderPassage, Cut
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
 ACCEPTED = 10.0
+#: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
+STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
 #: Courses that are kept.
 COURSES = 64
 
@@ -141,6 +144,7 @@ class DifferentiableMotion:
         self._integrator = integrator
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
         self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
+        self._shortest_load = shortest_unseen_load(setup, integrator)
         start = setup.start
         self._timed = timed_equations(setup, self._integrands)
         self._parts = parts_of_motion(numeric, signals, self._integrands)
@@ -204,9 +208,12 @@ class DifferentiableMotion:
         return DECAY * PIECES / float(self.grid[-1] - self.grid[0])
 
     def _max_step(self, timed: TimeDependence) -> float | None:
-        """Longest step; free flight has steps that jump over short contacts."""
-        watched = float(self.grid[-1] - self.grid[0]) / WATCH_POINTS if self._has_gaps else None
-        return min([limit for limit in (timed.max_step, watched) if limit is not None], default=None)
+        """Longest step; free flight has steps that jump over short contacts, and over what passes quickly."""
+        span = float(self.grid[-1] - self.grid[0])
+        watched = span / WATCH_POINTS if self._has_gaps else None
+        load = max(self._shortest_load / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
+        seen = load if np.isfinite(self._shortest_load) else None
+        return min([limit for limit in (timed.max_step, watched, seen) if limit is not None], default=None)
 
     # --- the course at values of the parameters -----------------------------------------------
     def course(

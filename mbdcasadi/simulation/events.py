@@ -135,6 +135,10 @@ class EventWatch:
         """Rates of the expressions at a state; 0 if the model does not know them."""
         return self._at(self._rates, state)
 
+    def rate_expression(self, index: int) -> ca.SX | None:
+        """Rate of the expression of an event; None if the model does not know it."""
+        return self._rates[index] if self._rate_is_known[index] else None
+
     def accelerations(self, state: State) -> np.ndarray:
         """Second derivatives of the expressions at a state; 0 if the model does not know them."""
         return self._at(self._accelerations, state)
@@ -278,11 +282,12 @@ class EventWatch:
             # value at the interval's start, slope there, and the curvature of a triple that the interval belongs to
             f0, f1, length = values[:-1][first], values[1:][first], h[first]
             rise = (f1 - f0) / length - bend * length
-            with np.errstate(divide="ignore", invalid="ignore"):
+            change = np.abs(f1 - f0) + np.abs(bend) * length**2
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                # without curvature, or beyond all numbers, there is no extremum
                 place = -rise / (2 * bend)
                 extreme = f0 + rise * place / 2
-            change = np.abs(f1 - f0) + np.abs(bend) * length**2
-            near = (place > 0) & (place < length) & (extreme * np.sign(f0) < TOUCHES * change)
+                near = (place > 0) & (place < length) & (extreme * np.sign(f0) < TOUCHES * change)
             offset = first.start or 0
             for k, i in np.argwhere(near & same[first]):
                 if int(i) not in found[int(k) + offset]:

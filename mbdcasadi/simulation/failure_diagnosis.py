@@ -27,7 +27,14 @@ NARROW_FRICTION = 1e-6
 
 
 def cause_of_failure(
-    numeric: NumericEquations, t: float, q: np.ndarray, v: np.ndarray, z: np.ndarray, flag: str, ahead: float
+    numeric: NumericEquations,
+    t: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    z: np.ndarray,
+    flag: str,
+    ahead: float,
+    method: str = "",
 ) -> str:
     """Likely cause of a failure after the state that was reached last.
 
@@ -43,6 +50,8 @@ def cause_of_failure(
         The integrator's own word.
     ahead : float
         How far to look beyond it, s.
+    method : str, optional
+        Name of the integrator, which is not advised again.
     """
     eom = numeric.eom
     said = _FLAGS.get(flag, flag)
@@ -64,7 +73,8 @@ def cause_of_failure(
     if narrow is not None and narrow[0] < NARROW_FRICTION:
         remarks += f"; or {narrow[1].description} is too steep: {narrow[2]} is very narrow, widen it"
     fastest = int(np.argmax(np.abs(v[0])))
+    advice = "events at the jumps" if method == "rosenbrock" else "method='rosenbrock', or events at the jumps,"
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
-        f"at {v[0][fastest]:.3g} per second); method='rosenbrock', or events at the jumps, may help{remarks}"
+        f"at {v[0][fastest]:.3g} per second); {advice} may help{remarks}"
     )

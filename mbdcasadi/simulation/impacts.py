@@ -21,6 +21,10 @@ from .events import EventWatch
 RESET_TOLERANCE = 1e-9
 #: Fraction of a run that counts as one instant: events so near to each other take place together.
 INSTANT = 1e-10
+#: Distance beyond the zero of an event, relative to the coordinates, that a rounded start explains.
+BEYOND_BY_ROUNDING = 1e-5
+#: Times in a row that an event may take place again at once as others answer it, before it does so without end.
+ANSWERS = 20
 #: Rounds of impacts at one instant after which the events drive each other without end.
 ROUNDS = 1000
 #: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
@@ -65,6 +69,8 @@ class Impacts:
     numeric: NumericEquations
     watch: EventWatch
     _last: dict[str, float] = field(default_factory=dict)
+    _in_a_row: dict[str, int] = field(default_factory=dict)
+    _latest: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         for event in self.watch.events:
@@ -134,6 +140,63 @@ class Impacts:
         passing.update(active)
         return active
 
+    # --- at the start of a run ---------------------------------------------------------------
+    def passed_by_rounding(self, state: State) -> list[Event]:
+        """Events with a reset whose expressions are just beyond zero at a start and move on, as if there."""
+        limit = BEYOND_BY_ROUNDING * (1 + float(np.max(np.abs(state.q), initial=0.0)))
+        through = self.watch.moves_through(state)
+        return [e for k, e in enumerate(self.watch.events) if through[k] and 0 < self._beyond(e, state) <= limit]
+
+    def remarks_on_start(self, state: State) -> list[str]:
+        """Sentences on events with a reset that are violated at a start, or of which it is not known."""
+        limit = BEYOND_BY_ROUNDING * (1 + float(np.max(np.abs(state.q), initial=0.0)))
+        rests, at_zero, found = self.watch.rests(state), self.watch.at_zero(state), []
+        for k, event in enumerate(self.watch.events):
+            if not event.reset:
+                continue
+            if k in at_zero and not event.direction and not rests[k] and self._turns_back(event, state):
+                found.append(
+                    f"event '{event.name}' is at its zero at the start, t = {state.t:.6g} s, and counts in both "
+                    "directions: it is taken to have been passed; give it direction=-1 or 1, in which it takes place "
+                    "at once if the motion starts that way"
+                )
+            beyond = self._beyond(event, state)
+            if beyond > limit and k not in at_zero and self._turns_back(event, state):
+                found.append(
+                    f"event '{event.name}' is beyond its zero by {beyond:.3g} at the start, t = {state.t:.6g} s, on "
+                    "the side from which its reset turns the motion back: it cannot take place before the motion has "
+                    "come back; start on the other side"
+                )
+        return found
+
+    @staticmethod
+    def _beyond(event: Event, state: State) -> float:
+        """By how much an expression is on the side to which its event passes; 0 of one that counts both ways."""
+        value = event.direction * float(state[event.expression])
+        return value if np.isfinite(value) else 0.0
+
+    def _turns_back(self, event: Event, state: State) -> bool:
+        """True if a reset turns a motion through the zero of its event back, as a floor does."""
+        eom, k = self.numeric.eom, self.watch.events.index(event)
+        rate = self.watch.rate_expression(k)
+        if rate is None or not ca.depends_on(rate, eom.v):
+            return False
+        slope = np.nan_to_num(np.ravel(state[ca.densify(ca.jacobian(rate, eom.v))]))
+        if not np.any(slope):
+            return False
+        now, way = float(self.watch.rates(state)[k]), float(event.direction or 1)
+        wanted = way * max(abs(now), 1.0) if event.direction else now
+
+        def with_velocity(v: np.ndarray, z: np.ndarray) -> State:
+            return State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
+
+        moving = with_velocity(state.v + slope * (wanted - now) / (slope @ slope), state.z)
+        try:
+            after = with_velocity(*self._jump([event], moving)[:2])
+        except SimulationError:  # no impulse of this reset is possible here
+            return False
+        return bool(float(self.watch.rates(after)[k]) * wanted < 0)
+
     def pressed_through(self, state: State) -> Event | None:
         """An event with a reset at rest at its zero, through which the accelerations press: no reset can hold it."""
         rests, seconds = self.watch.rests(state), self.watch.accelerations(state)
@@ -156,10 +219,17 @@ class Impacts:
             )
 
     def _refuse_accumulation(self, events: Sequence[Event], time: float) -> None:
+        names = {event.name for event in events}
+        alone, self._latest = names == self._latest, names
         for event in events:
             before = self._last.get(event.name)
             self._last[event.name] = time
-            if before is not None and time - before < 10 * self.watch.instant:
+            if before is None or time - before >= 10 * self.watch.instant:
+                self._in_a_row[event.name] = 0
+                continue
+            self._in_a_row[event.name] = self._in_a_row.get(event.name, 0) + 1
+            # an impact that another one answers comes to an end after a few of them
+            if alone or self._in_a_row[event.name] > ANSWERS:
                 raise SimulationError(
                     f"event '{event.name}' takes place ever faster: at t = {before:.12g} s and again "
                     f"{time - before:.3g} s later; its resets come to rest, which a reset cannot hold: make the event "

@@ -14,7 +14,7 @@ from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.impact_law import by_element, jump
-from ..errors import Interrupted, MechanismError, SimulationError
+from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..kinematics.singular import describe_singularity
@@ -28,7 +28,7 @@ from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
 from .failure_diagnosis import cause_of_failure
 from .impacts import INSTANT, Impacts
-from .modes import Modes
+from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
@@ -38,6 +38,7 @@ from .stepping import Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
+from .unseen_loads import UnseenLoads
 from .whole_stepping import WholeStepper, refuse_redundant_rows
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
@@ -45,6 +46,10 @@ APART = 1e-8
 #: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
 #: relative tolerances, from which a constraint counts as one that jumps.
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
+#: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
+NEAR_CORNER = 1e-5
+#: Points of an output interval by which a jump is told from drift.
+CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
@@ -76,6 +81,7 @@ class _Arc:
         self.mode, self.numeric = mode, modes.numeric(mode)
         self.resolution = Resolution(self.numeric)
         self.uniqueness = Uniqueness(self.numeric)
+        self.unseen_loads = UnseenLoads(self.numeric, setup.signals)
         self.own_events = modes.events(mode)
         self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
         regularity = Regularity(self.numeric, state.t, state.q)
@@ -125,7 +131,7 @@ class Run:
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         self._progress = progress
         timed = time_dependence(setup)
-        self.max_step, self._obstacle = timed.max_step, timed.obstacle()
+        self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
         self.span = span = float(grid[-1] - grid[0])
         self.instant = max(INSTANT * span, 4 * np.spacing(max(abs(grid[0]), abs(grid[-1]))))
@@ -146,6 +152,8 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
+        #: shortest of the loads that the steps passed over, s
+        self.shortest_load = np.inf
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
         self.reached: State | None = None
@@ -160,7 +168,13 @@ class Run:
         mechanism = self.setup.mechanism
         conditions = any(c.between_outputs for c in validity_conditions(mechanism))
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
-        return bool(self.events or conditions or smoothed or switching(mechanism) or has_loops(eom))
+        return bool(
+            self.events or conditions or smoothed or switching(mechanism) or has_loops(eom) or self._has_loads()
+        )
+
+    def _has_loads(self) -> bool:
+        """Whether the motion may meet loads that steps pass over."""
+        return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
     def run(self, entry: State | None = None) -> Trajectory:
@@ -229,7 +243,9 @@ class Run:
         self._mode, state = modes.decided(state)
         state = self._ask_controller(state)
         self._enter(state, first=True)
-        self._resolve_impacts(state, [])
+        for remark in self._impacts.remarks_on_start(state):
+            warn(remark)
+        self._resolve_impacts(state, self._impacts.passed_by_rounding(state))
 
     def _resume(self, entry: State) -> None:
         """Go on from a state at any time, at which the mechanism has changed."""
@@ -310,8 +326,8 @@ class Run:
     def _advance(self, last: int) -> bool:
         """Advance by the piece that ends at an index, or by less; whether the run ended."""
         arc = self._arc
-        piece = self._schedule.piece(self._time, self._index, last).through(self._extra_stops)
-        self._extra_stops = np.zeros(0)
+        stops, self._extra_stops = self._extra_stops, np.zeros(0)
+        piece = self._schedule.piece(self._time, self._index, last).through(stops)
         piece, path, failure = self._integrated(piece)
         passage = self._passage(path)
         if passage is not None:
@@ -320,7 +336,24 @@ class Run:
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
+        elif failure is None and not stops.size:
+            piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
+
+    def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """A piece and its path up to a load that the steps of the integrator passed over, or across it."""
+        arc = self._arc
+        tolerances = self.integrator.reltol, self.integrator.abstol
+        load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
+        if load is None:
+            return piece, path, None
+        self.shortest_load = min(self.shortest_load, load.duration)
+        if load.interval == 0:
+            across = piece.until(float(path.times[1])).through(load.stops)
+            return self._integrated(across)
+        self._extra_stops = load.stops
+        end = float(path.times[load.interval])
+        return piece.until(end), path.until(end), None
 
     def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
         """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
@@ -361,7 +394,8 @@ class Run:
             count = int(np.searchsorted(times, deciding[0].time + self.instant, side="right"))
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
-            arc.resolution.note(path.until(deciding[0].time if deciding else float(times[-1])))
+            counted = path.until(deciding[0].time if deciding else float(times[-1]))
+            arc.resolution.note(counted, arc.stepper.way_from, self.integrator.reltol, self.integrator.abstol)
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:
@@ -528,10 +562,16 @@ class Run:
         numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
         correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
         limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)
-        found = np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
-        if not found.size:
+        begins = np.r_[piece.start, times]
+        states = np.vstack([self._x, x])
+        found = (
+            int(k)
+            for k in np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
+            if self._jumps_within(begins[k : k + 2], states[k], limit)
+        )
+        k = next(found, -1)
+        if k < 0:
             return None
-        k = int(found[0])
         phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
         row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
         moved = int(np.argmax(correction[k]))
@@ -541,6 +581,17 @@ class Run:
         )
         last = x[k - 1] if k else self._x
         return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+
+    def _jumps_within(self, interval: np.ndarray, x: np.ndarray, limit: float) -> bool:
+        """True if the correction by projection jumps between two outputs; drift grows little by little instead."""
+        arc, n = self._arc, self._arc.numeric.eom.q.numel()
+        times = np.linspace(interval[0], interval[1], CLOSER_LOOK + 1)[1:]
+        try:
+            integrated = arc.stepper.unprojected(float(interval[0]), x, times)
+        except IntegrationFailure:
+            return True
+        moved = (arc.stepper.outputs.projected(times, integrated) - integrated)[:, :n] / arc.numeric.column_scale
+        return bool(np.max(np.abs(np.diff(moved, axis=0, prepend=0.0))) > limit)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
@@ -700,7 +751,13 @@ class Run:
             reached, last = failure.last, failure.last_x
         ahead = 1e-3 * (piece.times[-1] - piece.start)
         outputs = self._arc.stepper.outputs
-        cause = cause_of_failure(self._arc.numeric, reached, *outputs.split(last[None, :]), failure.flag, ahead)
+        near = NEAR_CORNER * (self._schedule.end - self._schedule.start)
+        corner = next((jump for jump in self._corners if abs(jump.time - reached) <= near), None)
+        if corner is not None:
+            cause = f"{corner}, and the expression has no accurate derivative close to it; {corner.remedy}"
+        else:
+            state = outputs.split(last[None, :])
+            cause = cause_of_failure(self._arc.numeric, reached, *state, failure.flag, ahead, self.integrator.name)
         return SimulationError(
             f"the simulation stopped at t = {reached:.6g} s: {cause}; what was computed is in .partial",
             time=reached,
@@ -729,3 +786,20 @@ class Run:
         reltol, abstol = self.integrator.reltol, self.integrator.abstol
         found = [s for arc in self._arcs.values() for s in arc.resolution.sentences(reltol, abstol)]
         return list(dict.fromkeys(found))
+
+
+def shortest_unseen_load(setup: Setup, integrator: Integrator) -> float:
+    """Duration of the shortest load that the steps of an integrator would pass over in a simulation, s.
+
+    Infinite if there is none. A simulation stops around such loads; analyses whose steps are compiled beforehand limit
+    these by it. Where the simulation stops early, what came before counts.
+    """
+    modes = SingleMode(setup)
+    if not UnseenLoads(modes.numeric(modes.free), setup.signals).watched:
+        return float("inf")
+    run = Run(setup, modes, (), integrator)
+    try:
+        run.run()
+    except SimulationError:  # the analysis itself says why
+        pass
+    return run.shortest_load

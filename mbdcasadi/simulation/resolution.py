@@ -18,6 +18,7 @@ import numpy as np
 
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
+from ..integrators.compiled import IntegrationFailure
 from ..model.rates import time_derivative
 from ..model.validity import Smoothing
 from ..results.validity import validity_conditions
@@ -29,6 +30,11 @@ from .path import Path
 MISSED = 0.5
 #: Loads below this share of the largest one of a run do not count.
 SMALL = 1e-3
+#: Difference of a gap's change from that by its rates, relative to the larger one, over which no blow came.
+SMOOTH = 0.1
+#: Suspicions that are verified in a run, at most; stops of the integration that does so; and the difference from it,
+#: in relative tolerances, that confirms the motion.
+VERIFICATIONS, CAREFUL, CONFIRMED = 10, 64, 30.0
 #: Share of the way to a contact after which the integrator is started again where its steps went too deep.
 BEFORE = 0.95
 
@@ -116,6 +122,9 @@ class Resolution:
         self._courses, self._approach = terms.courses, terms.approach
         self.rates = terms.rates
         self._closings = GapClosings(numeric, self._owner)
+        owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
+        self._gap_of = [owners.get(id(s)) for s in self._smoothings]
+        self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
         self._lightest = float(np.min(numeric.mass[numeric.mass > 0], initial=np.inf))
@@ -171,12 +180,28 @@ class Resolution:
             found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
         return found
 
-    def note(self, path: Path) -> None:
-        """Take note of a piece that counts."""
+    def note(
+        self,
+        path: Path,
+        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        reltol: float,
+        abstol: float,
+    ) -> None:
+        """Take note of a piece that counts.
+
+        Parameters
+        ----------
+        way_from : callable
+            ``(time, x) -> (times -> states)``: short integrations, by which a suspicion is verified.
+        reltol, abstol : float
+            Tolerances of the integrator.
+        """
         if not self.rates.numel() or path.times.size < 2:
             return
         if self._smoothings:
-            self._blocks.append((path.times[1:], np.diff(path.times), *self._followed(path)))
+            missed, seen = self._followed(path)
+            self._acquit(path, missed, seen, way_from, reltol, abstol)
+            self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
         for closing in self._closings.unseen(path, self._closed(path)):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
         if self._validity:
@@ -189,8 +214,60 @@ class Resolution:
         n = len(self._smoothings)
         courses = self._at(self._courses, path.times, path.x)
         missed = np.abs(np.diff(courses[:, :n], axis=0) - path.integrals[:, :n])
+        missed[self._open(path)] = 0.0
         size = np.abs(courses[:, n:])
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
+
+    def _acquit(
+        self,
+        path: Path,
+        missed: np.ndarray,
+        seen: np.ndarray,
+        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        reltol: float,
+        abstol: float,
+    ) -> None:
+        """Take back what intervals missed of normal forces, if small steps confirm their motion.
+
+        The rates are integrated outside the error test: a long step that ends just inside a contact, where its force
+        is still small, spoils their integral and not the motion.
+        """
+        matters = missed * np.diff(path.times)[:, None] > abstol * self._lightest
+        suspected = matters & (missed > MISSED * self._spans * seen)
+        for k in np.flatnonzero(np.any(suspected[:, self._normal], axis=1)):
+            if self._verifications <= 0:
+                return
+            self._verifications -= 1
+            times = np.linspace(path.times[k], path.times[k + 1], CAREFUL + 1)[1:]
+            try:
+                found = way_from(float(path.times[k]), path.x[k])(times)[-1]
+            except IntegrationFailure:
+                return
+            if np.max(np.abs(found - path.x[k + 1])) <= CONFIRMED * reltol * (1 + np.max(np.abs(found))):
+                missed[k, self._normal] = 0.0
+            else:  # there will be a warning anyway
+                self._verifications = 0
+
+    def _open(self, path: Path) -> np.ndarray:
+        """Intervals in which a contact was open all the time, by its smoothed quantities (k, n).
+
+        There its forces are zero, while a long step that ends in the contact, and would not count for the motion,
+        leaves its rate in the integral.
+        """
+        found = np.zeros((path.times.size - 1, len(self._smoothings)), bool)
+        if not self._owner:
+            return found
+        lengths = np.diff(path.times)[:, None]
+        gaps, rates = np.split(self._at(self._approach, path.times, path.x), 2, axis=1)
+        fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
+        # no blow between the ends: the gap changes as its rates say, and does not turn
+        smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
+        turned = (rates[:-1] < 0) & (rates[1:] > 0)
+        is_open = (gaps[:-1] > 0) & (gaps[1:] > 0) & smooth & ~turned
+        for k, owner in enumerate(self._gap_of):
+            if owner is not None:
+                found[:, k] = is_open[:, owner]
+        return found
 
     def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
         n = self._numeric.eom.q.numel()

@@ -156,9 +156,10 @@ class Schedule:
         stops, jumps = (none if extra is None else np.asarray(extra, float) for extra in (stops, jumps))
         samples = none if period is None else samples_of(grid, period)
         watch = none
-        if grid.size - 1 < watch_points:
-            pieces = int(np.ceil(watch_points / (grid.size - 1)))
-            watch = np.concatenate([np.linspace(a, b, pieces + 1)[1:-1] for a, b in pairwise(grid)])
+        if watch_points:  # spread evenly over the time, whatever the outputs are
+            pieces = np.ceil(np.diff(grid) / span * watch_points * (1 - 1e-9)).astype(int)
+            inside = [np.linspace(a, b, n + 1)[1:-1] for (a, b), n in zip(pairwise(grid), pieces, strict=True) if n > 1]
+            watch = np.concatenate([none, *inside])
         self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
         self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
         self._starts_at_jump = self._near(jumps, self.start)

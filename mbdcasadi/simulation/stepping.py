@@ -213,8 +213,18 @@ class Stepper:
         """Return the function from later times (k,) to projected states (k, n_x), by one short integration each."""
         return self._way(self.formulation, self._of(self.formulation), start, x)
 
+    def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """States at times after a consistent state as the integrator finds them (k, n_x).
+
+        Raises
+        ------
+        IntegrationFailure
+            If it does not get there.
+        """
+        return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
+
     def _way(
-        self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray
+        self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray, *, project: bool = True
     ) -> Callable[[np.ndarray], np.ndarray]:
         z, p = self._unknowns(form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
@@ -233,7 +243,7 @@ class Stepper:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
                 reached = compiled.advance(x, perturbed(z), start, times[later], p, columns, stops=stops)[0]
-            found[later] = self.outputs.projected(times[later], reached)
+            found[later] = self.outputs.projected(times[later], reached) if project else reached
             return found
 
         return states_at

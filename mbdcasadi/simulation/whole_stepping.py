@@ -215,7 +215,10 @@ class WholeStepper(Stepper):
             )
         self._is_stiff = True
 
-    def _way(self, form: Any, compiled: Any, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    def _way(
+        self, form: Any, compiled: Any, start: float, x: np.ndarray, *, project: bool = True
+    ) -> Callable[[np.ndarray], np.ndarray]:
+        # every step ends on the constraints
         return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
 
     def way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -191,3 +191,26 @@ def test_any_start_time(begin):
     motions = [mbd.simulate(pendulum, b + times, initial=[arm.phi == -1.2, arm.omega == 0]) for b in (0.0, begin)]
     assert len(motions[1].t) == 11
     np.testing.assert_allclose(motions[1][arm.phi], motions[0][arm.phi], atol=1e-4)
+
+
+@pytest.mark.parametrize("tilt", [1e-9, 2e-9, 1e-8, 1e-6])
+def test_ends_of_a_nearly_flat_rod_answer_each_other(tilt):
+    """One tip after the other and the first again: velocities by the impulses of three impacts, with the free fall."""
+    rod = mbd.Body("rod", mass=1, inertia=1 / 12, pose=(0, 1, 0))
+    events = []
+    for name, place in (("left", -0.5), ("right", 0.5)):
+        tip = rod.at(place, 0).y
+        speed = mbd.time_derivative(tip)
+        events.append(mbd.Event(name, tip, direction=-1, reset={speed: -0.5 * speed}))
+    mechanism = mbd.Mechanism(bodies=[rod], forces=[mbd.Gravity()])
+    start = [rod.x == 0, rod.y == 1, rod.phi == tilt, rod.vx == 0, rod.vy == 0, rod.omega == 0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 0.6, 13), initial=start, events=events)
+    # an impulse P at a tip changes vy by P and omega by ±6 P, its own speed by 4 P, that of the other by -2 P
+    fall = np.sqrt(2 * 9.81)
+    vy, omega = -fall, 0.0
+    for side in (-1, 1, -1):
+        impulse = -1.5 * (vy + side * omega / 2) / 4
+        vy, omega = vy + impulse, omega + 6 * side * impulse
+    assert [event.name for event in motion.events] == ["left", "right", "left"]
+    assert motion[rod.omega][-1] == pytest.approx(omega, rel=1e-4)
+    assert motion[rod.vy][-1] == pytest.approx(vy - 9.81 * (0.6 - fall / 9.81), abs=1e-4)

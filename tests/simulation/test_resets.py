@@ -291,3 +291,58 @@ def test_refuses_relations_and_a_single_event():
         mechanism = mbd.Mechanism(bodies=[ball], joints=[rail], forces=forces)
         with pytest.raises(mbd.ModelError, match=r"write events=\["):
             mbd.simulate(mechanism, duration=0.1, events=mbd.Event("low", ball.x))
+
+
+# --- events that are active at the start ---------------------------------------------------------
+def thrown(y, vy, direction):
+    ball = mbd.Body("ball", mass=1.0, inertia=1.0)
+    floor = mbd.Event("floor", ball.y, direction=direction, reset={ball.vy: -0.5 * ball.vy})
+    mechanism = mbd.Mechanism(bodies=[ball])
+    motion = mbd.simulate(mechanism, [0, 0.5, 1.0], initial=[ball.y == y, ball.vy == vy], events=[floor])
+    return motion[ball.y][-1], len(motion.events)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("y", [0.0, -1e-11, -1e-9, -1e-6])
+def test_reset_at_the_start_that_rounding_has_passed_takes_place_at_once(y):
+    height, events = thrown(y, -1.0, -1)
+    assert events == 1
+    assert height == pytest.approx(y + 0.5, abs=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("y", "vy"), [(0.0, 1.0), (1e-3, 1.0), (-1e-7, 1.0)])
+def test_reset_at_the_start_from_which_the_motion_leaves_does_not_take_place(y, vy):
+    assert thrown(y, vy, -1) == (pytest.approx(y + vy), 0)
+
+
+@pytest.mark.parametrize("vy", [-1.0, 0.0, 1.0])
+def test_start_behind_a_floor_is_reported(vy):
+    with pytest.warns(mbd.MechanismWarning, match="'floor' is beyond its zero by 0.1 at the start"):
+        thrown(-0.1, vy, -1)
+
+
+@pytest.mark.parametrize("vy", [-1.0, 1.0])
+def test_start_at_the_zero_of_an_event_without_direction_is_reported(vy):
+    with pytest.warns(mbd.MechanismWarning, match="'floor' is at its zero at the start.*both directions"):
+        assert thrown(0.0, vy, 0) == (pytest.approx(vy), 0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_kick_that_the_start_has_passed_is_none():
+    ball = mbd.Body("ball", mass=1.0, inertia=1.0)
+    kicks = [
+        mbd.Event("place", ball.x - 5, direction=1, reset={ball.vx: ball.vx + 1}),
+        mbd.Event("time", mbd.t - 5, direction=1, reset={ball.vx: -ball.vx}),
+    ]
+    motion = mbd.simulate(mbd.Mechanism(bodies=[ball]), [6, 7], initial=[ball.x == 10, ball.vx == 1], events=kicks)
+    assert motion[ball.x][-1] == pytest.approx(11)
+
+
+@pytest.mark.filterwarnings("error")
+def test_event_in_time_brings_no_warning_of_numerics():
+    ball = mbd.Body("ball", mass=1.0, inertia=1.0)
+    kick = mbd.Event("kick", mbd.t - 0.75, direction=1, reset={ball.vy: ball.vy + 5})
+    times = np.linspace(0, 2, 11)
+    motion = mbd.simulate(mbd.Mechanism(bodies=[ball]), times, initial=[ball.y == 1, ball.vy == -1], events=[kick])
+    assert motion[ball.y][-1] == pytest.approx(1 - 2 + 5 * 1.25)

@@ -177,3 +177,22 @@ def test_a_stiff_bar_is_not_fallen_through(outputs):
         assert np.diff(motion.energy.total).max() < 1e-6
         found.append(motion[disc.y])
     np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+
+
+@pytest.mark.parametrize(("radius", "stiffness", "speed", "height"), [(1e-3, 1e8, 5.0, 4.0), (5e-3, 3e7, 20.0, 12.0)])
+@pytest.mark.parametrize("outputs", [2, 11, 101])
+def test_undamped_blow_that_the_motion_follows_is_not_warned_of(radius, stiffness, speed, height, outputs):
+    """A small ball on a linear spring of contact: it leaves as fast as it came, after half a period."""
+    mass, peg = 0.01, 5e-3
+    ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(0, peg + radius + height, 0))
+    outlines = mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg)
+    blow = mbd.Contact("blow", *outlines, mbd.HuntCrossley(stiffness, 1.0, 0.0))
+    mechanism = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity(), blow])
+    g, omega = 9.81, np.sqrt(stiffness / mass)
+    met = np.sqrt(speed**2 + 2 * g * height)
+    closed = (np.pi - 2 * np.arctan2(-g / omega**2, met / omega)) / omega
+    times = np.linspace(0, (met - speed) / g + closed + 0.1, outputs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        motion = mbd.simulate(mechanism, times, initial=[ball.vy == -speed])
+    assert motion[ball.vy][-1] == pytest.approx(met - 0.1 * g, rel=1e-6)

@@ -1,5 +1,6 @@
 """What depends on time explicitly is met by every method, whatever came before: rest, equilibrium, uniform motion."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -146,3 +147,36 @@ def test_what_does_not_depend_on_time_has_no_stops():
     pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()])
     few = mbd.simulate(pendulum, [0, 1], reltol=1e-3, abstol=1e-3)
     assert few.statistics.restarts <= 3
+
+
+# --- jumps of prescribed positions and velocities, in words and numbers ---------------------------
+def driven(expression):
+    body = mbd.Body("slide", mass=1.0, inertia=1.0)
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), body.at(0, 0))
+    return mbd.Mechanism(bodies=[body], joints=[guide], drivers=[mbd.Driver("D", body.x, expression)])
+
+
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
+def test_failure_at_a_corner_names_the_driver_and_its_velocity_jump(method):
+    saw = driven(ca.acos(mbd.cos(mbd.t + 0.5)))
+    with pytest.raises(mbd.SimulationError, match="velocity of driver 'D' jumps by 2 m/s at t = 2.64159265359 s"):
+        mbd.simulate(saw, np.linspace(0, 10, 11), method=method)
+    with pytest.warns(mbd.MechanismWarning, match="velocity of driver 'D' jumps by 2 m/s"):
+        mbd.kinematics(saw, np.linspace(0, 10, 11))
+
+
+@pytest.mark.parametrize("analysis", [mbd.simulate, mbd.kinematics])
+def test_a_jump_that_is_small_beside_its_value_is_found(analysis):
+    tiny = driven(1000 + mbd.if_else(mbd.t > 5, 1e-7, 0))
+    with pytest.raises(mbd.MechanismError, match="position of driver 'D' jumps by 1e-07 m at t = 5 s"):
+        analysis(tiny, np.linspace(0, 10, 11))
+
+
+def test_rosenbrock_is_not_advised_to_itself():
+    body = mbd.Body("slide", mass=1.0, inertia=1.0)
+    pull = mbd.Force("pull", body.at(0, 0), (1 / (1 - body.x), 0))
+    mechanism = mbd.Mechanism(bodies=[body], forces=[pull])
+    with pytest.raises(mbd.SimulationError) as caught:
+        mbd.simulate(mechanism, np.linspace(0, 10, 11), method="rosenbrock")
+    assert "method='rosenbrock'" not in str(caught.value)
+    assert "may help" in str(caught.value)

@@ -16,7 +16,7 @@ from ...quantities import function_of
 from ...validity import Smoothing, ValidityCondition
 from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
-from .outlines import Outline
+from .outlines import HalfPlane, Outline
 from .touching import Touch, touches
 
 
@@ -164,10 +164,11 @@ class Contact(Element):
         within = [touch.gap + touch.reach for touch in (p.touch for p in self._places) if touch.reach is not None]
         if not within:
             return ()
-        message = (
-            f"{self.description}: its law is too soft: the surfaces penetrate deeper than the thickness of the "
-            "outlines allows; take a stiffer law, or thicker outlines"
-        )
+        if any(isinstance(outline, HalfPlane) for outline in (self.a, self.b)):  # nothing leaves it on a far side
+            how = "an outline is wholly inside the half-plane, deeper than a law of small penetrations means"
+        else:
+            how = "the surfaces penetrate deeper than the thickness of the outlines allows"
+        message = f"{self.description}: its law is too soft: {how}; take a stiffer law, or thicker outlines"
         condition = ValidityCondition(
             ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True
         )

@@ -1,0 +1,48 @@
+"""Times of a run, and long runs whose outputs are far apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import mbdcasadi as mbd
+from mbdcasadi.simulation.schedule import Schedule
+
+G = 9.81
+
+
+@pytest.mark.parametrize("grid", [np.r_[0, np.linspace(1999, 2000, 11)], np.r_[0.0, 1.0], np.geomspace(1e-3, 10, 600)])
+def test_watch_points_are_spread_evenly_over_the_time(grid):
+    schedule = Schedule(grid, watch_points=400)
+    lengths = np.diff(np.r_[schedule.start, schedule.times])
+    assert np.max(lengths) <= (grid[-1] - grid[0]) / 400 * (1 + 1e-6)
+    assert schedule.size <= 400 + grid.size
+    np.testing.assert_array_equal(schedule.times[schedule.wanted], grid[1:])
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+@pytest.mark.parametrize("times", [np.r_[0, np.linspace(999, 1000, 6)]])
+def test_drift_over_a_long_time_is_no_jump_of_a_constraint(method, times):
+    arm = mbd.Body("arm", mass=1.0, inertia=0.1, pose=(1, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-1, 0))
+    pendulum = mbd.Mechanism(bodies=[arm], joints=[pin], forces=[mbd.Gravity()])
+    motion = mbd.simulate(pendulum, times, initial=[arm.phi == 0, arm.omega == 0], method=method)
+    exact = solve_ivp(
+        lambda t, y: [y[1], -G * np.cos(y[0]) / 1.1], (0, 1000), [0, 0], method="DOP853", rtol=1e-11, atol=1e-12
+    )
+    # what the note on the energy estimates
+    assert motion[arm.phi][-1] == pytest.approx(exact.y[0, -1], abs=0.3)
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_a_row_that_jumps_with_the_coordinates_is_found(method):
+    wheel = mbd.Body("wheel", mass=1.0, inertia=1.0)
+    slide = mbd.Body("slide", mass=1.0, inertia=1.0)
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), wheel.at(0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), slide.at(0, 0))
+    angle = mbd.atan2(mbd.sin(wheel.phi), mbd.cos(wheel.phi))
+    rack = mbd.Constraint("rack", slide.x - angle)
+    mechanism = mbd.Mechanism(bodies=[wheel, slide], joints=[pin, guide, rack])
+    with pytest.raises(mbd.SimulationError, match="not continuous|cannot be met together"):
+        mbd.simulate(mechanism, np.linspace(0, 10, 11), initial=[wheel.phi == 0, wheel.omega == 1], method=method)
