@@ -136,7 +136,10 @@ def test_least_time(found):
         assert solution.duration == pytest.approx(found["exact"][name][0][-1], abs=2e-6)
     for name, solution in found["equal"].items():
         exact = found["exact"][name.split(",")[0]][0][-1]
-        assert 0 < solution.duration - exact < 1e-4
+        # a switch inside an interval costs time, since inputs keep their limits there, too
+        assert 0 < solution.duration - exact < 2e-4
+        excess = [x for label, x in solution.limit_excess.items() if label.startswith("motor torque")]
+        assert len(excess) == 2 and max(excess) < 1e-6
     assert largest_error(*found["found"].values(), *found["equal"].values()) < 1e-5
 
 
