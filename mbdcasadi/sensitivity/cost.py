@@ -115,11 +115,12 @@ def cost_function(
     Notes
     -----
     With IDAS value and adjoint are each integrated to the tolerance, and their
-    steps differ: the gradient is that of the motion to some 1e-6, not that of
-    the numbers J returns to the last digit. By samples of an input each interval
-    is an integration of its own, which costs time, and where the running cost
-    holds nothing but the input itself the gradient is good to some 1e-4. With
-    ``method="erk"`` it is both, and quicker where the motion is not stiff.
+    steps differ: the gradient is that of the motion to some 1e-7, not that of
+    the numbers J returns to the last digit. With samples of an input each
+    interval is an integration of its own, and with splines, steps and motion
+    programs each stretch between two of their knots, which costs time. With
+    ``method="erk"`` it is both, and quicker where the motion is not stiff;
+    through a pose in which the linkage could fold it is the only method.
     Events have no place here: a motion that is restarted has other derivatives.
 
     Examples
@@ -149,4 +150,4 @@ def cost_function(
         abstol=abstol,
     )
     setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
-    return CostFunction(CompiledRun(setup, wrt, [terminal], running))
+    return CostFunction(CompiledRun(setup, wrt, [terminal], running, reversible=True))

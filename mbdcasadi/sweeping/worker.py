@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..integrators.compiled import last_line
+from ..integrators.failures import reason_of
 from ..numerics.console import call
 from .packed import Packed
 from .starts import StartPath
@@ -83,7 +83,7 @@ def run_batch(
             arrived = abs(clock - parcel.span) <= 1e-6 * parcel.span and np.all(np.isfinite(row))
             message = "" if arrived else "a step became too small, or a value was not finite"
         except RuntimeError as error:
-            message = last_line(error)
+            message = reason_of(error)
         if message:
             messages[k] = f"the integrator stopped: {message}; simulate with the values of this case says where and why"
         else:
