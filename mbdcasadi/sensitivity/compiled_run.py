@@ -12,12 +12,14 @@ import numpy as np
 
 from ..assembly.setup import Setup
 from ..equations.numeric import NumericEquations
-from ..errors import SimulationError
+from ..errors import SimulationError, warn
+from ..integrators import Integrator
 from ..integrators.failures import reason_of
 from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..results.state import State
+from ..simulation.accuracy import range_near_rounding, tolerance_for, unresolved_range
 from ..simulation.modes import SingleMode
 from ..simulation.path import Path, hermite_states
 from ..simulation.simulate import chosen_integrator, suited_to_friction
@@ -45,6 +47,8 @@ class MotionSetup(Setup):
         As for :func:`simulate`.
     method, reltol, abstol
         The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
+    keeps_abstol : bool, optional
+        Whether the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
 
     Attributes
     ----------
@@ -66,6 +70,7 @@ class MotionSetup(Setup):
         method: Any = "idas",
         reltol: float | None = None,
         abstol: float | None = None,
+        keeps_abstol: bool | None = None,
     ):
         super().__init__(
             mechanism,
@@ -80,6 +85,8 @@ class MotionSetup(Setup):
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
         self.integrator = suited_to_friction(integrator, self.numeric)
+        own = abstol is not None or integrator is method
+        self._analysis, self._keeps_abstol = analysis, own if keeps_abstol is None else keeps_abstol
 
     @cached_property
     def start(self) -> State:
@@ -93,10 +100,36 @@ class MotionSetup(Setup):
         in_state: bool = True,
         reversible: bool = False,
     ) -> DifferentiableMotion:
-        """Return the motion over the grid; see :class:`DifferentiableMotion`."""
-        return DifferentiableMotion(
-            self, self.integrator, varied=varied, integrands=integrands, in_state=in_state, reversible=reversible
-        )
+        """Return the motion over the grid; see :class:`DifferentiableMotion`.
+
+        An absolute tolerance that was not given is one that resolves the range of the motion at the values given.
+
+        Warns
+        -----
+        MechanismWarning
+            If the one that was given does not resolve it.
+        """
+
+        def motion_by(integrator: Integrator) -> DifferentiableMotion:
+            return DifferentiableMotion(
+                self, integrator, varied=varied, integrands=integrands, in_state=in_state, reversible=reversible
+            )
+
+        made = motion_by(self.integrator)
+        finer = tolerance_for(made.poses, self.integrator.abstol)
+        for sentence in range_near_rounding(made.poses):
+            warn(f"{self._analysis}: {sentence}")
+        if finer is None:
+            return made
+        if self._keeps_abstol:
+            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
+            return made
+        resolving = motion_by(self.integrator.replace(abstol=finer))
+        if not len(resolving.poses):  # the forces are too rough for it
+            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
+            return made
+        self.integrator = self.integrator.replace(abstol=finer)
+        return resolving
 
 
 class CompiledRun:

@@ -160,7 +160,9 @@ class DifferentiableMotion:
             # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
             # more steps than the motion it ended the process. Each interval is an integration of its own.
             self.pieces = grid.size - 1
-        self._cut_where_it_drifts(np.r_[start.q, start.v, start.z])
+        #: coordinates at the outputs at the typical parameters (n_t, n); none if that run fails
+        self.poses = self._first_poses(np.r_[start.q, start.v, start.z])
+        self._cut_where_it_drifts()
 
     def _hold(self, active: frozenset[int]) -> None:
         """Hold the switches in the state and the active ones in time, and compile the system."""
@@ -397,26 +399,26 @@ class DifferentiableMotion:
         """A state, with whatever stands below it, on the constraints with their switches held."""
         return _projected(self._system.recovery, time, x, p)
 
-    def _cut_where_it_drifts(self, x0: np.ndarray) -> None:
-        """Cut the motion into as many pieces as keep its drift near the tolerance, by one run from `x0`.
-
-        Drift grows with the square of the time since the state was last on the
-        constraints; each cut starts the integrator again, which costs.
-        """
-        if not self.numeric.eom.Phi.numel():
-            return
+    def _first_poses(self, x0: np.ndarray) -> np.ndarray:
+        """Coordinates at the outputs of one run from `x0` (n_t, n); none if it fails, which a later one reports."""
         p, levels, channel = self.numeric.p, self.signals.level_values, self.channel()
+        n = self.numeric.eom.q.numel()
         course = self.course(x0, p, levels, channel)
         try:
             states = call(self.motion(course), x0, p, levels, channel, *course.arguments)[0].full()
         except RuntimeError:
-            return  # the run itself will say what is wrong
-        if not self.reached(states):
+            return np.zeros((0, n))
+        return states[:n].T if self.reached(states) else np.zeros((0, n))
+
+    def _cut_where_it_drifts(self) -> None:
+        """Cut the motion into as many pieces as keep its drift near the tolerance, by the first run.
+
+        Drift grows with the square of the time since the state was last on the
+        constraints; each cut starts the integrator again, which costs.
+        """
+        if not self.numeric.eom.Phi.numel() or not len(self.poses):
             return
-        n = self.numeric.eom.q.numel()
-        drift = max(
-            largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, states[:n].T, strict=True)
-        )
+        drift = max(largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, self.poses, strict=True))
         needed = np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(PIECES, self.grid.size - 1))
         self.pieces = max(self.pieces, int(needed))
 

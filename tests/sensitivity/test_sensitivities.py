@@ -410,3 +410,53 @@ def test_of_friction_by_the_load_of_a_joint():
     times = np.linspace(0, 0.3, 4)
     found = mbd.sensitivities(mechanism, times, outputs=[block.x], wrt=[mu], initial=[block.x == 0, block.vx == 2])
     np.testing.assert_allclose(found[block.x, mu], -9.81 * times**2 / 2, rtol=1e-6, atol=1e-9)
+
+
+def small_oscillator(origin=0.0):
+    """A mass on a spring at a place: ``x = origin + A cos(10 t)``."""
+    stiffness = mbd.Parameter("stiffness", 100.0)
+    mass = mbd.Body("mass", mass=1, inertia=1, pose=(origin, 0, 0))
+    slide = mbd.Translational("slide", mbd.ground.at(0, 0), mass.at(0, 0))
+    pull = mbd.Force("pull", mass.at(0, 0), (-stiffness * (mass.x - origin), 0))
+    return mbd.Mechanism([mass], [slide], forces=[pull], parameters=[stiffness]), mass, stiffness
+
+
+@pytest.mark.parametrize("amplitude, error", [(1e-6, 1e-5), (1e-9, 1e-3)])
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_motions_of_small_range_are_resolved_by_every_analysis(amplitude, error, method):
+    """The default tolerance does not resolve them: results were off by up to 92 times the amplitude."""
+    model, mass, stiffness = small_oscillator()
+    times, start = np.linspace(0, 10, 101), [mass.x == amplitude, mass.vx == 0]
+    exact = np.cos(10 * times)
+    slope = -np.sin(10 * times) * times * 0.05
+    found = mbd.sensitivities(model, times, {"x": mass.x}, [stiffness], start, method=method)
+    np.testing.assert_allclose(found["x"] / amplitude, exact, atol=error)
+    np.testing.assert_allclose(found["x", stiffness] / amplitude, slope, atol=error)
+    J = mbd.cost_function(model, times, [stiffness], terminal_cost=mass.x, initial=start, method=method)
+    value, gradient = J.value_and_gradient(J.start)
+    assert [value / amplitude, gradient[0] / amplitude] == pytest.approx([exact[-1], slope[-1]], abs=error)
+    swept = mbd.sweep(model, times, {stiffness: [100.0, 100.0]}, {"x": mass.x}, start, method=method)
+    np.testing.assert_allclose(swept["x"] / amplitude, [exact, exact], atol=error)
+    data = {mass.x: amplitude * exact}
+    fit = mbd.identify(model, times, data, [stiffness], start, parameters={stiffness: 99.0}, method=method)
+    assert fit[stiffness] == pytest.approx(100, rel=error)
+
+
+def test_a_tolerance_of_the_user_that_does_not_resolve_the_motion_is_reported():
+    model, mass, stiffness = small_oscillator()
+    times, start = np.linspace(0, 1, 11), [mass.x == 1e-6, mass.vx == 0]
+    with pytest.warns(mbd.MechanismWarning, match="sensitivities: the motion stays within 2e-06.*lower it"):
+        mbd.sensitivities(model, times, [mass.x], [stiffness], start, abstol=1e-8)
+    with pytest.warns(mbd.MechanismWarning, match="cost_function: the motion stays within 2e-06.*lower it"):
+        mbd.cost_function(model, times, [stiffness], terminal_cost=mass.x, initial=start, method=mbd.IDAS())
+
+
+def test_a_motion_near_the_rounding_of_its_coordinates_is_reported():
+    model, mass, stiffness = small_oscillator(1000.0)
+    times, start = np.linspace(0, 1, 11), [mass.x == 1000 + 1e-9, mass.vx == 0]
+    said = "at coordinates of up to 1e\\+03, near their rounding"
+    assert any(re.search(said, note) for note in mbd.simulate(model, times, initial=start).statistics.notes)
+    with pytest.warns(mbd.MechanismWarning, match=said):
+        mbd.sensitivities(model, times, [mass.x], [stiffness], start)
+    rest = mbd.simulate(model, times, initial=[mass.x == 1000, mass.vx == 0])
+    assert not any("rounding" in note for note in rest.statistics.notes)
