@@ -149,7 +149,7 @@ def identify(
 
     so_far: list[Outcome] = []
     try:
-        with keyboard_interrupts():
+        with keyboard_interrupts("identify"):
             shootings = [
                 Shooting(
                     _setup(mechanism, e, method=method, keeps_abstol=keeps, **tolerances),

@@ -11,6 +11,7 @@ from ..errors import ModelError
 from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from ..numerics.console import keyboard_interrupts
 from .compiled_run import CompiledRun, MotionSetup
 
 
@@ -40,15 +41,18 @@ class CostFunction:
 
     def __call__(self, x: Any) -> float:
         """Value of the cost."""
-        return self._cost(self._run.values(self._checked(x)))
+        d = self._checked(x)
+        with keyboard_interrupts("cost_function"):
+            return self._cost(self._run.values(d))
 
     def value_and_gradient(self, x: Any) -> tuple[float, np.ndarray]:
         """Value and gradient (n_x,), by one adjoint integration, whatever the number of entries."""
         d = self._checked(x)
-        y = self._run.values(d)
-        weights = np.zeros(y.size)
-        weights[-2:] = 1.0
-        return self._cost(y), self._run.adjoint(d, weights, y)
+        with keyboard_interrupts("cost_function"):
+            y = self._run.values(d)
+            weights = np.zeros(y.size)
+            weights[-2:] = 1.0
+            return self._cost(y), self._run.adjoint(d, weights, y)
 
     def gradient(self, x: Any) -> np.ndarray:
         """Gradient alone (n_x,)."""
@@ -138,16 +142,17 @@ def cost_function(
     )
     if running.numel() != 1 or terminal.numel() != 1:
         raise ModelError("cost_function: running_cost and terminal_cost must be scalars")
-    setup = MotionSetup(
-        mechanism,
-        "cost_function",
-        times,
-        initial=initial,
-        inputs=inputs,
-        parameters=parameters,
-        method=method,
-        reltol=reltol,
-        abstol=abstol,
-    )
-    setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
-    return CostFunction(CompiledRun(setup, wrt, [terminal], running, reversible=True))
+    with keyboard_interrupts("cost_function"):
+        setup = MotionSetup(
+            mechanism,
+            "cost_function",
+            times,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            method=method,
+            reltol=reltol,
+            abstol=abstol,
+        )
+        setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
+        return CostFunction(CompiledRun(setup, wrt, [terminal], running, reversible=True))
