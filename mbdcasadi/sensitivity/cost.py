@@ -12,6 +12,7 @@ from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.console import keyboard_interrupts
+from ..numerics.real import real_array
 from .compiled_run import CompiledRun, MotionSetup
 
 
@@ -70,7 +71,7 @@ class CostFunction:
 
     def _checked(self, x: Any) -> np.ndarray:
         try:
-            d = np.atleast_1d(np.asarray(x, float))
+            d = np.atleast_1d(real_array(x))
         except (TypeError, ValueError):
             d = np.zeros(0)
         if d.shape != self.start.shape or not np.all(np.isfinite(d)):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..integrators import Integrator
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import as_expression
@@ -18,7 +19,7 @@ from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, same
 
 
-class Sensitivities:
+class Sensitivities(HoldsSymbols):
     """Values and derivatives of outputs over time.
 
     ``found[output]`` are the values (n_t,) or (n_t, k); ``found[output, parameter]``
