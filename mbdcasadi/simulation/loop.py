@@ -28,6 +28,7 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
+from .shaky_start import refuse_shaky_start
 from .singular_passage import Passage, Regularity, SingularPassage, Trail
 from .stepping import Stepper
 from .time_dependence import time_dependence
@@ -163,6 +164,7 @@ class Run:
         free = modes.numeric(modes.free)
         state = consistent_start(free, setup.initial, begin, setup.signals)
         _ = state[free.eom.a]  # raises where there are no accelerations: mass is missing, or the pose is singular
+        refuse_shaky_start(free, state)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
