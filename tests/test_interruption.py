@@ -50,6 +50,23 @@ def test_every_analysis_raises_interrupted(analysis, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_an_optimisation_raises_interrupted(monkeypatch):
+    demands = {"initial": [BAR.phi == 0, BAR.omega == 0], "running_cost": EFFORT**2}
+    problem = mbd.OptimalControlProblem(ROD, duration=1, **demands)
+    own = NumericEquations.__init__
+
+    def nothing(self, *arguments, **more):
+        try:  # inside CasADi's conversions Ctrl-C comes back as an error of another kind
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise NotImplementedError("wrong number or type of arguments") from None
+        own(self, *arguments, **more)
+
+    monkeypatch.setattr(NumericEquations, "__init__", nothing)
+    with pytest.raises(mbd.Interrupted, match="stopped by the user"):
+        mbd.optimize(problem, intervals=10)
+
+
 def test_values_of_a_cost_function():
     J = ANALYSES["cost_function"]()
     own = J._run.setup.mechanism
