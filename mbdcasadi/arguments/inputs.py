@@ -13,6 +13,7 @@ from ..equations import Equations
 from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
+from ..numerics.real import real_array
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
 
@@ -344,7 +345,7 @@ def _check_samples(value: Any, times: np.ndarray | None, what: str) -> np.ndarra
             f"{what}: a Python function cannot be differentiated; use an expression or a SampledController"
         )
     try:
-        samples = np.asarray(value, float).ravel()
+        samples = real_array(value).ravel()
     except (TypeError, ValueError):
         raise ModelError(f"{what}: takes a number, samples or an expression, got {value!r}") from None
     if times is None:

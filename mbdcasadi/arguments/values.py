@@ -12,6 +12,7 @@ from ..errors import ModelError, SimulationError
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Input, Parameter, number
+from ..numerics.real import real_array
 
 
 def pairs_of(values: Any, argument: str) -> list[tuple[Any, Any]]:
@@ -81,7 +82,7 @@ def time_grid(times: Any, *, least: int = 2) -> np.ndarray:
         Naming the times at fault.
     """
     try:
-        grid = np.asarray(times, float)
+        grid = real_array(times)
     except (TypeError, ValueError):
         raise SimulationError(f"times must be numbers, got {times!r}") from None
     if grid.ndim != 1 or grid.size < least:

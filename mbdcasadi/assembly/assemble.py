@@ -8,6 +8,7 @@ from typing import Any
 from ..model.conditions import read_conditions
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..results.state import State
 from .setup import Setup
 
@@ -72,7 +73,8 @@ def assemble(
     -1.5
     """
     rows = read_conditions(conditions)
-    setup = Setup(mechanism, "assemble", t=t, initial=rows, inputs=inputs, parameters=parameters)
-    if switching(mechanism) and _start_with_friction is not None:
-        return _start_with_friction(setup)
-    return setup.start
+    with keyboard_interrupts("assemble"):
+        setup = Setup(mechanism, "assemble", t=t, initial=rows, inputs=inputs, parameters=parameters)
+        if switching(mechanism) and _start_with_friction is not None:
+            return _start_with_friction(setup)
+        return setup.start

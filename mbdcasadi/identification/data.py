@@ -12,6 +12,7 @@ from ..arguments.values import pairs_of, time_grid
 from ..errors import MechanismError, ModelError
 from ..model.immutable import Immutable
 from ..model.symbols import as_expression
+from ..numerics.real import real_array
 from ..printing import to_text
 from ..sensitivity.design_variables import same
 
@@ -67,7 +68,7 @@ class Experiment(Immutable):
     def _samples(self, expression: ca.SX, values: Any, what: str) -> np.ndarray:
         label = to_text(expression) if expression.numel() == 1 else f"a vector of {expression.numel()}"
         try:
-            samples = np.asarray(values, float)
+            samples = real_array(values)
         except (TypeError, ValueError):
             raise ModelError(f"{what}: the samples of {label} must be numbers, got {values!r}") from None
         samples = samples[:, None] if samples.ndim == 1 else samples
@@ -88,7 +89,7 @@ class Experiment(Immutable):
             if rows is None:
                 raise ModelError(f"{what}: weights= holds {key!r}, which is not among data=")
             try:
-                weight = np.asarray(value, float)
+                weight = real_array(value)
             except (TypeError, ValueError):
                 raise ModelError(f"{what}: weights must be numbers, got {value!r}") from None
             if weight.ndim > 1 or (weight.ndim == 1 and weight.size != self.times.size):

@@ -137,7 +137,8 @@ def identify(
         raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
     _refuse_few(motions, wanted)
     refuse_twice(wanted, "unknowns=")
-    tolerances = {"reltol": reltol, "abstol": abstol}
+    tolerances: dict[str, Any] = {"reltol": reltol, "abstol": abstol}
+    keeps = abstol is not None or isinstance(method, Integrator)
     if not isinstance(method, Integrator):
         tolerances = {name: TOLERANCE if value is None else value for name, value in tolerances.items()}
     own = [pairs_of(e.parameters, "parameters=") for e in motions]
@@ -148,9 +149,14 @@ def identify(
 
     so_far: list[GaussNewtonOutcome] = []
     try:
-        with keyboard_interrupts():
+        with keyboard_interrupts("identify"):
             shootings = [
-                Shooting(_setup(mechanism, e, method=method, **tolerances), e, places, _segments(segments, e))
+                Shooting(
+                    _setup(mechanism, e, method=method, keeps_abstol=keeps, **tolerances),
+                    e,
+                    places,
+                    _segments(segments, e),
+                )
                 for e in motions
             ]
             theta = shootings[0].setup.p[places]

@@ -23,6 +23,7 @@ import casadi as ca
 import numpy as np
 
 from ..errors import SimulationError
+from ..integrators.failures import reason_of
 from ..numerics.console import call
 from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
@@ -172,7 +173,7 @@ class Shooting:
             results = call(segment.function, *arguments)
             moved = call(segment.derivative("forward", seeds.shape[1]), *arguments, *results, *directions)
         except RuntimeError as error:
-            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {reason_of(error)}") from None
         # the directions of a matrix stand side by side
         return moved[0].full(), moved[1].full().T.ravel()
 
@@ -205,7 +206,7 @@ class Shooting:
         try:
             end, values, states = call(segment.function, x0, theta, *cuts)
         except RuntimeError as error:
-            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {error}") from None
+            raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {reason_of(error)}") from None
         if not self.motion.reached(states.full(), self.spans[k][0]):
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}")
         return end.full().ravel(), values.full()

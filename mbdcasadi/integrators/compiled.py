@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import SimulationError
 from ..numerics.console import quiet
 from .base import Integrator
+from .failures import flag_of, last_line
 
 #: Steps that an integrator may take between two outputs, at first and at most.
 FEW_STEPS, MAX_STEPS = 5_000, 200_000
@@ -362,18 +363,3 @@ class CompiledIntegrator:
             else:
                 low, (x, z) = middle, found
         return low, x
-
-
-def last_line(error: Exception) -> str:
-    """Last line of an error's message."""
-    lines = [line for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else "no reason given"
-
-
-def flag_of(error: Exception) -> str:
-    """The integrator's flag of a failure, or the last line of its message."""
-    text = str(error)
-    for word in text.replace('"', " ").split():
-        if word.startswith("IDA_"):
-            return word
-    return last_line(error)

@@ -19,7 +19,7 @@ from ..model.drivers import Driver
 from ..model.geometry.splines import expression_of, through_samples
 from ..model.mechanism import Mechanism
 from ..model.symbols import t as time
-from ..numerics.console import call_each
+from ..numerics.console import call_each, keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
 from ..simulation.simulate import simulate
@@ -93,26 +93,27 @@ def inverse_dynamics(
     ----------
     Haug 1989, section 6.3 (inverse dynamics of kinematically driven systems).
     """
-    began = clock.perf_counter()
-    if isinstance(motion, Trajectory) and times is None and duration is None:
-        times = motion.t
-    arguments = {"times": times, "duration": duration, "inputs": inputs, "parameters": parameters}
-    setup = Setup(mechanism, "inverse_dynamics", fewest_times=1, **arguments)
-    if motion is None:
-        if efforts:
-            raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
-        result = _of_drivers(setup, inputs, progress)
-    else:
-        unknown = [position_in(mechanism.inputs, effort, "efforts=") for effort in efforts]
-        both = {key for key, _ in pairs_of(inputs, "inputs=")} & set(efforts)
-        if both:
-            names = ", ".join(repr(e.label) for e in both)
-            raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
-        result = _of_motion(setup, _course(setup, motion, progress), unknown, tolerance)
-    result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
-    result.statistics.seconds = clock.perf_counter() - began
-    report_validity(result)
-    return result
+    with keyboard_interrupts("inverse_dynamics"):
+        began = clock.perf_counter()
+        if isinstance(motion, Trajectory) and times is None and duration is None:
+            times = motion.t
+        arguments = {"times": times, "duration": duration, "inputs": inputs, "parameters": parameters}
+        setup = Setup(mechanism, "inverse_dynamics", fewest_times=1, **arguments)
+        if motion is None:
+            if efforts:
+                raise MechanismError("inverse_dynamics: efforts= goes with motion=; drivers find their own efforts")
+            result = _of_drivers(setup, inputs, progress)
+        else:
+            unknown = [position_in(mechanism.inputs, effort, "efforts=") for effort in efforts]
+            given = {key for key, _ in pairs_of(inputs, "inputs=")} & set(efforts)
+            if given:
+                names = ", ".join(repr(e.label) for e in given)
+                raise MechanismError(f"inverse_dynamics: {names} is in inputs= and in efforts=; leave one out")
+            result = _of_motion(setup, _course(setup, motion, progress), unknown, tolerance)
+        result.statistics.method, result.statistics.formulation = "inverse dynamics", "Phi_q^T lam = Q - M a"
+        result.statistics.seconds = clock.perf_counter() - began
+        report_validity(result)
+        return result
 
 
 # --- a mechanism with drivers --------------------------------------------------------------

@@ -13,6 +13,7 @@ from ..equations.explicit_time import explicit_time, first_jump
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Statistics, Trajectory
 from ..results.validity import report_validity
 from .driven_motion import DrivenMotion
@@ -74,11 +75,12 @@ def kinematics(
     ----------
     Haug 1989, sections 3.6 and 4.5–4.7.
     """
-    setup = Setup(mechanism, "kinematics", times=times, duration=duration, fewest_times=1, parameters=parameters)
-    motion = driven_motion(setup.numeric, setup.grid, progress=progress, what="kinematics")
-    trajectory = kinematic_trajectory(setup.numeric, motion)
-    report_validity(trajectory)
-    return trajectory
+    with keyboard_interrupts("kinematics"):
+        setup = Setup(mechanism, "kinematics", times=times, duration=duration, fewest_times=1, parameters=parameters)
+        motion = driven_motion(setup.numeric, setup.grid, progress=progress, what="kinematics")
+        trajectory = kinematic_trajectory(setup.numeric, motion)
+        report_validity(trajectory)
+        return trajectory
 
 
 def driven_motion(numeric: NumericEquations, grid: np.ndarray, *, progress: bool, what: str) -> DrivenMotion:

@@ -43,7 +43,7 @@ class VelocityLevelMotion(MotionFollower):
         """Follow the motion over a grid from the pose at its first time."""
         integrator = CompiledIntegrator(self._system(), IDAS(INTEGRATION_TOLERANCE, INTEGRATION_TOLERANCE))
         poses, done = q[None, :], 1
-        with interruptible(), progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar:
+        with interruptible() as stop, progress_bar(grid.size - 1, "kinematics", " times", show=self._progress) as bar:
             while done < grid.size:
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
@@ -52,6 +52,8 @@ class VelocityLevelMotion(MotionFollower):
                 except KeyboardInterrupt:
                     raise self._interrupted(self.correct(grid[:done], poses)) from None
                 except IntegrationFailure as failure:
+                    if stop.requested:
+                        raise self._interrupted(self.correct(grid[:done], poses)) from None
                     raise self._stopped(integrator, failure.flag, grid, poses, v) from None
                 poses = np.vstack([poses, self._recovery.positions(times, states)])
                 done += times.size

@@ -6,14 +6,14 @@ import io
 import signal
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from ..errors import MechanismWarning
+from ..errors import Interrupted, MechanismWarning
 from .symbolic import LOCK
 
 #: Parts of the messages with which CasADi's linear solvers and root finders refuse a singular matrix.
@@ -81,17 +81,31 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
 
 
 @contextmanager
-def keyboard_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt for Ctrl-C in CasADi, from which it comes back as another error, or as nothing."""
+def keyboard_interrupts(analysis: str, partial: Callable[[], Any] | None = None) -> Iterator[None]:
+    """Raise Interrupted on Ctrl-C, also for the error that compiled code raises then.
+
+    Inside CasADi's conversions Ctrl-C comes back as nothing, on which the next line fails.
+
+    Parameters
+    ----------
+    analysis : str
+        Name of the analysis, for the message.
+    partial : callable, optional
+        Returns what was computed so far; None if that is nothing.
+    """
     with interruptible() as interruption:
         try:
             yield
-        except Exception:
-            if interruption.requested:
-                raise KeyboardInterrupt from None
+            if not interruption.requested:
+                return
+        except Interrupted:
             raise
-        if interruption.requested:
-            raise KeyboardInterrupt
+        except (KeyboardInterrupt, Exception) as error:
+            if not interruption.requested and not isinstance(error, KeyboardInterrupt):
+                raise
+    found = None if partial is None else partial()
+    remark = "" if found is None else "; .partial holds what was computed"
+    raise Interrupted(f"{analysis}: stopped by the user{remark}", partial=found)
 
 
 def call(function: Any, *arguments: Any) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..model.symbols import number
+from ..numerics.console import keyboard_interrupts
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
@@ -117,7 +118,7 @@ def optimize(
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
     best = BestSoFar()
     try:
-        with LOCK:
+        with LOCK, keyboard_interrupts("optimize"):
             search = _Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
             accuracy = None if tolerance is None else _tolerance(tolerance)
             if continuation is None:

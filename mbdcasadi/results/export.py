@@ -179,6 +179,10 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
         raise archive.refuse("the entry 't' decreases")
     parameters = archive.numbers("parameters", len(mechanism.parameters))
     arrays = q, v, a, z, lam, u = _states(archive, "", eom, t.size)
+    unknown_multipliers = str(archive.get("missing multipliers", ""))
+    for name, values in ({"v": v, "a": a} | ({} if unknown_multipliers else {"lam": lam})).items():
+        if values.size and np.all(np.isnan(values)):
+            raise archive.refuse(f"the entry '{name}' is not a number at any time")
     if "fingerprint" in archive:
         here = fingerprint(eom, (t[:, None], *arrays, parameters[None]))
         other = difference(eom, archive["fingerprint"], here)
@@ -188,6 +192,8 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
             )
     known = {field.name for field in fields(Statistics)}
     statistics = archive.json("statistics") if "statistics" in archive else {}
+    if not isinstance(statistics, dict):
+        raise archive.refuse(f"the entry 'statistics' holds {statistics!r} instead of names and values")
     return Trajectory(
         mechanism,
         t,
@@ -199,9 +205,9 @@ def read_trajectory(path: str | Path, mechanism: Mechanism) -> Trajectory:
         u,
         parameters,
         events=_events(archive, eom, parameters),
-        statistics=Statistics(**{name: value for name, value in dict(statistics).items() if name in known}),
+        statistics=Statistics(**{name: value for name, value in statistics.items() if name in known}),
         refine=_refine(eom, t, q, parameters),
-        missing_multipliers=str(archive.get("missing multipliers", "")),
+        missing_multipliers=unknown_multipliers,
     )
 
 

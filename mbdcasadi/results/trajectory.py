@@ -16,6 +16,7 @@ from ..errors import MechanismError
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from ..numerics.real import real_array
 from .energy_and_drift import Drift, Energy, violations
 from .finite import refuse_nan
 from .interpolation import cubic, hermite, linear
@@ -198,7 +199,10 @@ class Trajectory(HoldsSymbols):
         MechanismError
             For times outside the trajectory.
         """
-        wanted = np.atleast_1d(np.asarray(times, float))
+        try:
+            wanted = np.atleast_1d(real_array(times))
+        except (TypeError, ValueError):
+            raise MechanismError(f"at() takes times as numbers, got {times!r}") from None
         if not self.t.size or not wanted.size:
             raise MechanismError(
                 "a trajectory of no times cannot be interpolated" if wanted.size else "at() needs at least one time"

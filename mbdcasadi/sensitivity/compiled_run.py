@@ -11,13 +11,19 @@ import casadi as ca
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..errors import SimulationError
-from ..integrators.compiled import last_line
+from ..equations.numeric import NumericEquations
+from ..errors import SimulationError, warn
+from ..integrators import Integrator
+from ..integrators.failures import reason_of
+from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..results.state import State
+from ..simulation.accuracy import range_near_rounding, tolerance_for, unresolved_range
 from ..simulation.modes import SingleMode
+from ..simulation.path import Path, hermite_states
 from ..simulation.simulate import chosen_integrator, suited_to_friction
+from ..simulation.singular_passage import singular_time
 from .design_variables import DesignVariables
 from .differentiable_motion import Cuts, DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
@@ -41,6 +47,8 @@ class MotionSetup(Setup):
         As for :func:`simulate`.
     method, reltol, abstol
         The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
+    keeps_abstol : bool, optional
+        Whether the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
 
     Attributes
     ----------
@@ -62,6 +70,7 @@ class MotionSetup(Setup):
         method: Any = "idas",
         reltol: float | None = None,
         abstol: float | None = None,
+        keeps_abstol: bool | None = None,
     ):
         super().__init__(
             mechanism,
@@ -76,16 +85,51 @@ class MotionSetup(Setup):
         _ = self.start[self.eom.a]  # raises where there are no accelerations
         integrator = chosen_integrator(method, SingleMode(self), reltol=reltol, abstol=abstol, analysis=analysis)
         self.integrator = suited_to_friction(integrator, self.numeric)
+        own = abstol is not None or integrator is method
+        self._analysis, self._keeps_abstol = analysis, own if keeps_abstol is None else keeps_abstol
 
     @cached_property
     def start(self) -> State:
         return self.differentiable_start.state
 
     def motion(
-        self, varied: Collection[int], *, integrands: ca.SX | None = None, in_state: bool = True
+        self,
+        varied: Collection[int],
+        *,
+        integrands: ca.SX | None = None,
+        in_state: bool = True,
+        reversible: bool = False,
     ) -> DifferentiableMotion:
-        """Return the motion over the grid; see :class:`DifferentiableMotion`."""
-        return DifferentiableMotion(self, self.integrator, varied=varied, integrands=integrands, in_state=in_state)
+        """Return the motion over the grid; see :class:`DifferentiableMotion`.
+
+        An absolute tolerance that was not given is one that resolves the range of the motion at the values given.
+
+        Warns
+        -----
+        MechanismWarning
+            If the one that was given does not resolve it.
+        """
+
+        def motion_by(integrator: Integrator) -> DifferentiableMotion:
+            return DifferentiableMotion(
+                self, integrator, varied=varied, integrands=integrands, in_state=in_state, reversible=reversible
+            )
+
+        made = motion_by(self.integrator)
+        finer = tolerance_for(made.poses, self.integrator.abstol)
+        for sentence in range_near_rounding(made.poses):
+            warn(f"{self._analysis}: {sentence}")
+        if finer is None:
+            return made
+        if self._keeps_abstol:
+            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
+            return made
+        resolving = motion_by(self.integrator.replace(abstol=finer))
+        if not len(resolving.poses):  # the forces are too rough for it
+            warn(f"{self._analysis}: {unresolved_range(made.poses, self.integrator.abstol)}")
+            return made
+        self.integrator = self.integrator.replace(abstol=finer)
+        return resolving
 
 
 class CompiledRun:
@@ -101,13 +145,23 @@ class CompiledRun:
         Outputs.
     integrands : casadi.SX, optional
         Expressions whose integrals over the run are outputs too: the last rows at the last time.
+    reversible : bool
+        Whether :meth:`adjoint` is called.
     """
 
-    def __init__(self, setup: MotionSetup, wrt: Any, expressions: Sequence[ca.SX], integrands: ca.SX | None = None):
+    def __init__(
+        self,
+        setup: MotionSetup,
+        wrt: Any,
+        expressions: Sequence[ca.SX],
+        integrands: ca.SX | None = None,
+        *,
+        reversible: bool = False,
+    ):
         start = setup.differentiable_start
         self.setup = setup
         self.design = DesignVariables(wrt, setup, start)
-        self.motion = setup.motion(self.design.varied, integrands=integrands)
+        self.motion = setup.motion(self.design.varied, integrands=integrands, reversible=reversible)
         self.guess = start.guess
         self._expressions = list(expressions)
         self.rows = sum(e.numel() for e in self._expressions)
@@ -146,10 +200,31 @@ class CompiledRun:
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
-        remedy = 'take method="erk", or larger tolerances' if self.setup.integrator.is_multistep else None
         course = self._course(d)
         function = self._of(course).derivative("reverse", 1)
-        return self._call(function, d, self.guess, *course.arguments, y, weights, remedy=remedy)[0].full().ravel()
+        try:
+            found = call(function, d, self.guess, *course.arguments, y, weights)
+        except RuntimeError as error:
+            raise SimulationError(self._stopped_backwards(d, course, reason_of(error))) from None
+        return found[0].full().ravel()
+
+    def _stopped_backwards(self, d: np.ndarray, course: Cuts, why: str) -> str:
+        """Message on an adjoint integration that failed; a singular pose on the way is a likely cause."""
+        states = self._call(self._of(course).function, d, self.guess, *course.arguments)[1].full()
+        eom = self.setup.eom
+        n, k = eom.q.numel(), eom.q.numel() + eom.v.numel() + eom.z.numel()
+        path = Path(self.setup.grid, states[:k].T, np.zeros((0, 0)))
+        numeric = NumericEquations(eom, self.design.parameters(d))
+        time = singular_time(numeric, path)
+        if time is not None:
+            pose = hermite_states(path, np.array([time]), n)[0, :n]
+            rows = describe_singularity(numeric, time, pose).rows
+            why += (
+                f", beside a pose near t = {time:.3g} s in which {', '.join(rows)} depend on each other and the "
+                "mechanism could fold: the adjoint equations are singular there"
+            )
+        remedy = 'take method="erk", larger tolerances, or more output times'
+        return f"the adjoint integration stopped at {self._where(d)}: {why}; {remedy}"
 
     # --- the course ---------------------------------------------------------------------------
     def _course(self, d: np.ndarray) -> Cuts:
@@ -193,15 +268,14 @@ class CompiledRun:
                 "the linkage does not reach there, or the values are too far from the last ones"
             )
 
-    def _call(self, function: ca.Function, *arguments: Any, remedy: str | None = None) -> Any:
+    def _call(self, function: ca.Function, *arguments: Any) -> Any:
         try:
             return call(function, *arguments)
         except RuntimeError as error:
-            raise SimulationError(self._stopped(arguments[0], last_line(error), remedy)) from None
+            raise SimulationError(self._stopped(arguments[0], reason_of(error))) from None
 
-    def _stopped(self, d: np.ndarray, why: str, remedy: str | None = None) -> str:
-        remedy = remedy or "simulate with these values says where and why"
-        return f"the integrator stopped at {self._where(d)}: {why}; {remedy}"
+    def _stopped(self, d: np.ndarray, why: str) -> str:
+        return f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why"
 
     def _where(self, d: np.ndarray) -> str:
         parts = [

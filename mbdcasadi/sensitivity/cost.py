@@ -11,6 +11,8 @@ from ..errors import ModelError
 from ..integrators import Integrator
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from ..numerics.console import keyboard_interrupts
+from ..numerics.real import real_array
 from .compiled_run import CompiledRun, MotionSetup
 
 
@@ -40,15 +42,18 @@ class CostFunction:
 
     def __call__(self, x: Any) -> float:
         """Value of the cost."""
-        return self._cost(self._run.values(self._checked(x)))
+        d = self._checked(x)
+        with keyboard_interrupts("cost_function"):
+            return self._cost(self._run.values(d))
 
     def value_and_gradient(self, x: Any) -> tuple[float, np.ndarray]:
         """Value and gradient (n_x,), by one adjoint integration, whatever the number of entries."""
         d = self._checked(x)
-        y = self._run.values(d)
-        weights = np.zeros(y.size)
-        weights[-2:] = 1.0
-        return self._cost(y), self._run.adjoint(d, weights, y)
+        with keyboard_interrupts("cost_function"):
+            y = self._run.values(d)
+            weights = np.zeros(y.size)
+            weights[-2:] = 1.0
+            return self._cost(y), self._run.adjoint(d, weights, y)
 
     def gradient(self, x: Any) -> np.ndarray:
         """Gradient alone (n_x,)."""
@@ -66,7 +71,7 @@ class CostFunction:
 
     def _checked(self, x: Any) -> np.ndarray:
         try:
-            d = np.atleast_1d(np.asarray(x, float))
+            d = np.atleast_1d(real_array(x))
         except (TypeError, ValueError):
             d = np.zeros(0)
         if d.shape != self.start.shape or not np.all(np.isfinite(d)):
@@ -115,11 +120,12 @@ def cost_function(
     Notes
     -----
     With IDAS value and adjoint are each integrated to the tolerance, and their
-    steps differ: the gradient is that of the motion to some 1e-6, not that of
-    the numbers J returns to the last digit. By samples of an input each interval
-    is an integration of its own, which costs time, and where the running cost
-    holds nothing but the input itself the gradient is good to some 1e-4. With
-    ``method="erk"`` it is both, and quicker where the motion is not stiff.
+    steps differ: the gradient is that of the motion to some 1e-7, not that of
+    the numbers J returns to the last digit. With samples of an input each
+    interval is an integration of its own, and with splines, steps and motion
+    programs each stretch between two of their knots, which costs time. With
+    ``method="erk"`` it is both, and quicker where the motion is not stiff;
+    through a pose in which the linkage could fold it is the only method.
     Events have no place here: a motion that is restarted has other derivatives.
 
     Examples
@@ -137,16 +143,17 @@ def cost_function(
     )
     if running.numel() != 1 or terminal.numel() != 1:
         raise ModelError("cost_function: running_cost and terminal_cost must be scalars")
-    setup = MotionSetup(
-        mechanism,
-        "cost_function",
-        times,
-        initial=initial,
-        inputs=inputs,
-        parameters=parameters,
-        method=method,
-        reltol=reltol,
-        abstol=abstol,
-    )
-    setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
-    return CostFunction(CompiledRun(setup, wrt, [terminal], running))
+    with keyboard_interrupts("cost_function"):
+        setup = MotionSetup(
+            mechanism,
+            "cost_function",
+            times,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            method=method,
+            reltol=reltol,
+            abstol=abstol,
+        )
+        setup.eom.function(ca.vertcat(running, terminal))  # refuses foreign symbols
+        return CostFunction(CompiledRun(setup, wrt, [terminal], running, reversible=True))

@@ -35,6 +35,7 @@ from ..equations.time_breaks import resolution
 from ..errors import ModelError
 from ..integrators import Integrator
 from ..integrators.compiled import MAX_STEPS, CompiledIntegrator
+from ..integrators.reversible import ReversibleIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
@@ -115,6 +116,8 @@ class DifferentiableMotion:
         Expressions whose integrals over time are states of their own.
     in_state : bool
         Whether switches in the state are cuts too; without, they are integrated over.
+    reversible : bool
+        Whether it is differentiated backwards: by `varied`, the inputs and the start.
     """
 
     def __init__(
@@ -125,6 +128,7 @@ class DifferentiableMotion:
         varied: Collection[int] = (),
         integrands: ca.SX | None = None,
         in_state: bool = True,
+        reversible: bool = False,
     ):
         numeric, signals, grid = setup.numeric, setup.signals, setup.grid
         if signals.controller or signals.polynomials:
@@ -137,11 +141,8 @@ class DifferentiableMotion:
         self.integrals = self._integrands.numel()
         self.form = choose_formulation(numeric, integrator, redundant=self.redundant)
         self._abstol = integrator.abstol
-        if integrator.is_multistep:
-            # gradients by parameters are quadratures of the adjoint: outside the error test they were off by a quarter
-            # where the adjoint itself is so simple that IDAS takes steps as long as the motion
-            integrator = integrator.replace(options={"quad_err_con": True} | dict(integrator.options))
-        self._integrator = integrator
+        self._integrator, self._given = integrator, frozenset(varied)
+        self._reversible = reversible and integrator.is_multistep
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
         self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
         self._shortest_load = shortest_unseen_load(setup, integrator)
@@ -158,12 +159,14 @@ class DifferentiableMotion:
         self._unknowns = perturbed(np.r_[start.a, start.lam]) if self._dae.z.numel() else np.zeros(0)
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
-        if integrator.is_multistep and self.integrals and self.signals.is_sampled:
+        if self._reversible and self.signals.is_sampled:
             # CasADi does not restart IDAS where samples change, and repeats stretches of the motion with the samples
             # of another interval for the adjoint: gradients were off by up to a third, and where the repetition took
             # more steps than the motion it ended the process. Each interval is an integration of its own.
             self.pieces = grid.size - 1
-        self._cut_where_it_drifts(np.r_[start.q, start.v, start.z])
+        #: coordinates at the outputs at the typical parameters (n_t, n); none if that run fails
+        self.poses = self._first_poses(np.r_[start.q, start.v, start.z])
+        self._cut_where_it_drifts()
 
     def _hold(self, active: frozenset[int]) -> None:
         """Hold the switches in the state and the active ones in time, and compile the system."""
@@ -182,6 +185,10 @@ class DifferentiableMotion:
         )
         self._dae = self.form.dae(self._system.numeric, self._system.signals, self._system.integrands)
         self._compiled = CompiledIntegrator(self._dae, self._integrator)
+        if self._reversible:
+            first = self._system.numeric.eom.p.numel()
+            levels = range(first, first + self.signals.levels.numel())
+            self._backwards = ReversibleIntegrator(self._dae, self._integrator, self._given | frozenset(levels))
 
     @property
     def follows_state(self) -> bool:
@@ -330,6 +337,7 @@ class DifferentiableMotion:
         intervals = grid.size - 1
         count = max(1, min(intervals, round(self.pieces * intervals / (self.grid.size - 1))))
         ends = grid[[part[-1] + 1 for part in np.array_split(np.arange(intervals), count)]]
+        ends = np.r_[ends, course.stops] if self._reversible else ends
         lasts = {schedule.index_after(float(end) + schedule.tolerance) - 1 for end in ends}
         pieces, first, start = [], 0, float(grid[0])
         while first < schedule.size:
@@ -350,8 +358,6 @@ class DifferentiableMotion:
         channel: ca.MX | None,
     ) -> ca.MX:
         """States, with the clock of the whole stretch, at fractions of a piece (n_x, k)."""
-        inputs = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
-        function = self._compiled.function(fractions, groups=inputs["groups"], steps=MAX_STEPS, least_steps=least_steps)
         # the rate at which drift decays in the regularised form comes last
         arguments: dict[str, Any] = {
             "x0": ca.vertcat(x[:-1], 0),
@@ -359,10 +365,19 @@ class DifferentiableMotion:
         }
         if self._unknowns.size:
             arguments["z0"] = self._unknowns
-        if inputs["u"] is not None:
-            stop = ca.MX(ca.DM(inputs["u"][0 if channel is None else channel.shape[0] :, :]))
-            arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
-        states = function(**arguments)["xf"]
+        if self._reversible:
+            assert not np.any(stops[:-1])
+            arguments |= {} if channel is None else {"u": channel}
+            states = self._backwards.function(fractions, least_steps=least_steps)(**arguments)["xf"]
+        else:
+            given = self._compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+            if given["u"] is not None:
+                stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
+                arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
+            function = self._compiled.function(
+                fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps
+            )
+            states = function(**arguments)["xf"]
         return ca.vertcat(states[:-1, :], x[-1] + length * states[-1, :])
 
     def least_steps(self, length: float, course: Cuts) -> int:
@@ -391,26 +406,26 @@ class DifferentiableMotion:
         """A state, with whatever stands below it, on the constraints with their switches held."""
         return _projected(self._system.recovery, time, x, p)
 
-    def _cut_where_it_drifts(self, x0: np.ndarray) -> None:
-        """Cut the motion into as many pieces as keep its drift near the tolerance, by one run from `x0`.
-
-        Drift grows with the square of the time since the state was last on the
-        constraints; each cut starts the integrator again, which costs.
-        """
-        if not self.numeric.eom.Phi.numel():
-            return
+    def _first_poses(self, x0: np.ndarray) -> np.ndarray:
+        """Coordinates at the outputs of one run from `x0` (n_t, n); none if it fails, which a later one reports."""
         p, levels, channel = self.numeric.p, self.signals.level_values, self.channel()
+        n = self.numeric.eom.q.numel()
         course = self.course(x0, p, levels, channel)
         try:
             states = call(self.motion(course), x0, p, levels, channel, *course.arguments)[0].full()
         except RuntimeError:
-            return  # the run itself will say what is wrong
-        if not self.reached(states):
+            return np.zeros((0, n))
+        return states[:n].T if self.reached(states) else np.zeros((0, n))
+
+    def _cut_where_it_drifts(self) -> None:
+        """Cut the motion into as many pieces as keep its drift near the tolerance, by the first run.
+
+        Drift grows with the square of the time since the state was last on the
+        constraints; each cut starts the integrator again, which costs.
+        """
+        if not self.numeric.eom.Phi.numel() or not len(self.poses):
             return
-        n = self.numeric.eom.q.numel()
-        drift = max(
-            largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, states[:n].T, strict=True)
-        )
+        drift = max(largest(self.numeric.position(float(t), q)[0]) for t, q in zip(self.grid, self.poses, strict=True))
         needed = np.clip(np.ceil(np.sqrt(drift / (ACCEPTED * self._abstol))), 1, min(PIECES, self.grid.size - 1))
         self.pieces = max(self.pieces, int(needed))
 

@@ -10,14 +10,16 @@ import numpy as np
 
 from ..errors import ModelError
 from ..integrators import Integrator
+from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import as_expression
+from ..numerics.console import keyboard_interrupts
 from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, same
 
 
-class Sensitivities:
+class Sensitivities(HoldsSymbols):
     """Values and derivatives of outputs over time.
 
     ``found[output]`` are the values (n_t,) or (n_t, k); ``found[output, parameter]``
@@ -132,21 +134,22 @@ def sensitivities(
     >>> np.round(found[stone.y, g], 6)
     array([ 0. , -0.5, -2. ])
     """
-    setup = MotionSetup(
-        mechanism,
-        "sensitivities",
-        times,
-        initial=initial,
-        inputs=inputs,
-        parameters=parameters,
-        method=method,
-        reltol=reltol,
-        abstol=abstol,
-    )
-    named = named_outputs(outputs)
-    run = CompiledRun(setup, wrt, [e for _, e in named])
-    y, slope = run.forward(run.design.values)
-    return Sensitivities(setup.grid, named, run.design, y, slope)
+    with keyboard_interrupts("sensitivities"):
+        setup = MotionSetup(
+            mechanism,
+            "sensitivities",
+            times,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            method=method,
+            reltol=reltol,
+            abstol=abstol,
+        )
+        named = named_outputs(outputs)
+        run = CompiledRun(setup, wrt, [e for _, e in named])
+        y, slope = run.forward(run.design.values)
+        return Sensitivities(setup.grid, named, run.design, y, slope)
 
 
 def named_outputs(outputs: Any) -> list[tuple[Any, ca.SX]]:

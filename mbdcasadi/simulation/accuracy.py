@@ -12,6 +12,8 @@ from ..results.trajectory import Trajectory
 RESOLVED = 1e5
 #: Range, relative to the size of the coordinates, that is rounding.
 RANGE_TOLERANCE = 1e-11
+#: Range, relative to the size of the coordinates, below which nothing moves.
+REST_TOLERANCE = 1e-13
 #: Absolute tolerance for a motion of small range, relative to that; and the smallest.
 ABSTOL_SHARE, SMALLEST_ABSTOL = 1e-8, 1e-15
 #: Steps of a run from which its energy is looked at.
@@ -22,31 +24,49 @@ NO_POWER = 1e-9
 WORTH_REPORTING = 1e-2
 
 
-def ranges(motion: Trajectory) -> np.ndarray:
-    """Range over which each coordinate moves (n,); 0 if that is rounding."""
-    if not len(motion):
-        return np.zeros(motion.q.shape[1])
-    all_ranges = np.ptp(motion.q, axis=0)
-    return np.where(all_ranges > RANGE_TOLERANCE * (1 + np.max(np.abs(motion.q), axis=0)), all_ranges, 0.0)
+def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
+    """Range over which each coordinate moves (n,); 0 if that is less than a share of its size.
+
+    Parameters
+    ----------
+    q : numpy.ndarray
+        Coordinates by output (n_t, n).
+    """
+    if not len(q):
+        return np.zeros(q.shape[1])
+    all_ranges = np.ptp(q, axis=0)
+    return np.where(all_ranges > share * (1 + np.max(np.abs(q), axis=0)), all_ranges, 0.0)
 
 
-def tolerance_for(motion: Trajectory, abstol: float) -> float | None:
+def tolerance_for(q: np.ndarray, abstol: float) -> float | None:
     """Absolute tolerance that resolves a motion of small range; None if the one it was made with does."""
-    size = largest(ranges(motion))
+    size = largest(ranges(q))
     return max(ABSTOL_SHARE * size, SMALLEST_ABSTOL) if 0 < size < RESOLVED * abstol else None
 
 
-def unresolved_range(motion: Trajectory, abstol: float) -> str:
+def unresolved_range(q: np.ndarray, abstol: float) -> str:
     """Sentence on a motion whose range the tolerance does not resolve."""
     return (
-        f"the motion stays within {largest(ranges(motion)):.2g} (m or rad), which abstol = {abstol:.1e} does not "
+        f"the motion stays within {largest(ranges(q)):.2g} (m or rad), which abstol = {abstol:.1e} does not "
         "resolve; lower it"
     )
 
 
+def range_near_rounding(q: np.ndarray) -> list[str]:
+    """Sentence on a motion whose range is little more than the rounding of its coordinates."""
+    moved = ranges(q, REST_TOLERANCE)
+    if largest(ranges(q)) > 0 or not largest(moved):
+        return []
+    size = float(np.max(np.abs(q[:, moved > 0])))
+    return [
+        f"the motion stays within {largest(moved):.2g} (m or rad) at coordinates of up to {size:.3g}, near their "
+        "rounding, and is not resolved; take an origin nearer to it"
+    ]
+
+
 def small_motions(motion: Trajectory, abstol: float) -> list[str]:
     """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them."""
-    moved = ranges(motion)
+    moved = ranges(motion.q)
     if largest(moved) < RESOLVED * abstol:
         return []
     few = (moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)

@@ -5,20 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from ..integrators.failures import in_words
 from ..kinematics.singular import describe_singularity
 from ..results.validity import broken_at_pose
 from .tolerances import narrowest_friction
-
-_FLAGS = {
-    "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
-    "IDA_ERR_FAIL": "the error test failed again and again at the smallest step",
-    "IDA_CONV_FAIL": "Newton's method did not converge at the smallest step",
-    "IDA_LSETUP_FAIL": "the linear system of a step is singular",
-    "IDA_RES_FAIL": "the equations gave a value that is not finite",
-    "IDA_REP_RES_ERR": "the equations gave values that are not finite",
-    "IDA_NO_RECOVERY": "no consistent accelerations were found",
-}
-
 
 #: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
 NEAR_SINGULAR = 0.02
@@ -54,7 +44,7 @@ def cause_of_failure(
         Name of the integrator, which is not advised again.
     """
     eom = numeric.eom
-    said = _FLAGS.get(flag, flag)
+    said = in_words(flag)
     remarks = "".join(f"; {sentence}" for sentence in broken_at_pose(numeric, t, q[0]))
     for time, pose in ((t, q[0]), (t + ahead, q[0] + ahead * v[0])):
         broken = numeric.forces_not_finite(time, pose, v[0], z[0], numeric.eom.input_values)

@@ -33,6 +33,7 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
+from .shaky_start import refuse_shaky_start
 from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
 from .stepping import Stepper
 from .time_dependence import time_dependence
@@ -233,6 +234,7 @@ class Run:
             raise state.obstacle
         if not np.all(np.isfinite(state.a)):
             _ = state[free.eom.a]  # raises, and names what has no value
+        refuse_shaky_start(free, state)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()

@@ -16,7 +16,7 @@ from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
-from .accuracy import grown_error, small_motions, tolerance_for, unresolved_range
+from .accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
 from .events import read_events
 from .friction_modes import FrictionModes
 from .loop import Run
@@ -137,7 +137,8 @@ def simulate(
         motion.statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
     may_repeat = abstol is None and asked is not method and setup.signals.controller is None
     run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
-    motion.statistics.notes += small_motions(motion, run.integrator.abstol) + grown_error(motion, run.steps)
+    motion.statistics.notes += small_motions(motion, run.integrator.abstol) + range_near_rounding(motion.q)
+    motion.statistics.notes += grown_error(motion, run.steps)
     _report_exceeded_limits(mechanism, motion)
     report_validity(motion, run.unresolved())
     return motion
@@ -167,7 +168,7 @@ def _through_phases(
 def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool) -> tuple[Run, Trajectory]:
     """A run whose absolute tolerance resolves the range of its motion, or a note that this one does not."""
     abstol = run.integrator.abstol
-    finer = tolerance_for(motion, abstol)
+    finer = tolerance_for(motion.q, abstol)
     if finer is None:
         return run, motion
     if may_repeat:
@@ -185,7 +186,7 @@ def _resolved(run: Run, motion: Trajectory, *, may_repeat: bool, progress: bool)
         else:
             repeated.statistics.notes.append(f"abstol = {finer:.1e}, as the motion stays within a small range")
             return again, repeated
-    motion.statistics.notes.append(unresolved_range(motion, abstol))
+    motion.statistics.notes.append(unresolved_range(motion.q, abstol))
     return run, motion
 
 

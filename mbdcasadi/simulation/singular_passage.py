@@ -113,6 +113,29 @@ class Regularity:
         pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
+    def along(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
+        """Times of a path between which no body turns far, and the smallest relative pivot at them."""
+        n, times = self.numeric.eom.q.numel(), finer_times(path, self.numeric.eom)
+        return times, self.at(times, hermite_states(path, times, n)[:, :n])
+
+
+def finer_times(path: Path, eom: Equations) -> np.ndarray:
+    """Times of a path between which no body turns far."""
+    turned = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
+    parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
+    ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
+    return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
+
+
+def singular_time(numeric: NumericEquations, path: Path) -> float | None:
+    """Time at which a motion is nearest to a singular pose; None if it is not near to any."""
+    regularity = Regularity(numeric, float(path.times[0]), path.x[0, : numeric.eom.q.numel()])
+    if not regularity.is_needed:
+        return None
+    times, values = regularity.along(path)
+    k = int(np.argmin(values))
+    return float(times[k]) if values[k] < ENTRY * np.max(values) else None
+
 
 def _regularity(eom: Equations, rows: list[int]) -> ca.Function:
     columns = ca.SX.sym("scale", eom.q.numel())
@@ -168,9 +191,7 @@ class SingularPassage:
         """Time at which a path comes near to a singular pose, or back to one; None if it does not."""
         if not self._regularity.is_needed or path.times.size < 2:
             return None
-        times = self._finer(path)
-        poses = hermite_states(path, times, self._numeric.eom.q.numel())[:, : self._numeric.eom.q.numel()]
-        values = self._regularity.at(times, poses)
+        times, values = self._regularity.along(path)
         running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
         recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
         self._largest, self._recent = float(running[-1]), float(recent[-1])
@@ -182,16 +203,9 @@ class SingularPassage:
         """Note that a pose was passed: what counts from here on is whether the motion turns back to it."""
         self._recent = 0.0
 
-    def _finer(self, path: Path) -> np.ndarray:
-        """Times of a path between which no body turns far."""
-        turned = np.abs(np.diff(path.x[:, np.flatnonzero(self._numeric.eom.angles)], axis=0)).max(axis=1, initial=0.0)
-        parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
-        ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
-        return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
-
     def smallest(self, path: Path) -> float:
         """Smallest pivot along a path, relative to the one of the entry."""
-        n, times, values = self._numeric.eom.q.numel(), self._finer(path), np.zeros(0)
+        n, times, values = self._numeric.eom.q.numel(), finer_times(path, self._numeric.eom), np.zeros(0)
         for _ in range(2):  # first everywhere, then about the lowest
             values = self._regularity.at(times, hermite_states(path, times, n)[:, :n])
             k = int(np.argmin(values))

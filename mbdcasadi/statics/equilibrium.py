@@ -16,6 +16,7 @@ from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition, read_conditions
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, Parameter
+from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
 from .amplification import amplification, warn_of
@@ -138,8 +139,9 @@ def equilibrium(
     >>> round(rest[arm.phi] / np.pi, 9), rest.stable
     (-0.5, True)
     """
-    setup = Setup(mechanism, "equilibrium", t=t, initial=conditions, inputs=inputs, parameters=parameters)
-    return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer)
+    with keyboard_interrupts("equilibrium"):
+        setup = Setup(mechanism, "equilibrium", t=t, initial=conditions, inputs=inputs, parameters=parameters)
+        return equilibrium_of(setup, inputs_and_parameters(mechanism, unknowns, "unknowns="), prefer)
 
 
 def equilibrium_of(setup: Setup, wanted: tuple[Any, ...] = (), prefer: str = "stable") -> Equilibrium:

@@ -12,6 +12,7 @@ from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input, Parameter, as_expression, number
+from ..numerics.console import keyboard_interrupts
 from ..numerics.homotopy import StepControl
 from ..numerics.least_squares import largest
 from ..numerics.newton import newton
@@ -74,6 +75,8 @@ def equilibrium_path(
     ------
     EquilibriumError
         If there is no equilibrium at the start, or the path cannot be followed.
+    Interrupted
+        On Ctrl-C; ``.partial`` is the path so far, None before its first point.
 
     References
     ----------
@@ -99,10 +102,13 @@ def equilibrium_path(
     if first == last or not isinstance(steps, int) or steps < 1:
         raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
     arguments: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
-    setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
-    origin = equilibrium_of(setup, prefer=prefer)
-    statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
-    return Follower(statics, parameter, first, last, steps).run(origin)
+    follower: Follower | None = None
+    with keyboard_interrupts("equilibrium_path", lambda: None if follower is None else follower.so_far):
+        setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
+        origin = equilibrium_of(setup, prefer=prefer)
+        statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
+        follower = Follower(statics, parameter, first, last, steps)
+        return follower.run(origin)
 
 
 @dataclass(frozen=True)
@@ -199,6 +205,8 @@ class Follower:
         self._seen = np.flatnonzero(self._size)
         self._turns = np.flatnonzero(statics.eom.angles)
         self._n = n
+        self._points: list[_Point] = []
+        self._found: list[CriticalState] = []
 
     def run(self, origin: Equilibrium) -> EquilibriumPath:
         sign = np.sign(self.last - self.first)
@@ -206,7 +214,9 @@ class Follower:
         point = self._point(x, None)
         if point.tangent[-1] * sign < 0:
             point.tangent = -point.tangent
-        points, critical = [point], []
+        points: list[_Point] = [point]
+        critical: list[CriticalState] = []
+        self._points, self._found = points, critical
         usual = 1.0 / self.steps
         control = StepControl(usual, SMALLEST_STEP * usual, usual)
         while len(points) < MOST_POINTS:
@@ -229,6 +239,14 @@ class Follower:
             beyond = (point.x[-1] - self.last) * sign >= -1e-12 * abs(self.last)
             if beyond or (self.first - point.x[-1]) * sign > abs(self.last - self.first):
                 break
+        return self._path(points, critical)
+
+    @property
+    def so_far(self) -> EquilibriumPath | None:
+        """The path as far as it has been followed."""
+        return self._path(list(self._points), list(self._found)) if self._points else None
+
+    def _path(self, points: list[_Point], critical: list[CriticalState]) -> EquilibriumPath:
         return EquilibriumPath(self.parameter, [p.x[-1] for p in points], [p.state for p in points], critical)
 
     # --- points ----------------------------------------------------------------------

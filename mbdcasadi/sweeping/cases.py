@@ -12,6 +12,7 @@ from ..errors import MechanismError, ModelError
 from ..model.mechanism import Mechanism
 from ..model.quantities import refuse_twice
 from ..model.symbols import Input, Parameter, number
+from ..numerics.real import real_array
 
 Symbol = Parameter | Input
 
@@ -49,7 +50,7 @@ def _pairs(values: Any, what: str) -> list[tuple[Symbol, Any]]:
 def _numbers(key: Symbol, values: Any, what: str) -> np.ndarray:
     """Values of a symbol, a number or a list of them."""
     try:
-        array = np.asarray(values, float)
+        array = real_array(values)
     except (TypeError, ValueError):
         raise ModelError(f"{what}: the values of '{key.label}' must be numbers, got {values!r}") from None
     if array.ndim > 1 or not np.all(np.isfinite(array)):

@@ -96,7 +96,8 @@ def sweep(
         Integrator, for all cases; "auto" decides by the first. :class:`DOP853` is much the fastest where forces are
         smooth and not stiff; without an executor its cases are shared by a thread for each processor.
     reltol, abstol : float, default 1e-8
-        Of the integrator.
+        Of the integrator, for all cases. If `abstol` is left out and the first case stays within a range that the
+        default does not resolve, it is one that does; give it if other cases move much less than the first.
     batch : int, optional
         Cases in a batch: what a worker takes at a time.
     file : str or Path, optional

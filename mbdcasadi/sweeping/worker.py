@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..integrators.compiled import last_line
+from ..integrators.failures import reason_of
 from ..numerics.console import call
 from .packed import Packed
 from .starts import StartPath
@@ -44,7 +44,7 @@ class Parcel:
                 arrived = abs(clock - self.span) <= 1e-6 * self.span and np.all(np.isfinite(row))
                 messages[k] = "" if arrived else "a step became too small, or a value was not finite"
             except RuntimeError as error:
-                messages[k] = last_line(error)
+                messages[k] = reason_of(error)
             if not messages[k]:
                 values[k] = row
         return values, messages

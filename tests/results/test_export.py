@@ -259,6 +259,26 @@ def test_files_that_are_none(pendulum, tmp_path, content):
         mbd.read_trajectory(path, pendulum)
 
 
+@pytest.mark.parametrize("entry", ["v", "a", "lam"])
+def test_entries_that_are_unknown_throughout_are_refused(motion, pendulum, tmp_path, entry):
+    path = tmp_path / "run.npz"
+    motion.save(path)
+    content = dict(np.load(path))
+    content[entry] = np.full_like(content[entry], np.nan)
+    np.savez(path, **content)
+    with pytest.raises(mbd.FileError, match=rf"run\.npz: the entry '{entry}' is not a number at any time"):
+        mbd.read_trajectory(path, pendulum)
+
+
+@pytest.mark.parametrize("statistics", ["1.0", "[1, 2]", '"text"', "null"])
+def test_statistics_that_are_no_names_and_values_are_refused(motion, pendulum, tmp_path, statistics):
+    path = tmp_path / "run.npz"
+    motion.save(path)
+    np.savez(path, **(dict(np.load(path)) | {"statistics": np.array(statistics)}))
+    with pytest.raises(mbd.FileError, match=r"run\.npz: the entry 'statistics' holds"):
+        mbd.read_trajectory(path, pendulum)
+
+
 def test_energy_of_the_fall(motion, arm):
     """The summary's numbers: a rod that falls keeps its energy."""
     from mbdcasadi.results.summary import summary

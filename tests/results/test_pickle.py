@@ -35,6 +35,16 @@ def test_what_holds_symbols_says_what_to_do(swing):
                 pickle.dumps(thing, protocol)
 
 
+def test_sensitivities_say_what_to_do_and_are_copied():
+    g = mbd.Parameter("g", 9.81)
+    stone = mbd.Body("stone", mass=1, inertia=1)
+    fall = mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    found = mbd.sensitivities(fall, [0, 1], outputs=[stone.y], wrt=[g])
+    with pytest.raises(mbd.MechanismError, match="Sensitivities objects cannot be pickled"):
+        pickle.dumps(found)
+    assert np.array_equal(copy.copy(found)[stone.y, g], found[stone.y, g])
+
+
 def test_what_is_made_of_numbers_is_pickled(swing):
     """Arrays and statistics of a motion, laws, and errors with what they say."""
     _, motion = swing

@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...numerics.real import real_array
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly
@@ -170,7 +171,7 @@ def _numbers(values: Any, name: str) -> np.ndarray:
         # Python's float() of a symbol is NaN and no error.
         if isinstance(values, ca.SX) or any(isinstance(value, ca.SX) for value in values):
             raise TypeError
-        result = np.asarray(values, dtype=float)
+        result = real_array(values)
     except (TypeError, ValueError, RuntimeError, NotImplementedError):
         raise ModelError(f"spline: {name} must be a sequence of numbers, got {values!r}") from None
     if result.ndim != 1:

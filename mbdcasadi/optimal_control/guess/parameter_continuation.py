@@ -11,6 +11,7 @@ import numpy as np
 from ...arguments.values import pairs_of
 from ...errors import ModelError
 from ...model.symbols import Parameter
+from ...numerics.real import real_array
 from ..checks.failure import OptimizationError
 from ..nlp.statistics import Step
 from ..problem import OptimalControlProblem
@@ -40,7 +41,7 @@ def read_continuation(problem: OptimalControlProblem, continuation: Any, paramet
             if any(key is other for other in others):
                 raise ModelError(f"{what} parameter '{key.label}' is also {how}")
         try:
-            columns[key] = np.asarray(values, float).ravel()
+            columns[key] = real_array(values).ravel()
         except (TypeError, ValueError):
             raise ModelError(f"{what} takes the values of '{key.label}' one after another, got {values!r}") from None
         if not columns[key].size or not np.all(np.isfinite(columns[key])):

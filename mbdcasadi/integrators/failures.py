@@ -1,0 +1,38 @@
+"""Messages of CasADi's integrators on a failure, in plain words."""
+
+from __future__ import annotations
+
+_REASONS = {
+    "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
+    "IDA_ERR_FAIL": "the error test failed again and again at the smallest step",
+    "IDA_CONV_FAIL": "Newton's method did not converge at the smallest step",
+    "IDA_LSETUP_FAIL": "the linear system of a step is singular",
+    "IDA_RES_FAIL": "the equations gave a value that is not finite",
+    "IDA_REP_RES_ERR": "the equations gave values that are not finite",
+    "IDA_NO_RECOVERY": "no consistent accelerations were found",
+}
+
+
+def last_line(error: Exception) -> str:
+    """Last line of an error's message."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[-1] if lines else "no reason given"
+
+
+def flag_of(error: Exception) -> str:
+    """The integrator's flag of a failure, or the last line of its message."""
+    text = str(error)
+    for word in text.replace('"', " ").split():
+        if word.startswith("IDA_"):
+            return word
+    return last_line(error)
+
+
+def in_words(flag: str) -> str:
+    """What a flag says; any other text as it is."""
+    return _REASONS.get(flag, flag)
+
+
+def reason_of(error: Exception) -> str:
+    """Why an integrator stopped, by the error that it raised."""
+    return in_words(flag_of(error))
