@@ -169,9 +169,11 @@ class Run:
         mechanism = self.setup.mechanism
         conditions = any(c.between_outputs for c in validity_conditions(mechanism))
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
-        return bool(
-            self.events or conditions or smoothed or switching(mechanism) or has_loops(eom) or self._has_loads()
-        )
+        # drift is taken away at the ends of pieces, which outputs far apart would make as long as the run
+        drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
+        if self.events or conditions or smoothed or switching(mechanism) or has_loops(eom):
+            return True
+        return drifts or self._has_loads()
 
     def _has_loads(self) -> bool:
         """Whether the motion may meet loads that steps pass over."""

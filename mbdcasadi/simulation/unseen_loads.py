@@ -26,7 +26,7 @@ from .path import Path, hermite_states
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9
 #: Steps of bisection and of the golden section towards zeros and extrema.
-STEPS = 44
+STEPS = 28
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
 #: Transients that last longer than this many output intervals are noticed by the steps.
