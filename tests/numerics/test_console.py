@@ -70,7 +70,7 @@ def test_ctrl_c_that_is_swallowed_comes_back(swallowed_as):
             if swallowed_as is not None:
                 raise swallowed_as("not what it was") from None
 
-    with pytest.raises(KeyboardInterrupt), keyboard_interrupts():
+    with pytest.raises(KeyboardInterrupt), keyboard_interrupts("test"):
         swallowing()
-    with pytest.raises(ValueError, match="another"), keyboard_interrupts():
+    with pytest.raises(ValueError, match="another"), keyboard_interrupts("test"):
         raise ValueError("another")
