@@ -200,7 +200,7 @@ def test_a_reset_in_the_pose_itself_is_refused():
     assert caught.value.partial.t[-1] == pytest.approx(0.475, abs=0.03)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 @pytest.mark.parametrize("outputs", [31, 201])
 def test_no_output_is_left_out(method, outputs):
     """An equal slider-crank, whose entries to the pose lie in other pieces than the passages begin."""
