@@ -121,7 +121,8 @@ class GapClosings:
         gaps, rates, bounds = self._at(path, path.times)
         length = np.diff(path.times)[:, None]
         reachable = gaps[:-1] + gaps[1:] < SAFETY * np.maximum(bounds[:-1], bounds[1:]) * length
-        rows, owners = np.nonzero(reachable & (closed == 0))
+        # what is closed where an interval begins was seen before
+        rows, owners = np.nonzero(reachable & (closed == 0) & (gaps[:-1] > -SHALLOW))
         brackets = _Brackets(
             owners, path.times[rows], path.times[rows + 1], gaps[rows, owners], gaps[rows + 1, owners],
             rates[rows, owners], rates[rows + 1, owners], bounds[rows, owners], bounds[rows + 1, owners],

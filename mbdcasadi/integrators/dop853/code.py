@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
 
-from ...equations.c_code import Tape, simplified, tape_of
+from ...numerics.c_code import Tape, simplified, tape_of
 from . import build
 
 #: Optimisation of equations: more gives nothing (measured), and takes twice the time.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...equations.c_code import Tape, interpreter_in_c
+from ...numerics.c_code import Tape, interpreter_in_c
 from . import build, stretch
 from .code import Code, package_version
 from .coefficients import coefficients_in_c

@@ -9,7 +9,7 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from ...equations.c_code import UnsupportedOperation
+from ...numerics.c_code import UnsupportedOperation
 from ...model.cache import Cache
 from . import build
 from .code import Code

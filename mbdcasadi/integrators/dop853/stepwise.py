@@ -12,7 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...equations.c_code import simplified
+from ...numerics.c_code import simplified
 from ...model.cache import Cache
 from .coefficients import EXPONENT, STAGES, coefficients
 from .stretch import (

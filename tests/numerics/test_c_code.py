@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdcasadi.equations.c_code import OPERATIONS, PIECE, UnsupportedOperation, simplified, tape_of
+from mbdcasadi.numerics.c_code import OPERATIONS, PIECE, UnsupportedOperation, simplified, tape_of
 from mbdcasadi.integrators.dop853 import build
 
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
