@@ -9,8 +9,8 @@ from typing import Protocol
 import casadi as ca
 import numpy as np
 
-from ...numerics.c_code import UnsupportedOperation
 from ...model.cache import Cache
+from ...numerics.c_code import UnsupportedOperation
 from . import build
 from .code import Code
 from .native import NativeRun, engine

@@ -12,8 +12,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...numerics.c_code import simplified
 from ...model.cache import Cache
+from ...numerics.c_code import simplified
 from .coefficients import EXPONENT, STAGES, coefficients
 from .stretch import (
     ACCURACY,
