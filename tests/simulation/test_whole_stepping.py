@@ -18,7 +18,7 @@ from mbdcasadi.integrators.dop853 import build
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 
 #: Seeds of random mechanisms that lock up within half a second, from far beyond what any method follows.
-LOCKED = (15, 26)
+LOCKED = (15, 26, 86)
 
 
 @pytest.fixture(params=["in C", "stepwise"])
@@ -131,7 +131,7 @@ def test_random_mechanisms(seed, monkeypatch):
 
 @compiled_only
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(34, 200))
+@pytest.mark.parametrize("seed", [s for s in range(34, 200) if s not in LOCKED])
 def test_more_random_mechanisms(seed, monkeypatch):
     compare(seed, monkeypatch)
 
