@@ -14,7 +14,6 @@ from . import lines, scene
 from .sample import Sample
 from .scene import Mark, MovingFrame, Scene
 
-
 #: Mean height of a body above its pin, in parts of the distance, from which on it hides a support on its side.
 HIDES = 0.8
 
