@@ -219,8 +219,8 @@ def _stage(model: LiveModel, options: Options, plots: Mapping[str, Any], speed: 
         model.eom.function(column)  # raises for symbols that the mechanism does not have
     # a film of nothing: the page finds its own frames
     return Film(
-        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], speed, 60.0, name, False
-    )  # type: ignore[arg-type]
+        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], speed, 60.0, name, False  # type: ignore[arg-type]
+    )  # fmt: skip
 
 
 def _preview(model: LiveModel) -> Trajectory | None:
