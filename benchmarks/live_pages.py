@@ -3,10 +3,10 @@
     python benchmarks/live_pages.py
     python benchmarks/live_pages.py four-bar "Jansen's leg" --models FOLDER
 
-Every page runs two seconds in a headless Chromium (Playwright's own, or the one on the path), as fast as it can, and is
-compared with :func:`mbdcasadi.simulate` at a tolerance of 1e-12 (IDAS: 1e-11); then it plays for two seconds while frames
-are counted. A frame is also timed on its own, as the median of clicks on "step", which solve a thirtieth of a second and
-draw: other work on the machine changes that less. ``--models`` adds the model files (``.adm``) of a folder.
+Every page runs two seconds in a headless Chromium (Playwright's own, or the one on the path), as fast as it can, and
+is compared with :func:`mbdcasadi.simulate` at a tolerance of 1e-12 (IDAS: 1e-11); then it plays for two seconds while
+frames are counted. A frame is also timed on its own, as the median of clicks on "step", which solve a thirtieth of a
+second and draw: other work on the machine changes that less. ``--models`` adds the model files (``.adm``) of a folder.
 """
 
 from __future__ import annotations
