@@ -27,6 +27,7 @@ from .errors import (
 )
 from .files.acf import read_acf
 from .files.adm import read_adm
+from .fmu.export import export_fmu
 from .identification.data import Experiment, IdentificationError
 from .identification.fit import Fit
 from .identification.identify import identify

@@ -141,6 +141,8 @@ class TimeFunctions:
         # a quotient whose numerator depends on other symbols is no part, but has its poles in time
         divisors = _timed(_divisors(rest, names, parts), t) if timed.size else []
         zeros, transients = _distinct([*zeros, *divisors]), _distinct([*transients, *divisors])
+        #: functions of time and known symbols at whose zeros something switches (j,)
+        self.switches = ca.vertcat(ca.SX(0, 1), *zeros, *[ca.sin(np.pi * whole) for whole in integers])
         self._zeros = _Switches(zeros, t, p, integer=False)
         self._integers = _Switches(integers, t, p, integer=True)
         self._transients = _Switches(transients, t, p, integer=False)
