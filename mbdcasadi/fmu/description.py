@@ -71,7 +71,12 @@ class Description:
             ),
         ):
             if kind in self.kinds:
-                attributes = {"modelIdentifier": self.identifier, **more, **able, "providesDirectionalDerivative": "true"}
+                attributes = {
+                    "modelIdentifier": self.identifier,
+                    **more,
+                    **able,
+                    "providesDirectionalDerivative": "true",
+                }
                 files = ET.SubElement(ET.SubElement(root, tag, attributes), "SourceFiles")
                 for source in self.sources:
                     ET.SubElement(files, "File", {"name": source})
@@ -105,7 +110,11 @@ class Description:
         """``modelDescription.xml`` of FMI 3.0."""
         v = self.variables
         root = ET.Element("fmiModelDescription", self._head("3.0") | {"instantiationToken": self.token})
-        able = {"canGetAndSetFMUState": "true", "canSerializeFMUState": "true", "providesDirectionalDerivatives": "true"}
+        able = {
+            "canGetAndSetFMUState": "true",
+            "canSerializeFMUState": "true",
+            "providesDirectionalDerivatives": "true",
+        }
         if "model-exchange" in self.kinds:
             attributes = {"modelIdentifier": self.identifier, "needsCompletedIntegratorStep": "false", **able}
             ET.SubElement(root, "ModelExchange", attributes)
@@ -202,7 +211,9 @@ class Description:
 
         def named(pattern: np.ndarray) -> list[str]:
             return [
-                " ".join(sorted((places[x.reference] for x, on in zip(known, row[columns], strict=True) if on), key=int))
+                " ".join(
+                    sorted((places[x.reference] for x, on in zip(known, row[columns], strict=True) if on), key=int)
+                )
                 for row in pattern
             ]
 

@@ -197,7 +197,9 @@ def _binaries(
     if found is None:
         reason = "no C compiler is on the path, or FMI names no folder for this machine"
         if required:
-            raise ModelError(f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone")
+            raise ModelError(
+                f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"
+            )
         warn(f"export_fmu: {reason}: {Path(path).name} holds sources and no binary; importers that compile take it")
     return found or {}
 
@@ -231,8 +233,8 @@ def _listed(given: Any, known: Sequence[Any], wanted: type, argument: str) -> tu
     for value in controllers:
         if isinstance(value, SampledController):
             raise ModelError(
-                f"export_fmu: {argument} holds a SampledController, which runs in Python; export the input, and connect "
-                "the controller to it outside"
+                f"export_fmu: {argument} holds a SampledController, which runs in Python; export the input, and "
+                "connect the controller to it outside"
             )
     symbols = entries(given, f"export_fmu: {argument}")
     for symbol in symbols:

@@ -88,8 +88,8 @@ class Model:
         owners = [e.description for e in eom.mechanism.elements if _depends_on_lam(e, eom)]
         obstacle = "constraints depend on each other" if self.is_redundant else "bodies have little or no mass"
         raise ModelError(
-            f"export_fmu: the force of {', '.join(owners[:3])} depends on reactions, and {obstacle}, which together have "
-            "no form in a unit; take LoadIndependentFriction, or "
+            f"export_fmu: the force of {', '.join(owners[:3])} depends on reactions, and {obstacle}, which together "
+            "have no form in a unit; take LoadIndependentFriction, or "
             + ("remove the redundant rows (see check)" if self.is_redundant else "give these bodies more mass")
         )
 
@@ -246,7 +246,9 @@ class Model:
         """True if conditions leave the velocity of the start free in part."""
         return self._leaves_free(self._velocity_rows[1])
 
-    def _start_function(self, name: str, unknown: ca.SX, rows: ca.SX, slopes: ca.SX, known: Sequence[ca.SX]) -> ca.Function:
+    def _start_function(
+        self, name: str, unknown: ca.SX, rows: ca.SX, slopes: ca.SX, known: Sequence[ca.SX]
+    ) -> ca.Function:
         """``(…, estimate) -> (unknown, largest residual)``: one step of Newton's method, nearest to an estimate."""
         estimate = ca.SX.sym("estimate", unknown.numel())
         weights = ca.DM(self.numeric.weights) if unknown.numel() == self.numeric.weights.size else None
@@ -309,7 +311,9 @@ class Model:
         try:
             return [tape_of(simplified(f)) for f in self.functions]
         except UnsupportedOperation as error:
-            raise ModelError(f"export_fmu: the model holds the operation '{error.operation}', which has no C code") from None
+            raise ModelError(
+                f"export_fmu: the model holds the operation '{error.operation}', which has no C code"
+            ) from None
 
     # --- structure --------------------------------------------------------------------------------
     @cached_property

@@ -34,10 +34,14 @@ def source_files(
     largest_abstol: float,
 ) -> dict[str, str]:
     """Return the C files by name; those of :data:`OPTIMISATION` are compiled, and include the others."""
-    equations = "#include <math.h>\n\n" + "\n".join(_prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes)
+    equations = "#include <math.h>\n\n" + "\n".join(
+        _prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes
+    )
     engine = engine_source()
     # names that are seen outside of their file are those of this unit alone
-    own = "".join(f"#define {name} {identifier}_{name}\n" for name in sorted(set(re.findall(r"\bmbd_\w+(?=\()", engine))))
+    own = "".join(
+        f"#define {name} {identifier}_{name}\n" for name in sorted(set(re.findall(r"\bmbd_\w+(?=\()", engine)))
+    )
     interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{own}\n{engine}",
@@ -116,7 +120,9 @@ def _header(
         "VALIDITY_MESSAGES": [condition.message for condition in model.validity],
         "FORCE_OWNERS": [owner for _, owner in model.forces],
     }
-    parts = ["/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"]
+    parts = [
+        "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
+    ]
     parts += [f"#define {name} {value}" for name, value in sizes.items()]
     parts += [f"#define {name} {_number(value)}" for name, value in numbers.items()]
     parts += [f"#define WORK_{name} {size}" for name, size in work.items()]

@@ -147,7 +147,9 @@ def variables_of(
 
     input_places = [_place(mechanism.inputs, u) for u in inputs]
     parameter_places = [_place(mechanism.parameters, p) for p in parameters]
-    state_names = _free_names([*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], given)
+    state_names = _free_names(
+        [*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], given
+    )
     sizes = np.r_[_sizes(model), np.ones(eom.z.numel())]
     unit_of = _units_of_states(eom)
     time = made(["time"] if "time" not in given else ["time (independent)"], "independent", unit=["s"])
@@ -194,7 +196,9 @@ def _check_names(names: Sequence[str]) -> None:
         if not name.strip() or re.search(r"[\x00-\x1f\x7f]", name):
             raise ModelError(f"export_fmu: {name!r} is no name of a variable; take one line of text")
         if name in seen:
-            raise ModelError(f"export_fmu: the name '{name}' is used twice; inputs, parameters and outputs need their own")
+            raise ModelError(
+                f"export_fmu: the name '{name}' is used twice; inputs, parameters and outputs need their own"
+            )
         seen.add(name)
 
 

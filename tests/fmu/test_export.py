@@ -237,7 +237,9 @@ def test_start_is_assembled_anew(unit, linkage):
         for value in (0.3, 0.32, 0.27):
             found = unit(version).start(ground=value).get("angle", "speed", "pin force", "energy", "rocker.phi")
             state = mbd.assemble(linkage.mechanism, linkage.initial, parameters={linkage.ground: value})
-            known = [float(state[e]) for e in linkage.outputs.values()] + [float(state[linkage.mechanism.bodies[2].phi])]
+            known = [float(state[e]) for e in linkage.outputs.values()] + [
+                float(state[linkage.mechanism.bodies[2].phi])
+            ]
             assert np.max(np.abs(found - known)) < 1e-7
     impossible = unit()
     with pytest.raises(FMICallException):
@@ -272,9 +274,7 @@ def test_tunable_parameters(unit, linkage):
     second = run.run(times[25:], *linkage.outputs)
     given = dict(method="dop853", reltol=1e-10, abstol=1e-10)
     half = mbd.simulate(linkage.mechanism, times[:26], initial=linkage.initial, **given)
-    rest = mbd.simulate(
-        linkage.mechanism, times[25:], initial=half.final, parameters={linkage.damping: 0.1}, **given
-    )
+    rest = mbd.simulate(linkage.mechanism, times[25:], initial=half.final, parameters={linkage.damping: 0.1}, **given)
     assert np.all(off(first, columns(half, linkage.outputs)) < 1e-8)
     assert np.all(off(second[1:], columns(rest, linkage.outputs)[1:]) < 1e-8)
 
@@ -472,7 +472,13 @@ def test_archives_are_reproducible(paths, linkage, tmp_path):
     with zipfile.ZipFile(again) as archive:
         for name in archive.namelist():
             content = archive.read(name)
-            for place in (str(tmp_path), str(paths[3].parent), str(Path.home()), "/tmp/", str(Path(mbd.__file__).parent)):
+            for place in (
+                str(tmp_path),
+                str(paths[3].parent),
+                str(Path.home()),
+                "/tmp/",
+                str(Path(mbd.__file__).parent),
+            ):
                 assert place.encode() not in content, name
 
 
@@ -484,13 +490,42 @@ def test_sources_alone_are_enough(linkage, tmp_path):
     path = mbd.export_fmu(
         linkage.mechanism, tmp_path / "unit.fmu", outputs=linkage.outputs, initial=linkage.initial, binary=False
     )
+    assert not any(name.startswith("binaries") for name in zipfile.ZipFile(path).namelist())
     folder = tmp_path / "unpacked"
     fmpy.extract(str(path), str(folder))
-    assert not (folder / "binaries").exists()
     build_platform_binary(folder)
     found = simulated(folder, np.linspace(0, 0.1, 11), linkage.outputs)
     motion = mbd.simulate(linkage.mechanism, np.linspace(0, 0.1, 11), initial=linkage.initial, **TIGHT)
     assert np.all(off(found, columns(motion, linkage.outputs)) < 1e-7)
+
+
+def test_command_line(tmp_path, capsys):
+    """A model file becomes a unit with its motion and loads as outputs; what is wrong is one sentence."""
+    models = Path(__file__).resolve().parents[2] / "examples" / "models"
+    files = [str(models / "slider_crank.adm"), str(models / "slider_crank.acf")]
+    path = tmp_path / "unit.fmu"
+    assert main(["export-fmu", *files, str(path), "--version", "2"]) == 0
+    assert validate_fmu(str(path)) == []
+    analysis = mbd.read_acf(files[1])
+    times = analysis.times[:41]
+    motion = mbd.simulate(mbd.read_adm(files[0]), times, **TIGHT)
+    body = motion.mechanism.body("slider")
+    reaction = motion.mechanism.joint("crank pin").reaction_on(motion.mechanism.body("rod")).force[0]
+    known = np.column_stack([motion[body.x], motion[body.ax], motion[reaction]])
+    assert np.all(off(simulated(path, times, ["slider.x", "slider.ax", "crank pin.fx"]), known) < 1e-6)
+    variables = {v.name: v.unit for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert variables["crank pin.fx"] == "N" and variables["slider.x"] == "m" and variables["slider.ax"] == "m/s2"
+    capsys.readouterr()
+    for arguments, words in (
+        ([*files, str(tmp_path / "no" / "x.fmu")], "does not exist"),
+        ([*files, files[0]], "this is the same file as the input"),
+        ([*files, str(tmp_path / "x.fmu"), "--version", "1"], "got 1"),
+        ([*files, str(tmp_path / "x.zip")], "ends in .fmu"),
+    ):
+        assert main(["export-fmu", *arguments]) == 2
+        said = capsys.readouterr().err
+        assert words in said and said.count("\n") == 1 and said.startswith("mbdcasadi: ")
+    assert [p.name for p in tmp_path.iterdir()] == ["unit.fmu"]
 
 
 # --- wrong calls of the importer -----------------------------------------------------------------------

@@ -1,6 +1,7 @@
 """Units in the hands of an importer: unpacked, instantiated, read and stepped by name."""
 
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 
 import fmpy
@@ -56,7 +57,7 @@ class Unit:
     def run(self, times, *names):
         """Outputs (k, n) at times, from the present one on."""
         rows = [self.get(*names)]
-        for begin, end in zip(times[:-1], times[1:], strict=True):
+        for begin, end in pairwise(times):
             self.time = begin
             self.step(end - begin)
             rows.append(self.get(*names))

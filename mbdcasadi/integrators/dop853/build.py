@@ -209,7 +209,15 @@ def compiled(files: Mapping[str, str], sources: Sequence[tuple[str, str]], using
         else:
             objects = [f"{name}.o" for name, _ in sources]
             commands = [
-                ["-c", optimisation, *(flag for flag in FLAGS if flag != "-shared"), "-fvisibility=hidden", "-o", made_one, name]
+                [
+                    "-c",
+                    optimisation,
+                    *(flag for flag in FLAGS if flag != "-shared"),
+                    "-fvisibility=hidden",
+                    "-o",
+                    made_one,
+                    name,
+                ]
                 for (name, optimisation), made_one in zip(sources, objects, strict=True)
             ]
             commands.append([*FLAGS, "-o", made, *objects, "-lm"])
