@@ -355,7 +355,7 @@ class _Sampled:
     function : casadi.Function
         ``(t, p) -> (values, first derivatives, …)``.
     row : int
-        Which of the functions.
+        Index of the function.
     p : numpy.ndarray
         Values of the known symbols.
     points, value, slope : numpy.ndarray

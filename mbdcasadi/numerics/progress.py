@@ -13,13 +13,13 @@ def progress_bar(total: float, description: str, unit: str, *, show: bool, done:
     Parameters
     ----------
     total : float
-        What there is to do.
+        Total amount of work.
     description, unit : str
         Text before the bar, and unit of its numbers.
     show : bool
-        Whether it is shown.
+        True if it is shown.
     done : float
-        What was done before.
+        Amount of work that was done before.
     """
     if not show:
         return _NoBar()
