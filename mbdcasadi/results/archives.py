@@ -52,7 +52,7 @@ class Archive(dict[str, np.ndarray]):
         shape : int or None
             Its shape; None for any length.
         unknown : bool, default False
-            Whether rows may be unknown: NaN throughout.
+            True if rows may be unknown: NaN throughout.
         """
         values = self[name]
         if values.dtype.kind not in "fiub":
@@ -93,7 +93,7 @@ def read_arrays(path: str | Path, form: str, kind: str, writer: str) -> Archive:
     form : str
         Its entry ``format``.
     kind, writer : str
-        What it should be, and the function that writes such files, for the message.
+        Expected kind of file, and the function that writes such files, for the message.
 
     Raises
     ------
@@ -122,9 +122,9 @@ def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]
     archive : Archive
         The file.
     kind : str
-        What is named: ``"coordinate"`` for the entry ``coordinate names``.
+        Kind of the names: ``"coordinate"`` for the entry ``coordinate names``.
     owner : str
-        What the file holds, for the message: ``"trajectory"``.
+        Content of the file, for the message: ``"trajectory"``.
     expected : sequence of str
         The names in their order.
     """

@@ -31,7 +31,7 @@ class Entry:
     label : str
         In words.
     kind : {"parameter", "input", "samples", "state", "condition"}
-        What it is.
+        The variable.
     index : int
         Position among those of its kind.
     values : numpy.ndarray

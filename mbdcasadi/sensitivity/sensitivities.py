@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
@@ -13,7 +13,7 @@ from ..integrators import Integrator
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import as_expression
+from ..model.symbols import Parameter, as_expression
 from ..numerics.console import keyboard_interrupts
 from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, same
@@ -72,7 +72,7 @@ def sensitivities(
     mechanism: Mechanism,
     times: Any,
     outputs: Any,
-    wrt: Any,
+    wrt: Any = None,
     initial: Any = (),
     *,
     inputs: Any = None,
@@ -100,6 +100,7 @@ def sensitivities(
         Parameters, also those that only `initial` holds; inputs (by a constant
         added to them, or by each sample where samples are given); state
         variables (by their initial value); relations of `initial` (by their right side).
+        By default the parameters that `parameters` lists without values.
     initial, inputs, parameters
         As for :func:`simulate`.
     method : {"idas", "erk", "rosenbrock", "auto"}
@@ -135,6 +136,8 @@ def sensitivities(
     array([ 0. , -0.5, -2. ])
     """
     with keyboard_interrupts("sensitivities"):
+        if wrt is None:
+            wrt, parameters = _listed(parameters), None
         setup = MotionSetup(
             mechanism,
             "sensitivities",
@@ -150,6 +153,14 @@ def sensitivities(
         run = CompiledRun(setup, wrt, [e for _, e in named])
         y, slope = run.forward(run.design.values)
         return Sensitivities(setup.grid, named, run.design, y, slope)
+
+
+def _listed(parameters: Any) -> list[Parameter]:
+    """Parameters that are listed without values, in place of `wrt`."""
+    listed = list(parameters) if isinstance(parameters, Sequence) else []
+    if not listed or not all(isinstance(p, Parameter) for p in listed):
+        raise ModelError("sensitivities: wrt= is missing; name the parameters, inputs or initial values of interest")
+    return listed
 
 
 def named_outputs(outputs: Any) -> list[tuple[Any, ca.SX]]:
