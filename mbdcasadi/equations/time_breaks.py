@@ -119,21 +119,13 @@ class TimeFunctions:
         self.parts = column[timed.tolist()] if timed.size else ca.SX(0, 1)
         zeros, integers, transients = time_switches(self.parts, t, p) if timed.size else ([], [], [])
         # a quotient whose numerator depends on other symbols is no part, but has its poles in time
-<<<<<<< HEAD
-        divisors = _timed(_divisors(rest, names, parts), t) if timed.size else []
-        zeros, transients = _distinct([*zeros, *divisors]), _distinct([*transients, *divisors])
-        #: functions of time and known symbols at whose zeros something switches (j,)
-        self.switches = ca.vertcat(ca.SX(0, 1), *zeros, *[ca.sin(np.pi * whole) for whole in integers])
-        self._zeros = _Switches(zeros, t, p, integer=False)
-        self._integers = _Switches(integers, t, p, integer=True)
-        self._transients = _Switches(transients, t, p, integer=False)
-=======
         divisors = depending_on_time(divisors_among(rest, names, parts), t) if timed.size else []
         zeros, transients = distinct([*zeros, *divisors]), distinct([*transients, *divisors])
+        #: functions of time and known symbols at whose zeros something switches (j,)
+        self.switches = ca.vertcat(ca.SX(0, 1), *zeros, *[ca.sin(np.pi * whole) for whole in integers])
         self._zeros = SwitchTimes(zeros, t, p, integer=False)
         self._integers = SwitchTimes(integers, t, p, integer=True)
         self._transients = SwitchTimes(transients, t, p, integer=False)
->>>>>>> main
         #: positions of the known symbols that occur in these
         self.used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
         self._last: tuple[Any, TimeBreaks] | None = None
