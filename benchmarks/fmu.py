@@ -16,6 +16,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ def ways(folder: Path) -> dict[str, Callable[[], np.ndarray]]:
         unit.enterInitializationMode()
         unit.exitInitializationMode()
         rows = [unit.getReal(references)]
-        for begin, end in zip(TIMES[:-1], TIMES[1:], strict=True):
+        for begin, end in pairwise(TIMES):
             unit.doStep(begin, end - begin)
             rows.append(unit.getReal(references))
         return np.array(rows)
