@@ -114,8 +114,7 @@ def _through_poses(setup: Any) -> PhaseGuess:
 
 
 def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
-    values = np.array([p.value for p in solver.problem.free_parameters])
-    return Guess((phase,), values, description)
+    return Guess((phase,), solver.free_values, description)
 
 
 def _usual_guesses(solver: Solver) -> list[Guess]:

@@ -13,10 +13,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...arguments.inputs import Signals
 from ...arguments.values import pairs_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
-from ...errors import Interrupted, ModelError
+from ...errors import ConditionError, Interrupted, ModelError
 from ...model.conditions import Condition
 from ...numerics.console import interruptible, quiet
 from ...numerics.least_squares import largest
@@ -24,6 +25,7 @@ from ...numerics.symbolic import numeric_work
 from ...results.state import State
 from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
+from ..guess.free_poses import FreePoses, PosedPlace, free_poses, places_of
 from ..guess.guess import Guess
 from ..guess.key_poses import key_poses
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
@@ -161,16 +163,56 @@ class Solver:
             for phase in problem.phases
         ]
         numerics = [setup.numeric for setup in read]
-        self.start = first_state(problem, first, numerics[0], self.initial, read[0].signals)
+        #: values of the free parameters to begin with
+        self.free_values = np.array([p.value for p in problem.free_parameters])
+        self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
         self.changes: list[ChangeSetup] = []
-        #: values of the free parameters to begin with
-        self.free_values = np.array([p.value for p in problem.free_parameters])
         if len(problem.phases) == 1:
-            self.setups = [self._setup(first, numerics[0])]
+            path = self._free_path(numerics, read[0].signals) if problem.free_parameters else None
+            self.setups = [self._setup(first, numerics[0], path)]
         else:
             self._set_up_phases(numerics)
+
+    def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
+        """First state; with other values of free parameters, which the equations then have, if it needs them."""
+        problem, phase = self.problem, self.problem.phases[0]
+        try:
+            return first_state(problem, phase, numerics[0], self.initial, signals)
+        except ConditionError:
+            if isinstance(self.initial, State):
+                raise
+            poses = free_poses(problem, phase, numerics[0], [PosedPlace(0.0, self.initial)])
+            if poses is None:
+                raise
+        self._take(poses, numerics)
+        return first_state(problem, phase, numerics[0], self.initial, signals, poses)
+
+    def _take(self, poses: FreePoses, numerics: list[NumericEquations]) -> None:
+        """Take values of the free parameters over into the equations."""
+        self.free_values = np.array([poses.values[p] for p in self.problem.free_parameters])
+        numerics[:] = [numeric_at(numeric, poses.values) for numeric in numerics]
+
+    def _free_path(self, numerics: list[NumericEquations], signals: Signals) -> KinematicPath:
+        """Poses of the only phase; with other values of free parameters if a place is not reached without."""
+        problem, phase = self.problem, self.problem.phases[0]
+        times = phase.segment_times(typical_duration(phase))
+
+        def path() -> KinematicPath:
+            values = dict(zip(problem.free_parameters, self.free_values.tolist(), strict=True))
+            return kinematic_path(problem, phase, numerics[0], self.start, times, values=values)
+
+        first = path()
+        if first.complete:
+            return first
+        poses = free_poses(problem, phase, numerics[0], places_of(phase, self.initial, times))
+        if poses is None:
+            return first
+        self._take(poses, numerics)
+        if not isinstance(self.initial, State):
+            self.start = first_state(problem, phase, numerics[0], self.initial, signals, poses)
+        return path()
 
     def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
         """Setups of phases that follow each other, with key poses that were assembled together."""
@@ -217,9 +259,9 @@ class Solver:
             check_end(self.problem, phase, "initial", conditions)
         return conditions
 
-    def _setup(self, phase: Phase, numeric: NumericEquations) -> PhaseSetup:
+    def _setup(self, phase: Phase, numeric: NumericEquations, path: KinematicPath | None) -> PhaseSetup:
         """Setup of a phase; starts that are given as states share one."""
-        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial)
+        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial, path)
         if not isinstance(self.initial, State):
             return make()
         key = phase, self.settings.key, numeric.p.tobytes()
