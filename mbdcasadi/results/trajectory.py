@@ -314,7 +314,7 @@ class Trajectory(HoldsSymbols):
 
     def save(self, path: str | Path) -> None:
         """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)`` reads it."""
-        from .export import save
+        from .trajectory_files import save
 
         save(self, path)
 

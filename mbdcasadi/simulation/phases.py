@@ -298,6 +298,7 @@ class PhasedRun:
                 )
 
     def _set_parameters(self, chain: Sequence[Event], before: State) -> None:
+        self._p = self._p.copy()  # states before the change keep the values that they had
         for event in chain:
             for symbol, value in event.new_values:
                 if not isinstance(symbol, StateVariable):
