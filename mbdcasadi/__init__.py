@@ -82,6 +82,7 @@ from .optimal_control.optimize import optimize
 from .optimal_control.phase import Phase, Waypoint
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
+from .optimal_control.return_map import stability
 from .optimal_control.solution import Solution
 from .optimal_control.stability import Stability
 from .optimal_control.storage import read_solution

@@ -226,6 +226,11 @@ class Trajectory(HoldsSymbols):
         return (self,)
 
     @property
+    def parameters_by_phase(self) -> list[np.ndarray]:
+        """Values of the parameters of all mechanisms, by phase."""
+        return [self.parameters]
+
+    @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
