@@ -18,7 +18,7 @@ from ..model.symbols import Parameter, number
 from ..results.state import State
 from .consistent_start import carried_by, consistent_start
 
-#: What is not given: None is no time.
+#: Mark of an argument that is not given: None is no time.
 _UNSET: Any = object()
 
 
@@ -48,9 +48,9 @@ class Setup:
     fixed : mapping of Parameter or Input to float, optional
         Values that the analysis itself sets, over all others.
     takes_controller : bool, default False
-        Whether the analysis calls a sampled controller.
+        True if the analysis calls a sampled controller.
     takes_duration : bool, default True
-        Whether the analysis takes a duration in place of times.
+        True if the analysis takes a duration in place of times.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ class Equations:
     Attributes
     ----------
     mechanism : Mechanism
-        What they were derived from.
+        Mechanism from which they were derived.
     t, q, v, a, z, lam, u, p : casadi.SX
         Time; coordinates ``[x, y, phi]`` by body and then those without inertia
         (n,); their rates; first-order states (k,); multipliers (m,); inputs; parameters.
@@ -80,7 +80,7 @@ class Equations:
     coordinate_names, row_names : tuple of str
         Names of the entries of `q` and of the rows (joints in order, then drivers).
     position_rows : numpy.ndarray of int
-        Which rows are position constraints; all of them, unless there are velocity-level rows.
+        Indices of the rows that are position constraints; all of them, unless there are velocity-level rows.
 
     References
     ----------

@@ -17,7 +17,7 @@ from .elements import CONSTRAINTS, FORCES, OTHER_TYPES, Bodies, Builder, Part
 from .fields import Fields, objects
 from .text import JsonObject, read_json
 
-#: What holds when a file gives no gravity.
+#: Gravity if a file gives none.
 GRAVITY = (0.0, -9.81)
 
 

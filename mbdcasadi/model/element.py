@@ -240,7 +240,7 @@ class ConstraintElement(Element):
         -------
         Impulse
             ``.force`` (N s), ``.torque`` (N m s), ``.force_in_joint`` as expressions; they have values in
-            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase and in ``boundary=``.
+            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase.
         """
         self._refuse_other(body)
         return Impulse(self, body)

@@ -69,7 +69,7 @@ class _ReturnMap:
         self._divide()
 
     def _divide(self) -> None:
-        """Which variables are the start, which follow, and which rows say how."""
+        """Variables of the start, variables that follow from them, and the rows that relate them."""
         first = self.program.phases[0]
         size = first.scheme.eom.q.numel() * 2 + first.scheme.eom.z.numel()
         self.start = first.point_index(0)[:size]

@@ -52,7 +52,7 @@ class Archive(dict[str, np.ndarray]):
         shape : int or None
             Its shape; None for any length.
         unknown : bool, default False
-            Whether rows may be unknown: NaN throughout.
+            True if rows may be unknown: NaN throughout.
         """
         values = self[name]
         if values.dtype.kind not in "fiub":
@@ -94,7 +94,7 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     form : str or tuple of str
         Its entry ``format``, or several that are read.
     kind, writer : str
-        What it should be, and the function that writes such files, for the message.
+        Expected kind of file, and the function that writes such files, for the message.
 
     Raises
     ------
@@ -123,9 +123,9 @@ def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]
     archive : Archive
         The file.
     kind : str
-        What is named: ``"coordinate"`` for the entry ``coordinate names``.
+        Kind of the names: ``"coordinate"`` for the entry ``coordinate names``.
     owner : str
-        What the file holds, for the message: ``"trajectory"``.
+        Content of the file, for the message: ``"trajectory"``.
     expected : sequence of str
         The names in their order.
     prefix : str, default ""

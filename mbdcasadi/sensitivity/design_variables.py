@@ -32,7 +32,7 @@ class Entry:
     label : str
         In words.
     kind : {"parameter", "input", "samples", "state", "condition", "later"}
-        What it is; a parameter or input that only later mechanisms have is "later".
+        The variable; a parameter or input that only later mechanisms have is "later".
     index : int
         Position among those of its kind.
     values : numpy.ndarray

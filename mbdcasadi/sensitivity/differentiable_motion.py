@@ -115,9 +115,9 @@ class DifferentiableMotion:
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
     in_state : bool
-        Whether switches in the state are cuts too; without, they are integrated over.
+        True if switches in the state are cuts too; without, they are integrated over.
     reversible : bool
-        Whether it is differentiated backwards: by `varied`, the inputs and the start.
+        True if it is differentiated backwards: by `varied`, the inputs and the start.
     """
 
     def __init__(

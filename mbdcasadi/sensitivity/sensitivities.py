@@ -129,7 +129,7 @@ def sensitivities(
     mechanism: Mechanism,
     times: Any,
     outputs: Any,
-    wrt: Any,
+    wrt: Any = None,
     initial: Any = (),
     *,
     inputs: Any = None,
@@ -158,6 +158,7 @@ def sensitivities(
         Parameters, also those that only `initial` holds; inputs (by a constant
         added to them, or by each sample where samples are given); state
         variables (by their initial value); relations of `initial` (by their right side).
+        By default the parameters that `parameters` lists without values.
     initial, inputs, parameters
         As for :func:`simulate`; through changes of the mechanism inputs are numbers and expressions.
     events : sequence of Event, optional
@@ -198,6 +199,8 @@ def sensitivities(
     """
     chosen: dict[str, Any] = dict(method=method, reltol=reltol, abstol=abstol)
     with keyboard_interrupts("sensitivities"):
+        if wrt is None:
+            wrt, parameters = _listed(parameters), None
         named, read = named_outputs(outputs), read_events(events)
         if read:
             return _through_changes(mechanism, times, named, wrt, read, initial, inputs, parameters, chosen)
@@ -261,6 +264,14 @@ def _start_slopes(design: DesignVariables) -> np.ndarray:
     function = ca.Function("start", [d], [start.function(p, right, z, start.guess)[0]])
     x = function(design.values)
     return np.asarray(function.forward(design.size)(design.values, x, np.eye(design.size)).full())
+
+
+def _listed(parameters: Any) -> list[Parameter]:
+    """Parameters that are listed without values, in place of `wrt`."""
+    listed = list(parameters) if isinstance(parameters, Sequence) else []
+    if not listed or not all(isinstance(p, Parameter) for p in listed):
+        raise ModelError("sensitivities: wrt= is missing; name the parameters, inputs or initial values of interest")
+    return listed
 
 
 def named_outputs(outputs: Any) -> list[tuple[Any, ca.SX]]:

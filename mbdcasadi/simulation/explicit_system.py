@@ -101,7 +101,7 @@ def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.
     signals : Signals
         Inputs.
     integrands : casadi.SX, optional
-        What is integrated along; the same in every run of a mechanism that has some.
+        Integrands along the motion; the same in every run of a mechanism that has some.
     """
     eom = numeric.eom
     content = ca.SX(0, 1) if integrands is None else ca.densify(integrands)

@@ -49,7 +49,7 @@ APART = 1e-8
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Points of an output interval by which a jump is told from drift.
+#: Points of an output interval by which a jump is distinguished from drift.
 CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
@@ -162,7 +162,7 @@ class Run:
         self.stops = False
 
     def _is_watched(self, integrator: Integrator) -> bool:
-        """Whether something must be looked for between outputs."""
+        """True if something must be looked for between outputs."""
         if integrator.runs_whole:
             return False
         eom = self.modes.numeric(self.modes.free).eom
@@ -176,7 +176,7 @@ class Run:
         return drifts or self._has_loads()
 
     def _has_loads(self) -> bool:
-        """Whether the motion may meet loads that steps pass over."""
+        """True if the motion may meet loads that steps pass over."""
         return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
@@ -538,7 +538,7 @@ class Run:
 
     @staticmethod
     def decides(event: Event, own_events: Sequence[Event]) -> bool:
-        """Whether the run ends, or goes on otherwise, at an event."""
+        """True if the run ends, or changes its mechanism, at an event."""
         return _cuts(event) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:

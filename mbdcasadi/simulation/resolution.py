@@ -61,7 +61,7 @@ class _Finding:
 
 
 class _Terms:
-    """What is smoothed in a mechanism, as functions; made once for it.
+    """Smoothed quantities of a mechanism, as functions; made once for it.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class _Terms:
     normal : list of int
         Place among the smoothings of the normal force of each owner.
     rates : casadi.SX
-        What the integrator is to integrate along (n,).
+        Integrands along the motion (n,).
     courses, approach, at_limit : casadi.Function
         ``(t, q, v, z, p) ->`` smoothed quantities and their scales, gaps and their rates, limits of the conditions.
     """
@@ -110,7 +110,7 @@ class Resolution:
     Attributes
     ----------
     rates : casadi.SX
-        What the integrator is to integrate along (n,).
+        Integrands along the motion (n,).
     """
 
     def __init__(self, numeric: NumericEquations):
@@ -134,7 +134,7 @@ class Resolution:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether there are outlines that may meet."""
+        """True if there are outlines that may meet."""
         return bool(self._owner)
 
     def first_touch(

@@ -27,8 +27,6 @@ PRECISE = (1e-12, 1e-13)
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
 PERTURBATION = 1e-6
-#: Length of a step, relative to the run, that a Taylor expansion takes where an integrator cannot.
-TINY_STEP = 1e-9
 
 
 class Stepper:
@@ -49,7 +47,7 @@ class Stepper:
     usual_length : float
         Length of a usual piece, s.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
     max_step : float, optional
         Longest step, s.
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
-from ..equations.time_breaks import state_switches
+from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
 from .gap_closings import has_gap
 from .outputs import Outputs

@@ -63,11 +63,11 @@ class WholeStepper(Stepper):
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
-        Whether the run ends, or goes on otherwise, at an event.
+        True if the run ends, or goes on otherwise, at an event.
     span : float
         Duration of the run, s.
     may_fold : bool
-        Whether there are singular poses.
+        True if there are singular poses.
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class WholeStepper(Stepper):
         )
 
     def _columns(self, begins: np.ndarray) -> np.ndarray:
-        """What holds by interval from some times on (k, n_channel)."""
+        """Values by interval from some times on (k, n_channel)."""
         found = self.signals.channel_from(begins)
         return np.zeros((begins.size, 0)) if found is None else found.T
 

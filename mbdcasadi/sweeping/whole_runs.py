@@ -52,7 +52,7 @@ class Times:
 
     @property
     def pattern(self) -> tuple[Any, ...]:
-        """What cases of one batch have in common."""
+        """Key of the properties that cases of one batch share."""
         return ("whole", self.arguments[0].size)
 
 
@@ -108,7 +108,7 @@ class WholeParcel:
     path : StartPath
         Way from the start of one case to those of others.
     outputs : list of casadi.SX
-        What is kept.
+        Quantities that are kept.
     count : int
         Number of cases in all.
     threads : int

@@ -46,9 +46,9 @@ class Compiler:
     Attributes
     ----------
     command : tuple of str
-        How it is called.
+        Its name.
     identity : str
-        What changes if it is replaced by another one.
+        Key that changes if it is replaced by another one.
     """
 
     command: tuple[str, ...]

@@ -196,7 +196,7 @@ def best_of(
     candidates : list of Guess
         Guesses.
     warm : bool
-        Whether the guesses are solutions of nearly the same problem.
+        True if the guesses are solutions of nearly the same problem.
     settle : callable, optional
         Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
         is chosen by what it is on a mesh that holds.

@@ -19,7 +19,7 @@ LINE, LETTER, CELL = 11.5, 5.0, 1.5
 #: Directions from a point, the usual ones first, and distances, points, of a name from its point.
 WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]])
 DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0)
-#: What is bad: a line across a name, the share of it that lies on other names, that is cut off, a point of distance.
+#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance.
 ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
 #: Poses of a motion that are looked at, and letters to a line of several names.
 POSES, LETTERS = 7, 22
@@ -31,7 +31,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     Parameters
     ----------
     scene : Scene
-        What is drawn.
+        Drawing to which they belong.
     poses : numpy.ndarray
         (n_t, frames, 4); a name keeps its side of the point over all of them.
     box : numpy.ndarray
