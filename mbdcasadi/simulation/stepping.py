@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
@@ -20,6 +19,7 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import Piece
+from .watched_terms import WatchedTerms
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
@@ -116,19 +116,20 @@ class Stepper:
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
         if form not in self._compiled:
-            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.rates)
+            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.terms)
         return self._compiled[form]
 
     def _integrator(
-        self, form: Formulation, method: Integrator, quadratures: ca.SX | None = None
+        self, form: Formulation, method: Integrator, terms: WatchedTerms | None = None
     ) -> CompiledIntegrator:
         """An integrator that is kept for the mechanism, and lent to this run alone."""
         numeric, signals = self.numeric, self.signals
         settings = type(method), method.max_step, method.key
-        key = form, settings, numeric.light_key, signals.structure, quadratures is None
+        key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            made = CompiledIntegrator(form.dae(numeric, signals, quadratures=quadratures), method)
+            rates = None if terms is None else terms.rates
+            made = CompiledIntegrator(form.dae(numeric, signals, quadratures=rates), method)
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
