@@ -10,10 +10,11 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import IDAS, Integrator, RungeKutta
-from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, IntegrationFailure
+from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
 from ..integrators.lending import Lending
 from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
+from .compiled_elements import compiled_elements
 from .formulations import Formulation, Regularised, choose_formulation
 from .outputs import Outputs
 from .path import Path
@@ -96,7 +97,8 @@ class Stepper:
     @property
     def notes(self) -> list[str]:
         """Sentences on how it ran."""
-        return []
+        remark = compiled_elements(self._resolution.terms)[1]
+        return [remark] if remark else []
 
     @property
     def starts(self) -> int:
@@ -128,8 +130,7 @@ class Stepper:
         key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            rates = None if terms is None else terms.rates
-            made = CompiledIntegrator(form.dae(numeric, signals, quadratures=rates), method)
+            made = CompiledIntegrator(self._system(form, terms), method)
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
@@ -137,6 +138,15 @@ class Stepper:
         borrowed[0].restart_counting()
         self._borrowed.append((key, borrowed))
         return borrowed[0]
+
+    def _system(self, form: Formulation, terms: WatchedTerms | None) -> Dae:
+        """The system of an integrator, with compiled elements if they are many of a kind."""
+        if terms is None:
+            return form.dae(self.numeric, self.signals)
+        elements, _ = compiled_elements(terms)
+        if elements is not None:
+            return form.compiled_dae(self.numeric, self.signals, elements)
+        return form.dae(self.numeric, self.signals, quadratures=terms.rates)
 
     def release(self) -> None:
         """Give back the integrators at the end of a run; their counts stay."""

@@ -38,8 +38,8 @@ class WatchedTerms:
 
     Attributes
     ----------
-    smoothings, owners, validity : list
-        Smoothed quantities, elements with gaps, and conditions that hold between outputs too.
+    elements, smoothings, owners, validity : list
+        Elements that are watched, smoothed quantities, elements with gaps, and conditions that hold between outputs too.
     normal : list of int
         Place among the smoothings of the normal force of each owner.
     values : Values
@@ -53,14 +53,14 @@ class WatchedTerms:
     def __init__(self, eom: Equations):
         self.eom, self.values = eom, Values(eom)
         self._unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        self._elements = [e for e in eom.mechanism.elements if self._is_watched(e)]
-        offered = [self._smoothings_of(e) for e in self._elements]
+        self.elements = [e for e in eom.mechanism.elements if self._is_watched(e)]
+        offered = [self._smoothings_of(e) for e in self.elements]
         self.smoothings: list[Smoothing] = [s for own in offered for s in own]
-        self.owners = [e for e in self._elements if self._has_gap(e)]
+        self.owners = [e for e in self.elements if self._has_gap(e)]
         self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
-        self.validity = [c for e in self._elements for c in _conditions(e)]
+        self.validity = [c for e in self.elements for c in _conditions(e)]
         self.size = 2 * len(self.smoothings) + len(self.owners) + len(self.validity)
-        self.batches = batches_of(eom, self.values, self._elements, self._parts)
+        self.batches = batches_of(eom, self.values, self.elements, self._parts)
         self._rates = [self._rates_of(batch) for batch in self.batches]
 
     # --- the expressions of an element ------------------------------------------------------
@@ -86,7 +86,7 @@ class WatchedTerms:
             [element.gap] if has_gap else [],
             [c.expression for c in conditions],
             [c.reported for c in conditions],
-            [element.apart] if has_gap and hasattr(element, "apart") else [],
+            [] if not has_gap or getattr(element, "apart", None) is None else [element.apart],
         )
         return [ca.vertcat(ca.SX(0, 1), *column) for column in columns]
 
@@ -111,7 +111,7 @@ class WatchedTerms:
 
     def _numbered(self, part: int) -> list[np.ndarray]:
         """Numbers of the entries of a part among those of all elements, by batch (n, rows)."""
-        counts = np.zeros(len(self._elements), int)
+        counts = np.zeros(len(self.elements), int)
         for batch in self.batches:
             counts[batch.numbers] = batch.parts[part].numel()
         starts = np.cumsum(counts) - counts
