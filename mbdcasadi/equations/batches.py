@@ -221,12 +221,12 @@ def batches_of(
     kinds: dict[tuple[Any, ...], list[tuple[int, Tape, list[int]]]] = {}
     batches: dict[tuple[Any, ...], Batch | None] = {}
     for number, element in enumerate(elements):
-        parts = [ca.densify(ca.vec(ca.SX(part))) for part in parts_of(element)]
+        parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)
         symbols = ca.symvar(column)
-        if not eom.contains(column):
+        known = [found for found in map(values.place, symbols) if found is not None]
+        if len(known) < len(symbols):
             eom.function(column)  # raises, and says which symbol
-        known = [values.place(symbol) for symbol in symbols]
         places, groups = [place for place, _ in known], tuple(group for _, group in known)
         try:
             tape = tape_of(ca.Function("element", [ca.vertcat(ca.SX(0, 1), *symbols)], [column]))

@@ -67,28 +67,24 @@ class GapClosings:
         n = self._numeric.eom.q.numel()
         return self._terms.table(times, hermite_states(path, times, n), self._numeric.p)
 
-    def _at(
-        self, path: Path, times: np.ndarray, owners: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gaps, their rates and bounds of these on a path, each (k, n); with an owner for each time, each (k,)."""
-        return self._terms.gaps(self._table(path, times), owners)
-
     def _of(self, owner: int, path: Path, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A gap and its rate on a path, each (k,)."""
-        gaps, rates, _ = self._at(path, times, np.full(times.size, owner))
+        gaps, rates, _ = self._terms.gaps(self._table(path, times), np.full(times.size, owner))
         return gaps, rates
 
-    def unseen(self, path: Path, closed: np.ndarray) -> list[Closing]:
+    def unseen(self, path: Path, known: tuple[np.ndarray, np.ndarray, np.ndarray], closed: np.ndarray) -> list[Closing]:
         """Gaps that close on a path in intervals in which no step found them closed; the first of each gap.
 
         Parameters
         ----------
+        known : tuple of numpy.ndarray
+            Gaps, their rates and bounds of these at the times of the path, each (k + 1, n).
         closed : numpy.ndarray
             For how long the steps found each gap closed, by interval (k, n), s.
         """
         if not self.owners or path.times.size < 2:
             return []
-        gaps, rates, bounds = self._at(path, path.times)
+        gaps, rates, bounds = known
         length = np.diff(path.times)[:, None]
         reachable = gaps[:-1] + gaps[1:] < SAFETY * np.maximum(bounds[:-1], bounds[1:]) * length
         # what is closed where an interval begins was seen before
@@ -110,7 +106,7 @@ class GapClosings:
             if not brackets.owner.size:
                 break
             middle = (brackets.start + brackets.end) / 2
-            values = self._at(path, middle, brackets.owner)
+            values = self._terms.gaps(self._table(path, middle), brackets.owner)
             for k in np.flatnonzero(values[0] < -SHALLOW):
                 owner = int(brackets.owner[k])
                 if middle[k] < spans.get(owner, (np.inf,))[0]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
-from .gap_closings import GapClosings
+from .gap_closings import Closing, GapClosings
 from .path import Path
 from .watched_terms import WatchedTerms
 
@@ -56,6 +56,28 @@ class _Finding:
         return f"at t = {self.times[0]:.6g} s{also}"
 
 
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """What is watched, at the times of a path.
+
+    Attributes
+    ----------
+    path : Path
+        The path.
+    gaps, rates, bounds : numpy.ndarray
+        Gaps, their rates, and bounds of these (k, owners).
+    smoothed, scales : numpy.ndarray
+        What is smoothed, and its loads (k, smoothings).
+    """
+
+    path: Path
+    gaps: np.ndarray
+    rates: np.ndarray
+    bounds: np.ndarray
+    smoothed: np.ndarray
+    scales: np.ndarray
+
+
 class Resolution:
     """Watches over the smoothed elements of a mechanism along a run.
 
@@ -79,6 +101,7 @@ class Resolution:
         self._closings = GapClosings(numeric, terms)
         owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
         self._gap_of = [owners.get(id(s)) for s in self._smoothings]
+        self._last: _Course | None = None
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
@@ -111,11 +134,25 @@ class Resolution:
         """
         if not self._owner or path.times.size < 2:
             return None
-        first = min(self._closings.unseen(path, self._closed(path)), key=lambda c: c.time, default=None)
+        first = min(self._unseen(path), key=lambda c: c.time, default=None)
         blow = min(self._blows(path), default=np.inf)
         if first is not None and first.time <= blow:
             return first.time, self._closings.stops(path, first, accelerations)
         return None if np.isinf(blow) else (blow, np.zeros(0))
+
+    def _course(self, path: Path) -> _Course:
+        """What is watched along a path; of the last one it is known."""
+        if self._last is None or self._last.path is not path:
+            table = self.terms.table(path.times, path.x, self._numeric.p)
+            gaps = self.terms.gaps(table)
+            smoothed = np.split(self.terms.courses(table, gaps[0]), 2, axis=1)
+            self._last = _Course(path, *gaps, *smoothed)
+        return self._last
+
+    def _unseen(self, path: Path) -> list[Closing]:
+        """Gaps that close between the steps of a path alone."""
+        course = self._course(path)
+        return self._closings.unseen(path, (course.gaps, course.rates, course.bounds), self._closed(path))
 
     def _closed(self, path: Path) -> np.ndarray:
         """For how long the steps found each gap closed, by interval (k, n), s."""
@@ -126,7 +163,7 @@ class Resolution:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
         lengths = np.diff(path.times)
         missed, seen = (part[:, self._normal] for part in self._followed(path))
-        gaps, rates = np.split(self.terms.approach(self._table(path)), 2, axis=1)
+        gaps, rates = self._course(path).gaps, self._course(path).rates
         found = []
         for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
             bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
@@ -157,20 +194,20 @@ class Resolution:
             missed, seen = self._followed(path)
             self._acquit(path, missed, seen, way_from, reltol, abstol)
             self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
-        for closing in self._closings.unseen(path, self._closed(path)):
+        for closing in self._unseen(path):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
         if self._validity:
             excess = path.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
-            limits = self.terms.at_limit(self._table(path, slice(0, 1)))
+            limits = self.terms.at_limit(self.terms.table(path.times[:1], path.x[:1], self._numeric.p))
             self._excesses.append((path.times, excess, limits))
 
     def _followed(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """By how much the steps of each interval miss the change of what is smoothed, and the size of its load."""
         n = len(self._smoothings)
-        courses = self.terms.courses(self._table(path))
-        missed = np.abs(np.diff(courses[:, :n], axis=0) - path.integrals[:, :n])
+        course = self._course(path)
+        missed = np.abs(np.diff(course.smoothed, axis=0) - path.integrals[:, :n])
         missed[self._open(path)] = 0.0
-        size = np.abs(courses[:, n:])
+        size = np.abs(course.scales)
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
 
     def _acquit(
@@ -213,7 +250,7 @@ class Resolution:
         if not self._owner:
             return found
         lengths = np.diff(path.times)[:, None]
-        gaps, rates = np.split(self.terms.approach(self._table(path)), 2, axis=1)
+        gaps, rates = self._course(path).gaps, self._course(path).rates
         fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
         # no blow between the ends: the gap changes as its rates say, and does not turn
         smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
@@ -223,9 +260,6 @@ class Resolution:
             if owner is not None:
                 found[:, k] = is_open[:, owner]
         return found
-
-    def _table(self, path: Path, rows: slice = slice(None)) -> np.ndarray:
-        return self.terms.table(path.times[rows], path.x[rows], self._numeric.p)
 
     def sentences(self, reltol: float, abstol: float) -> list[str]:
         """Remarks on a run with the tolerances of its integrator; one sentence for each element."""

@@ -39,7 +39,7 @@ class WatchedTerms:
     Attributes
     ----------
     elements, smoothings, owners, validity : list
-        Elements that are watched, smoothed quantities, elements with gaps, and conditions that hold between outputs too.
+        Elements that are watched, smoothed quantities, elements with gaps, and conditions between outputs too.
     normal : list of int
         Place among the smoothings of the normal force of each owner.
     values : Values
@@ -53,20 +53,18 @@ class WatchedTerms:
     def __init__(self, eom: Equations):
         self.eom, self.values = eom, Values(eom)
         self._unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        self.elements = [e for e in eom.mechanism.elements if self._is_watched(e)]
-        offered = [self._smoothings_of(e) for e in self.elements]
-        self.smoothings: list[Smoothing] = [s for own in offered for s in own]
+        everything = [(e, self._smoothings_of(e), _conditions(e)) for e in eom.mechanism.elements]
+        self._offered = {e: (own, conditions) for e, own, conditions in everything if own or conditions}
+        self.elements = list(self._offered)
+        self.smoothings: list[Smoothing] = [s for own, _ in self._offered.values() for s in own]
         self.owners = [e for e in self.elements if self._has_gap(e)]
         self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
-        self.validity = [c for e in self.elements for c in _conditions(e)]
+        self.validity = [c for _, conditions in self._offered.values() for c in conditions]
         self.size = 2 * len(self.smoothings) + len(self.owners) + len(self.validity)
         self.batches = batches_of(eom, self.values, self.elements, self._parts)
         self._rates = [self._rates_of(batch) for batch in self.batches]
 
     # --- the expressions of an element ------------------------------------------------------
-    def _is_watched(self, element: Any) -> bool:
-        return bool(self._smoothings_of(element) or _conditions(element))
-
     def _smoothings_of(self, element: Any) -> list[Smoothing]:
         offered = getattr(element, "smoothings", ())
         return [s for s in offered if not ca.depends_on(s.expression, self._unknown)]
@@ -76,7 +74,7 @@ class WatchedTerms:
 
     def _parts(self, element: Any) -> list[ca.SX]:
         """Expressions of an element, in the order of their numbers."""
-        smoothings, conditions = self._smoothings_of(element), _conditions(element)
+        smoothings, conditions = self._offered[element]
         has_gap = self._has_gap(element)
         columns: Sequence[Sequence[Any]] = (
             [ca.vec(ca.SX(d)) for d, _ in element.virtual_work],
@@ -167,20 +165,31 @@ class WatchedTerms:
         return [b.function("courses", ca.vertcat(b.parts[COURSES], b.parts[SCALES])) for b in self.batches]
 
     @cached_property
-    def _approach(self) -> list[ca.Function]:
-        return [b.function("approach", ca.vertcat(b.parts[GAP], b.rate(b.parts[GAP]))) for b in self.batches]
-
-    @cached_property
     def _limits(self) -> list[ca.Function]:
         return [b.function("limits", b.parts[REPORTED] + b.parts[MARGINS]) for b in self.batches]
 
-    def courses(self, table: np.ndarray) -> np.ndarray:
-        """What is smoothed, and its scales, at the columns of a table (k, 2 x smoothings)."""
-        return self._collected(self._courses, COURSES, 2, table)
+    def courses(self, table: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+        """What is smoothed, and its scales, at the columns of a table (k, 2 x smoothings).
 
-    def approach(self, table: np.ndarray) -> np.ndarray:
-        """Gaps and their rates at the columns of a table (k, 2 x owners)."""
-        return self._collected(self._approach, GAP, 2, table)
+        Parameters
+        ----------
+        gaps : numpy.ndarray
+            Gaps there (k, owners); elements that say when they are apart have no forces while these are open.
+        """
+        found = np.zeros((table.shape[1], 2 * len(self.smoothings)))
+        batches = zip(self.batches, self._courses, self._numbered(COURSES), self._numbered(GAP), strict=True)
+        for batch, function, own, owners in batches:
+            into = np.hstack([own, own + len(self.smoothings)])
+            if not own.size:
+                continue
+            if not batch.parts[APART].numel():
+                found[:, into] = batch.evaluated(function, table).transpose(2, 0, 1)
+                continue
+            moments, elements = np.nonzero(gaps[:, owners[:, 0]] < 0)
+            if moments.size:
+                values = batch.evaluated(function, table[:, moments], elements)[0]
+                found[moments[:, None], into[elements]] = values.T
+        return found
 
     def at_limit(self, table: np.ndarray) -> np.ndarray:
         """What the conditions report at their limits, at the columns of a table (k, conditions)."""
