@@ -56,6 +56,9 @@ class Element(Immutable, HoldsSymbols):
     smoothings : tuple of Smoothing
         Quantities that change within a short time; a simulation warns if its steps jump over the change. If the
         element has a scalar ``gap`` too, a simulation does not step over a short closure.
+    apart : casadi.SX, optional
+        Of an element with a gap: scalar that costs little and is positive only if the gap is open. All its forces are
+        zero then, and are not evaluated.
     """
 
     kind: ClassVar[str] = "element"
@@ -72,6 +75,7 @@ class Element(Immutable, HoldsSymbols):
     external: bool = False
     limits: tuple[Limit, ...] = ()
     validity_conditions: tuple[ValidityCondition, ...] = ()
+    apart: ca.SX | None = None
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)

@@ -367,7 +367,7 @@ class Run:
             path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
-            nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
+            nothing = np.zeros((times.size, self._arc.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
         return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 

@@ -19,9 +19,9 @@ from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
-from .gap_closings import has_gap
 from .outputs import Outputs
 from .path import Path, hermite_states
+from .watched_terms import has_gap
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9

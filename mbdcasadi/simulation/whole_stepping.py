@@ -92,10 +92,10 @@ class WholeStepper(Stepper):
         limits = [limit for limit in (max_step, integrator.max_step) if limit is not None]
         self._longest = min(limits, default=np.inf)
         self._watch, self._may_fold, self._spacing = watch, may_fold, span / WATCH_POINTS
-        self._rates = resolution.rates.numel()
+        self._rates = resolution.terms.size
         self._keeps_samples = resolution.has_gaps
         self._runner = Runner(
-            explicit_system(numeric, signals, resolution.rates),
+            explicit_system(numeric, signals, resolution.terms.rates),
             watch.watched(decides),
             numeric.eom.mechanism.cache,
             compiles=integrator.jit,

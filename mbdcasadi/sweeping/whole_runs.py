@@ -18,9 +18,9 @@ from ..model.cache import Cache
 from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.explicit_system import explicit_system
 from ..simulation.formulations import choose_formulation
-from ..simulation.gap_closings import has_gaps
 from ..simulation.schedule import Schedule
 from ..simulation.time_dependence import dependence_at, timed_equations
+from ..simulation.watched_terms import has_gaps
 from ..simulation.whole_stepping import refuse_redundant_rows
 from .starts import StartPath
 

@@ -79,7 +79,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
 
 
 def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
-    """End (2,) of the line that leads from a point to its name, points from the point; None if the name is beside it."""
+    """End (2,) of the line that leads from a point to its name, points from it; None if the name is beside it."""
     gap = np.maximum(np.abs(shift) - size / 2, 0.0)
     if np.hypot(*gap) < LED:
         return None
