@@ -65,6 +65,10 @@ def has_loops(eom: Equations) -> bool:
 
     A tree of pins, slides and welds is regular in every pose.
     """
+    return eom.mechanism.cache.get_or_create("has loops", lambda: _closes_loops(eom))
+
+
+def _closes_loops(eom: Equations) -> bool:
     parent: dict[int, int] = {}
 
     def root(key: int) -> int:
