@@ -127,8 +127,10 @@ def finer_times(path: Path, eom: Equations) -> np.ndarray:
     """Times of a path between which no body turns far."""
     turned = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
     parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
-    ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
-    return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
+    owner, last = np.repeat(np.arange(parts.size), parts), np.cumsum(parts)
+    share = 1.0 - (last[owner] - 1 - np.arange(owner.size)) / parts[owner]
+    inside = path.times[owner] + share * np.diff(path.times)[owner]
+    return np.r_[path.times[0], np.where(share == 1.0, path.times[owner + 1], inside)]
 
 
 def singular_time(numeric: NumericEquations, path: Path) -> float | None:
