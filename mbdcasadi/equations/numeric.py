@@ -342,14 +342,22 @@ class NumericEquations:
         return size
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations and multipliers; not finite if Newton's method meets a singular matrix."""
+        """Accelerations and multipliers of one state."""
+        a, lam = self.accelerations_of_rows(*(np.atleast_2d(part) for part in state), redundant=redundant)
+        return a[0], lam[0]
+
+    def accelerations_of_rows(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations (k, n) and multipliers (k, m) at states by row, times (k, 1); NaN where it fails."""
         function = self.forward_dynamics(redundant=redundant)
-        if not function.is_a("SXFunction"):
-            a, lam = call_each(function, *state, self.p)
-        else:  # there is nothing in it that fails
-            key = ("forward dynamics of one state", self.light_key, redundant)
-            a, lam = self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))(*state, self.p)
-        return a.ravel(), lam.ravel()
+        if not function.is_a("SXFunction"):  # Newton's method may meet a singular matrix
+            a, lam = call_each(function, t.T, q.T, v.T, z.T, u.T, self.p)
+            return a.T, lam.T
+        key = ("forward dynamics by row", self.light_key, redundant)
+        evaluator = self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+        a, lam = evaluator.rows(t, q, v, z, u, self.p)
+        return a, lam
 
 
 def _quoted(names: list[str]) -> str:

@@ -50,7 +50,7 @@ class Piece:
     @property
     def begins(self) -> np.ndarray:
         """Start of each output interval."""
-        return np.r_[self.start, self.times[:-1]]
+        return np.concatenate([[self.start], self.times[:-1]])
 
     @property
     def _margin(self) -> float:
@@ -166,6 +166,8 @@ class Schedule:
 
     def _merged(self, grid: np.ndarray, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Union of the outputs and other times; an output stands for times very near to it."""
+        if not extra.size:
+            return grid, np.ones(grid.size, bool)
         extra = np.unique(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
         extra = extra[np.abs(grid[_nearest(grid, extra)] - extra) > self.tolerance]
         extra = extra[np.r_[True, np.diff(extra) > self.tolerance]] if extra.size else extra
@@ -175,8 +177,10 @@ class Schedule:
 
     def _marked(self, extra: np.ndarray) -> np.ndarray:
         """True for times that are among others."""
-        places = _nearest(self.times, extra)
         marked = np.zeros(self.times.size, bool)
+        if not extra.size:
+            return marked
+        places = _nearest(self.times, extra)
         marked[places[np.abs(self.times[places] - extra) <= self.tolerance]] = True
         return marked
 

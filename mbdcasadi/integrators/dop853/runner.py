@@ -11,6 +11,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
+from ..lending import Lending
 from . import build
 from .code import Code
 from .native import NativeRun, engine
@@ -57,6 +58,7 @@ class Runner:
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
         self._interpreted = 0.0
+        self._borrowed: tuple[tuple[object, ...], NativeRun] | None = None
         self._using = build.compiler()
         self.said = ""
         self._run: _Run = self._made(self._using)
@@ -73,7 +75,33 @@ class Runner:
         if self._compiles:
             self._compile(using, np.inf)
         self._describe()
-        return NativeRun(self._library, self.system, self._codes, self.watched)
+        return self._native()
+
+    def _native(self) -> NativeRun:
+        """A run in C with what is compiled now; without events one that served an earlier run."""
+
+        def make() -> NativeRun:
+            return NativeRun(self._library, self.system, self._codes, self.watched)
+
+        if self.watched is not None:
+            return make()
+        run: NativeRun = self._lending.borrow(self._key, make)
+        self._borrowed = self._key, run
+        return run
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        return self._library, *((code, code.library is None) for code in self._codes)
+
+    @property
+    def _lending(self) -> Lending:
+        return self._cache.get_or_create("native runs", Lending)
+
+    def release(self) -> None:
+        """Leave the run in C to later ones; this one is at its end."""
+        if self._borrowed is not None:
+            self._lending.give_back(*self._borrowed)
+            self._borrowed = None
 
     def _stepwise(self, reason: str) -> _Run:
         self.said = f"dop853 ran step by step, without C: {reason}"
@@ -121,7 +149,7 @@ class Runner:
         done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
         self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
         if not self._run.is_current:
-            self._run = NativeRun(self._library, self.system, self._codes, self.watched)
+            self._run = self._native()
         self._describe()
         return reached
 
