@@ -58,7 +58,7 @@ class Runner:
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
         self._interpreted = 0.0
-        self._borrowed: tuple[tuple[object, ...], NativeRun] | None = None
+        self._borrowed: tuple[tuple[object, ...], _Run] | None = None
         self._using = build.compiler()
         self.said = ""
         self._run: _Run = self._made(self._using)
@@ -95,17 +95,23 @@ class Runner:
 
     @property
     def _lending(self) -> Lending:
-        return self._cache.get_or_create("native runs", Lending)
+        return self._cache.get_or_create("explicit runs", Lending)
 
     def release(self) -> None:
-        """Leave the run in C to later ones; this one is at its end."""
+        """Leave what runs to later runs; this one is at its end."""
         if self._borrowed is not None:
             self._lending.give_back(*self._borrowed)
             self._borrowed = None
 
     def _stepwise(self, reason: str) -> _Run:
         self.said = f"dop853 ran step by step, without C: {reason}"
-        return StepwiseRun(self.system, self.watched, self._cache)
+        if self.watched is not None:
+            return StepwiseRun(self.system, self.watched, self._cache)
+        s = self.system
+        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection)
+        run: StepwiseRun = self._lending.borrow(key, lambda: StepwiseRun(s, None, self._cache))
+        self._borrowed = key, run
+        return run
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
