@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -158,8 +157,9 @@ class Schedule:
         watch = none
         if watch_points:  # spread evenly over the time, whatever the outputs are
             pieces = np.ceil(np.diff(grid) / span * watch_points * (1 - 1e-9)).astype(int)
-            inside = [np.linspace(a, b, n + 1)[1:-1] for (a, b), n in zip(pairwise(grid), pieces, strict=True) if n > 1]
-            watch = np.concatenate([none, *inside])
+            owner = np.repeat(np.arange(pieces.size), pieces - 1)
+            place = np.arange(owner.size) - (np.cumsum(pieces - 1) - (pieces - 1))[owner] + 1
+            watch = grid[owner] + place * (np.diff(grid) / pieces)[owner]
         self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
         self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
         self._starts_at_jump = self._near(jumps, self.start)
