@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -16,7 +16,7 @@ from . import build
 from .code import Code
 from .native import NativeRun, engine
 from .stepwise import StepwiseRun
-from .stretch import ExplicitSystem, Progress, Reached, Stretch, Watched
+from .stretch import Cases, ExplicitSystem, Progress, Reached, Stretch, Watched
 
 #: Time after which a run in C comes back, s: for Ctrl-C, progress, and the choice to compile.
 SLICE, FIRST_SLICE = 0.2, 0.02
@@ -158,6 +158,24 @@ class Runner:
             self._run = self._native()
         self._describe()
         return reached
+
+    def run_cases(self, cases: Cases, common: Stretch, output: ca.Function, values: np.ndarray) -> Any:
+        """Run cases one after the other in C; see :meth:`NativeRun.run_cases`. None without C."""
+        if self._using is None or not isinstance(self._run, NativeRun):
+            return None
+        try:
+            code = self._cache.get_or_create(("code", output), lambda: Code((output,)))
+        except UnsupportedOperation:
+            return None
+        code.look_for_library(self._using)
+        if self._compiles and code.pays(np.inf):
+            code.compile(self._using)
+        return self._run.run_cases(cases, common, code, values)
+
+    def halt(self) -> None:
+        """End what runs in C in another thread."""
+        if isinstance(self._run, NativeRun):
+            self._run.halt()
 
     def slice(self) -> float:
         """Time after which the next call is to come back, s."""
