@@ -146,6 +146,11 @@ class Equations:
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
 
     @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of coordinates, velocities, accelerations, first-order states, multipliers and inputs."""
+        return tuple(symbols.numel() for symbols in (self.q, self.v, self.a, self.z, self.lam, self.u))
+
+    @cached_property
     def _known(self) -> set[int]:
         return {s.element_hash() for group in self.symbols for s in ca.vertsplit(group)}
 

@@ -607,8 +607,7 @@ class Run:
         block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self._builder.add(arc.mode, *(part[:lost] for part in block))
-        self.modes.check(arc.mode, self._builder.motion_in(arc.mode, *(part[:lost] for part in block)))
+        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])

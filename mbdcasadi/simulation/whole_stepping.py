@@ -131,6 +131,10 @@ class WholeStepper(Stepper):
         ]
         return [self._runner.said, *(stiff if self._is_stiff else [])]
 
+    def release(self) -> None:
+        super().release()
+        self._runner.release()
+
     # --- integrating -------------------------------------------------------------------------
     def _stretch(self, piece: Piece, x: np.ndarray) -> Stretch:
         start, times = piece.inside
@@ -195,7 +199,7 @@ class WholeStepper(Stepper):
             self._progress.step = 0.0
         increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
         return Path(
-            np.r_[piece.start, times],
+            np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),
             increments,
             on_constraints=True,
