@@ -20,6 +20,7 @@ import numpy as np
 from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows
 from .events import Way
@@ -67,6 +68,10 @@ def has_loops(eom: Equations) -> bool:
 
     A tree of pins, slides and welds is regular in every pose.
     """
+    return eom.mechanism.cache.get_or_create("has loops", lambda: _closes_loops(eom))
+
+
+def _closes_loops(eom: Equations) -> bool:
     parent: dict[int, int] = {}
 
     def root(key: int) -> int:
@@ -108,11 +113,13 @@ class Regularity:
             left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
         eom = numeric.eom
-        self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))
+        self._function = eom.mechanism.cache.get_or_create(
+            ("regularity", rows), lambda: Evaluator(_regularity(eom, list(rows)))
+        )
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Smallest relative pivot at poses (k, n)."""
-        pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
     def along(self, path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -18,11 +18,12 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
-from ..equations.time_breaks import state_switches
+from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
-from .gap_closings import has_gap
+from ..numerics.evaluation import Evaluator
 from .outputs import Outputs
 from .path import Path, hermite_states
+from .watched_terms import has_gap
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9
@@ -137,7 +138,7 @@ class UnseenLoads:
         n = self._numeric.eom.q.numel()
         x = hermite_states(path, times, n)
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-        return self._quantities(times[None, :], q.T, v.T, z.T, self._numeric.p).full()
+        return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
     def _instants(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches."""
@@ -306,7 +307,7 @@ class _Quantities:
     ----------
     switches, number : int
         Number of those that switch, which come first, and of all.
-    function : casadi.Function
+    function : Evaluator
         ``(t, q, v, z, p) ->`` their values (number,).
     """
 
@@ -316,7 +317,8 @@ class _Quantities:
         switches, transients = _state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()
-        self.function = ca.Function("quantities", [eom.t, eom.q, eom.v, eom.z, eom.p], [ca.densify(column)])
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
 
 
 def _state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
