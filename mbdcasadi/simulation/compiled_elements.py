@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ import numpy as np
 from ..equations.batches import Batch, Values
 from ..integrators.dop853 import build
 from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
+from ..numerics.symbolic import LOCK
 from .watched_terms import APART, DISPLACEMENTS, FORCES, WatchedTerms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
@@ -51,46 +53,84 @@ class CompiledElements:
     rest: ca.Function
 
 
-def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
-    """Return the compiled elements of a mechanism, or None, and a remark; made once for it.
+class RepeatedElements:
+    """Elements that are many of a kind, so that a loop in C over them pays.
 
-    Compiled are elements that are many of a kind; the remark is empty if there are not so many that it pays.
+    Parameters
+    ----------
+    terms : WatchedTerms
+        What is watched of them.
+
+    Attributes
+    ----------
+    pays : bool
+        Whether there are so many that compiling them pays in most runs.
     """
-    return terms.eom.mechanism.cache.get_or_create("compiled elements", lambda: _compiled(terms))
 
-
-def _compiled(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
-    try:
-        kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
-    except UnsupportedOperation:
-        return None, ""
-    if sum(kind.expanded_size for kind in kinds) < LEAST_INSTRUCTIONS:
-        return None, ""
-    using = build.compiler()
-    if using is None:
-        return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
-    source = _source(terms, kinds)
-    key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
-    began, library = time.perf_counter(), build.find(key)
-    remark = "compiled contacts, kept from before"
-    if library is None:
+    def __init__(self, terms: WatchedTerms):
+        self.terms = terms
         try:
-            library = build.build(key, source, OPTIMISATION, using)
-        except build.CompilationError as error:
-            return None, f"interpreted contacts: {error}"
-        remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
-    forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
-    own = {int(number) for kind in kinds if kind.has_forces for number in kind.batch.numbers}
-    return CompiledElements(terms.values, forces, rates, _rest(terms, own)), remark
+            self._kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
+        except UnsupportedOperation:
+            self._kinds = []
+        self.pays = sum(kind.expanded_size for kind in self._kinds) >= LEAST_INSTRUCTIONS
+
+    @cached_property
+    def rest(self) -> ca.Function:
+        """``(t, q, v, z, lam, u, p) -> Q``: generalised forces of the other elements."""
+        eom = self.terms.eom
+        own = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
+        compiled = [self.terms.elements[number] for number in own]
+        others = [e for e in eom.mechanism.elements if not any(e is element for element in compiled)]
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+        return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
+
+    @cached_property
+    def loops(self) -> tuple[str, int]:
+        """``forces`` and ``rates`` in C, and the length of the work array that they need."""
+        kernels, forces, rates = _common(self.terms, self._kinds)
+        n, size = self.terms.eom.q.numel(), self.terms.size
+        text = [*kernels, forces.function("forces", n), rates.function("rates", size)]
+        return "".join(text), max(forces.work, rates.work)
+
+    @property
+    def size(self) -> int:
+        """Instructions of one element of each kind."""
+        return sum(kind.rates.size + kind.forces.size for kind in self._kinds)
+
+    @cached_property
+    def library(self) -> tuple[CompiledElements | None, str]:
+        """The functions, compiled; or None; and how they were compiled, or why not."""
+        using = build.compiler()
+        if using is None:
+            return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
+        source = _source(self.terms, self._kinds)
+        key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
+        began, library = time.perf_counter(), build.find(key)
+        remark = "compiled contacts, kept from before"
+        if library is None:
+            try:
+                library = build.build(key, source, OPTIMISATION, using)
+            except build.CompilationError as error:
+                return None, f"interpreted contacts: {error}"
+            remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
+        forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
+        return CompiledElements(self.terms.values, forces, rates, self.rest), remark
 
 
-def _rest(terms: WatchedTerms, compiled: set[int]) -> ca.Function:
-    """Generalised forces of elements that are not compiled."""
-    eom = terms.eom
-    watched = [terms.elements[number] for number in compiled]
-    others = [e for e in eom.mechanism.elements if not any(e is own for own in watched)]
-    arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
-    return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
+def repeated_elements(terms: WatchedTerms) -> RepeatedElements | None:
+    """Return the elements of a mechanism that are many of a kind; None if there are too few; found once for it."""
+    found = terms.eom.mechanism.cache.get_or_create("repeated elements", lambda: RepeatedElements(terms))
+    return found if found.pays else None
+
+
+def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
+    """Return the compiled elements of a mechanism, or None, and a remark, which is empty if there are too few."""
+    repeated = repeated_elements(terms)
+    if repeated is None:
+        return None, ""
+    with LOCK:
+        return repeated.library
 
 
 class _Kind:
@@ -201,28 +241,34 @@ def _table(kind: str, name: str, entries: np.ndarray) -> str:
     return f"static const {kind} {name}[] = {{{content}}};\n"
 
 
+def _common(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[list[str], _Loops, _Loops]:
+    """What each kind needs in C, and the loops for forces and rates."""
+    text, forces, rates = ["#include <math.h>\n"], _Loops(), _Loops()
+    for kind in kinds:
+        number, batch = kind.number, kind.batch
+        text += [tape.as_c for tape in (kind.rates, kind.apart) if tape is not None]
+        text.append(_table("int", f"places_{number}", batch.places))
+        text.append(_table("int", f"rate_places_{number}", batch.rate_places))
+        text.append(_table("double", f"constants_{number}", batch.constants))
+        text.append(_table("int", f"into_{number}", kind.result_places))
+        rates.add(kind, kind.rates, kind.result_places, f"into_{number}", rates=True)
+        if kind.has_forces:
+            text += [kind.forces.as_c, _table("int", f"coordinates_{number}", kind.coordinates)]
+            forces.add(kind, kind.forces, kind.coordinates, f"coordinates_{number}")
+    return text, forces, rates
+
+
 def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
     """The library: ``forces``, its Jacobian ``jac_forces``, and ``rates``."""
     n, size = terms.eom.q.numel(), terms.values.size
-    acting = [kind for kind in kinds if kind.has_forces and kind.forces.size]
-    text = ["#include <math.h>\n"]
-    forces, slopes, rates = _Loops(), _Loops(), _Loops()
-    for kind in kinds:
-        text += [tape.as_c for tape in (kind.rates, kind.apart) if tape is not None]
-        text.append(_table("int", f"places_{kind.number}", kind.batch.places))
-        text.append(_table("int", f"rate_places_{kind.number}", kind.batch.rate_places))
-        text.append(_table("double", f"constants_{kind.number}", kind.batch.constants))
-        text.append(_table("int", f"into_{kind.number}", kind.result_places))
-        rates.add(kind, kind.rates, kind.result_places, f"into_{kind.number}", rates=True)
+    acting = [kind for kind in kinds if kind.has_forces]
+    (text, forces, rates), slopes = _common(terms, kinds), _Loops()
     places = [kind.slope_places() for kind in acting]
     entries = [columns * n + rows for rows, columns in places]
     pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
     for kind, own in zip(acting, entries, strict=True):
         tape, into = kind.slopes_tape(), np.searchsorted(pattern, own)
-        text += [kind.forces.as_c, tape.as_c]
-        text.append(_table("int", f"coordinates_{kind.number}", kind.coordinates))
-        text.append(_table("int", f"slope_places_{kind.number}", into))
-        forces.add(kind, kind.forces, kind.coordinates, f"coordinates_{kind.number}")
+        text += [tape.as_c, _table("int", f"slope_places_{kind.number}", into)]
         slopes.add(kind, tape, into, f"slope_places_{kind.number}")
     columns, rows = np.divmod(pattern, n)
     sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
