@@ -166,7 +166,7 @@ def _with_loops(numeric: NumericEquations, repeated: RepeatedElements) -> Writte
 }}
 """
     bodies = {"dynamics": (dynamics, size + 2 * n + work), "quadrature": (quadrature, size + states + work)}
-    return Written(shared, bodies, repeated.size + sum(tape.size for tape in tapes))
+    return Written(shared, bodies, repeated.size + sum(tape.size for tape in tapes), repeated.watch_by)
 
 
 def _filled(values: Values, *groups: str) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -47,11 +47,14 @@ class Written:
         By the name of a function its definition, and the length of the work array that it needs.
     size : int
         Number of instructions.
+    opened : callable, optional
+        Called with the path of the library, which holds the shared functions too.
     """
 
     shared: str
     bodies: Mapping[str, tuple[str, int]]
     size: int
+    opened: Callable[[str], None] | None = None
 
 
 class Code:

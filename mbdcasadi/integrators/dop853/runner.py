@@ -97,6 +97,8 @@ class Runner:
             code.look_for_library(using)
             code.compile(using)
             if code.library is not None:
+                if written.opened is not None:
+                    written.opened(code.library._name)
                 return code
         return self._cache.get_or_create(("code", *functions), partial(Code, functions))
 
