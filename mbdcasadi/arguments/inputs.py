@@ -139,7 +139,7 @@ class Signals:
         levels : numpy.ndarray, optional
             Values of the levels; those that were given if left out.
         channel : numpy.ndarray, optional
-            What holds in the interval of each state (rows, k); what holds from its time on if left out.
+            Values in the interval of each state (rows, k); by default those from its time on.
         """
         times = np.atleast_1d(np.asarray(t, float))
         if not self.structure:

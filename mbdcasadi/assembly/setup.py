@@ -21,7 +21,7 @@ from .consistent_start import carried_by, consistent_start
 
 #: Values of the parameters at which the equations of a mechanism are kept.
 RECENT_PARAMETERS = 4
-#: What is not given: None is no time.
+#: Mark of an argument that is not given: None is no time.
 _UNSET: Any = object()
 
 
@@ -51,9 +51,9 @@ class Setup:
     fixed : mapping of Parameter or Input to float, optional
         Values that the analysis itself sets, over all others.
     takes_controller : bool, default False
-        Whether the analysis calls a sampled controller.
+        True if the analysis calls a sampled controller.
     takes_duration : bool, default True
-        Whether the analysis takes a duration in place of times.
+        True if the analysis takes a duration in place of times.
 
     Attributes
     ----------

@@ -39,19 +39,19 @@ class Integrator(Immutable):
     Attributes
     ----------
     name : str
-        What ``method=`` calls it.
+        Name for ``method=``.
     plugin : str
         Name of the integrator in CasADi.
     solves_algebraic : bool
-        Whether it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
+        True if it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
     is_multistep : bool
-        Whether a start costs many small steps.
+        True if a start costs many small steps.
     stops_by_input : bool
-        Whether it stops where an input changes, so that stops need not be known when it is compiled.
+        True if it stops where an input changes, so that stops need not be known when it is compiled.
     quadratures_in_error_test : bool
-        Whether integrals that are carried along take part in the error test.
+        True if integrals that are carried along take part in the error test.
     runs_whole : bool
-        Whether it runs in code of this package over a whole run, finds what happens inside its steps, and returns
+        True if it runs in code of this package over a whole run, finds what happens inside its steps, and returns
         states on the constraints.
 
     Raises
@@ -116,7 +116,7 @@ class Integrator(Immutable):
         Parameters
         ----------
         algebraic : bool
-            Whether there are algebraic unknowns.
+            True if there are algebraic unknowns.
         """
         own = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
         return own | self._compiler_options | dict(self.options)

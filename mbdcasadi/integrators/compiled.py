@@ -102,7 +102,7 @@ class CompiledIntegrator:
     Attributes
     ----------
     starts : int
-        How often it was started.
+        Number of starts.
     steps, all_steps : int
         Steps of the last call and of all, if the method counts them.
     integrals : numpy.ndarray

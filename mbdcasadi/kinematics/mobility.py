@@ -19,9 +19,9 @@ from ..numerics.newton import Equations, refine_root, solve
 from ..numerics.rank import RankAnalysis, analyse_rank
 from ..numerics.tolerances import NEARLY_SINGULAR
 
-#: How far a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths; one try each.
+#: Distances by which a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths.
 EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
-#: How far it is moved to see whether a direction can be followed at all.
+#: Distance by which it is moved to see whether a direction can be followed at all.
 PROBE = 1e-3
 #: Share of a displacement that must be left for the direction to count as a motion.
 FOLLOWED_SHARE = 0.3
@@ -46,7 +46,7 @@ class Mobility:
     shaky : int
         Number of infinitesimal motions there that cannot be followed.
     singular : bool
-        Whether the given pose is singular: its own rank is lower, to the accuracy of a pose.
+        True if the given pose is singular: its own rank is lower, to the accuracy of a pose.
     """
 
     rank: int

@@ -225,6 +225,11 @@ class Trajectory(HoldsSymbols):
         return (self,)
 
     @property
+    def parameters_by_phase(self) -> list[np.ndarray]:
+        """Values of the parameters of all mechanisms, by phase."""
+        return [self.parameters]
+
+    @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
@@ -313,7 +318,7 @@ class Trajectory(HoldsSymbols):
 
     def save(self, path: str | Path) -> None:
         """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)`` reads it."""
-        from .export import save
+        from .trajectory_files import save
 
         save(self, path)
 

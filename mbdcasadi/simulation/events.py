@@ -87,7 +87,7 @@ class EventWatch:
     eom : Equations
         Equations of the mechanism.
     events : sequence of Event
-        What to look for.
+        Events to look for.
     instant : float
         Time that counts as one instant, s.
     resting : dict of Event to float, optional
@@ -232,7 +232,7 @@ class EventWatch:
         way_from : callable
             Gives the way from an output on.
         decides : callable
-            Whether the run ends, or goes on otherwise, at an event.
+            True if the run ends, or goes on otherwise, at an event.
         """
         since = np.r_[times[0], times[:-1]]
         values = self.values(outputs, times, x, since)

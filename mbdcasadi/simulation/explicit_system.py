@@ -13,21 +13,28 @@ from ..integrators.dop853.stretch import ExplicitSystem
 from .singular_passage import has_loops
 
 
-def dynamics_of(numeric: NumericEquations) -> ca.Function:
+def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
     """``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``; made once for a mechanism.
 
     The regularity is the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to its
     diagonal (with light bodies, that of ``Phi_q Phi_q^T``); 1 if no pose is singular.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    redundant : bool
+        True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
     eom = numeric.eom
-    key = ("explicit dynamics", numeric.light_key)
-    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric))
+    key = ("explicit dynamics", numeric.light_key, redundant)
+    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric, redundant))
 
 
-def _dynamics(numeric: NumericEquations) -> ca.Function:
+def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
     eom = numeric.eom
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, lam = numeric.forward_dynamics(redundant=False)(*known)
+    a, lam = numeric.forward_dynamics(redundant=redundant)(*known)
     rates = ca.substitute(eom.z_rate, ca.vertcat(eom.a, eom.lam), ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
     return ca.Function("dynamics", known, [a, ca.densify(rates), lam, _regularity(numeric)])
 
@@ -102,7 +109,7 @@ def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.
     signals : Signals
         Inputs.
     integrands : casadi.SX, optional
-        What is integrated along; the same in every run of a mechanism that has some.
+        Integrands along the motion; the same in every run of a mechanism that has some.
     """
     eom = numeric.eom
     content = ca.SX(0, 1) if integrands is None else ca.densify(integrands)

@@ -49,7 +49,7 @@ APART = 1e-8
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Points of an output interval by which a jump is told from drift.
+#: Points of an output interval by which a jump is distinguished from drift.
 CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
@@ -162,7 +162,7 @@ class Run:
         self.stops = False
 
     def _is_watched(self, integrator: Integrator) -> bool:
-        """Whether something must be looked for between outputs."""
+        """True if something must be looked for between outputs."""
         if integrator.runs_whole:
             return False
         eom = self.modes.numeric(self.modes.free).eom
@@ -176,17 +176,19 @@ class Run:
         return drifts or self._has_loads()
 
     def _has_loads(self) -> bool:
-        """Whether the motion may meet loads that steps pass over."""
+        """True if the motion may meet loads that steps pass over."""
         return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
-    def run(self, entry: State | None = None) -> Trajectory:
+    def run(self, entry: State | None = None, passed: Sequence[Event] = ()) -> Trajectory:
         """Run over the output grid, up to its end or to an event that ends the run.
 
         Parameters
         ----------
         entry : State, optional
             State of the mechanism at which the run goes on, in place of the start.
+        passed : sequence of Event
+            Events that led there: they are at their zeros, and have taken place.
 
         Raises
         ------
@@ -202,7 +204,7 @@ class Run:
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
-                if not self._changes_at_once():
+                if not self._changes_at_once(passed):
                     self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
@@ -273,7 +275,7 @@ class Run:
         self._resume(entry)
         return self._builder.trajectory()
 
-    def _changes_at_once(self) -> bool:
+    def _changes_at_once(self, passed: Sequence[Event]) -> bool:
         """Return True if the mechanism changes at the state at which the run begins."""
         watched = [event for event in self.events if event.becomes is not None]
         if not watched:
@@ -282,7 +284,7 @@ class Run:
         state = arc.stepper.outputs.state(self._time, self._x)
         watch = EventWatch(arc.numeric.eom, watched, self.instant)
         through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k]]
+        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
         # a reaction that has the wrong sign from the start on never passes zero
         lam = arc.numeric.eom.lam
         self.changing += [
@@ -365,7 +367,7 @@ class Run:
             path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
-            nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
+            nothing = np.zeros((times.size, self._arc.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
         return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
@@ -536,7 +538,7 @@ class Run:
 
     @staticmethod
     def decides(event: Event, own_events: Sequence[Event]) -> bool:
-        """Whether the run ends, or goes on otherwise, at an event."""
+        """True if the run ends, or changes its mechanism, at an event."""
         return _cuts(event) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:

@@ -25,11 +25,11 @@ class Piece:
     times : numpy.ndarray
         Outputs of the integrator, the last one its end.
     wanted : numpy.ndarray of bool
-        Which of them are outputs of the user.
+        True for those that are outputs of the user.
     stops : numpy.ndarray of bool
         Over which of them no step may go.
     ends_at_jump : bool
-        Whether the equations jump at its end, and belong to its inside up to there.
+        True if the equations jump at its end, and belong to its inside up to there.
     starts_at_jump : bool
         The same of its start.
     """

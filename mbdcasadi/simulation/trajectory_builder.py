@@ -29,7 +29,7 @@ class TrajectoryBuilder:
     events : list of EventOccurrence
         Events that took place.
     statistics : Statistics
-        How the motion was computed.
+        Statistics of the integration.
     """
 
     def __init__(self, modes: Modes, p: np.ndarray):

@@ -18,12 +18,12 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
-from ..equations.time_breaks import state_switches
+from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
 from ..numerics.evaluation import Evaluator
-from .gap_closings import has_gap
 from .outputs import Outputs
 from .path import Path, hermite_states
+from .watched_terms import has_gap
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9

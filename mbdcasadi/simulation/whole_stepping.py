@@ -63,11 +63,11 @@ class WholeStepper(Stepper):
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
-        Whether the run ends, or goes on otherwise, at an event.
+        True if the run ends, or goes on otherwise, at an event.
     span : float
         Duration of the run, s.
     may_fold : bool
-        Whether there are singular poses.
+        True if there are singular poses.
     """
 
     def __init__(
@@ -92,10 +92,10 @@ class WholeStepper(Stepper):
         limits = [limit for limit in (max_step, integrator.max_step) if limit is not None]
         self._longest = min(limits, default=np.inf)
         self._watch, self._may_fold, self._spacing = watch, may_fold, span / WATCH_POINTS
-        self._rates = resolution.rates.numel()
+        self._rates = resolution.terms.size
         self._keeps_samples = resolution.has_gaps
         self._runner = Runner(
-            explicit_system(numeric, signals, resolution.rates),
+            explicit_system(numeric, signals, resolution.terms.rates),
             watch.watched(decides),
             numeric.eom.mechanism.cache,
             compiles=integrator.jit,
@@ -163,7 +163,7 @@ class WholeStepper(Stepper):
         )
 
     def _columns(self, begins: np.ndarray) -> np.ndarray:
-        """What holds by interval from some times on (k, n_channel)."""
+        """Values by interval from some times on (k, n_channel)."""
         found = self.signals.channel_from(begins)
         return np.zeros((begins.size, 0)) if found is None else found.T
 

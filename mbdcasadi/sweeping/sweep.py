@@ -89,7 +89,7 @@ def sweep(
     cases : mapping
         Parameter or input to its values (k,); see :func:`full_factorial` and :func:`latin_hypercube`.
     outputs : {name: expression}, or sequence of expressions
-        What is kept of each run.
+        Quantities of each run that are kept.
     initial, inputs, parameters
         As for :func:`simulate`; conditions may hold the parameters that vary.
     executor : concurrent.futures.Executor, optional

@@ -18,9 +18,9 @@ from ..model.cache import Cache
 from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.explicit_system import explicit_system
 from ..simulation.formulations import choose_formulation
-from ..simulation.gap_closings import has_gaps
 from ..simulation.schedule import Schedule
 from ..simulation.time_dependence import dependence_at, timed_equations
+from ..simulation.watched_terms import has_gaps
 from ..simulation.whole_stepping import refuse_redundant_rows
 from .starts import StartPath
 
@@ -54,7 +54,7 @@ class Times:
 
     @property
     def pattern(self) -> tuple[Any, ...]:
-        """What cases of one batch have in common."""
+        """Key of the properties that cases of one batch share."""
         return ("whole", self.arguments[0].size)
 
 
@@ -110,7 +110,7 @@ class WholeParcel:
     path : StartPath
         Way from the start of one case to those of others.
     outputs : list of casadi.SX
-        What is kept.
+        Quantities that are kept.
     count : int
         Number of cases in all.
     threads : int

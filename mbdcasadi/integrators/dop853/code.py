@@ -51,7 +51,7 @@ class Code:
     spent : float
         Time that interpreting them has taken so far, s.
     said : str
-        How they were compiled, or why not.
+        Compiler and time, or the reason for which they are not compiled, in words.
 
     Raises
     ------
@@ -98,7 +98,7 @@ class Code:
                 self.said = "compiled equations, kept from before"
 
     def pays(self, coming: float) -> bool:
-        """Whether compiling pays before interpreting them for so many seconds more."""
+        """Return True if compiling pays before interpreting them for so many seconds more."""
         waits = self.library is None and not self._given_up
         return waits and SAVED * (self.spent + coming) > self.price
 

@@ -228,12 +228,12 @@ class NativeRun:
 
     @property
     def compiled(self) -> tuple[bool, ...]:
-        """Which of the codes are compiled now."""
+        """Names of the codes that are compiled now."""
         return tuple(code.library is not None for code in self.codes)
 
     @property
     def is_current(self) -> bool:
-        """Whether it runs the compiled code that there is."""
+        """True if it runs the compiled code that there is."""
         return self._state == self.compiled
 
     def halt(self) -> None:
@@ -314,7 +314,7 @@ class NativeRun:
         Parameters
         ----------
         channels : numpy.ndarray
-            What holds in the interval of each state (k, n_channel).
+            Values in the interval of each state (k, n_channel).
         """
         system, given, count = self.system, _Arrays(), times.size
         a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))

@@ -45,12 +45,12 @@ class Runner:
     cache : Cache
         Of the mechanism: what is compiled serves later runs with the same functions.
     compiles : bool
-        Whether the equations are compiled at once, and not only once that pays.
+        True if the equations are compiled at once, and not only once that pays.
 
     Attributes
     ----------
     said : str
-        What runs, and why.
+        Code that runs, and the reason, in words.
     """
 
     def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, *, compiles: bool = False):
@@ -138,7 +138,7 @@ class Runner:
     # --- running ------------------------------------------------------------------------------
     @property
     def is_interpreted(self) -> bool:
-        """Whether equations are interpreted that may be compiled."""
+        """True if equations are interpreted that may be compiled."""
         return bool(self._codes) and self._codes[0].library is None
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:

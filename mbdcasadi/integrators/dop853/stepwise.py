@@ -64,7 +64,7 @@ class StepwiseRun:
 
     @property
     def is_current(self) -> bool:
-        """Whether it runs the best code that there is."""
+        """True if it runs the best code that there is."""
         return True
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
@@ -679,7 +679,7 @@ def _interpolated(y: np.ndarray, f: np.ndarray, part: Any) -> np.ndarray:
 
 
 def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """Whether parabolas through three values of one sign come near to zero between them, by event."""
+    """Return True, by event, if parabolas through three values of one sign come near to zero between them, by event."""
     h0, h1 = t1 - t0, t2 - t1
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))

@@ -48,7 +48,7 @@ def _edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class Contour:
     """Closed outline of a part or a hole: `points` (k, 2), m, without repeating the first one.
 
     Parts run counter-clockwise and holes clockwise (non-zero winding rule); a rod has its two ends.
@@ -119,11 +119,11 @@ class Shape:
             raise ModelError(f"{what}: give one of density and mass, got density={density!r}, mass={mass!r}")
         return total, centroid, total * second_moment / measure
 
-    def outlines(self) -> list[Outline]:
+    def outlines(self) -> list[Contour]:
         """Return the outlines of the parts and then those of the holes, for drawing."""
         parts, holes = _parts_and_holes(self)
-        outlines = [Outline(part._corners()) for part in parts]
-        return outlines + [Outline(hole._corners()[::-1], hole=True) for hole in holes]
+        outlines = [Contour(part._corners()) for part in parts]
+        return outlines + [Contour(hole._corners()[::-1], hole=True) for hole in holes]
 
     def moved(self, x: float, y: float, angle: float = 0.0) -> Shape:
         """Return the shape turned by `angle` (rad) about the origin and then shifted by `x`, `y` (m).
