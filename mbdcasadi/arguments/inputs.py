@@ -93,6 +93,8 @@ class Signals:
     def breaks(self) -> np.ndarray:
         """Times at which what holds by intervals changes: samples and ends of polynomials."""
         parts = [p.breaks for p in self.polynomials.values()]
+        if not self.samples and not parts:
+            return np.zeros(0)
         return np.unique(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
 
     def channel_from(self, begins: np.ndarray) -> np.ndarray | None:
