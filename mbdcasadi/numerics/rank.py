@@ -75,12 +75,13 @@ def surely_independent(matrix: np.ndarray) -> bool:
         return False
     if m == 0:
         return True
+    square = matrix @ matrix.T
     try:
-        inverse = np.linalg.inv(matrix @ matrix.T)
+        inverse = np.linalg.inv(square)
     except np.linalg.LinAlgError:
         return False
-    # the largest singular value is at most the root of m
-    return bool(m * np.linalg.norm(inverse) < 1 / INDEPENDENT**2)
+    # the square of the largest singular value is at most a sum of absolute values
+    return bool(np.max(np.sum(np.abs(square), axis=1)) * np.linalg.norm(inverse) < 1 / INDEPENDENT**2)
 
 
 def surely_independent_sparse(matrix: ca.DM) -> bool:
@@ -88,14 +89,15 @@ def surely_independent_sparse(matrix: ca.DM) -> bool:
     m, n = matrix.shape
     if m > n:
         return False
-    pivots, lower, order = ca.ldl(matrix @ matrix.T)
+    square = matrix @ matrix.T
+    pivots, lower, order = ca.ldl(square)
     if not np.all(pivots.full() > 0):  # neither if one is not finite
         return False
     vector, size = ca.DM(np.random.default_rng(0).standard_normal(m)), np.inf
     for _ in range(INVERSE_ITERATIONS):
         vector = ca.ldl_solve(vector / ca.norm_2(vector), pivots, lower, order)
         size = float(ca.norm_2(vector))
-    return bool(m * size < 1 / INDEPENDENT**2)
+    return bool(float(ca.norm_inf(ca.sum2(ca.fabs(square)))) * size < 1 / INDEPENDENT**2)
 
 
 def sparse_rank(matrix: ca.DM, tolerance: float = RANK) -> int:
