@@ -317,7 +317,7 @@ class SingularPassage:
         numeric, eom = self._numeric, self._numeric.eom
         times = start + (end - start) * (np.arange(CHECKS) + 0.5) / CHECKS
         x, size = course.states(times), numeric.scale.coordinates
-        wanted = np.array([course.accelerations(time) for time in times])
+        wanted = course.accelerations(times)
         t, q, v, a, z, lam, u = self._outputs.block(times, x)
         regular = self._regularity.at(times, q) > REGULAR * ENTRY * self._largest
         speed = largest(v / size)
@@ -368,9 +368,9 @@ class _Course:
         z = np.zeros((times.size, 0)) if self._slow is None else self._slow(tau)
         return np.hstack([self._positions(tau), self._positions.derivative(tau, 1) / self._span, z])
 
-    def accelerations(self, time: float) -> np.ndarray:
-        """Accelerations at a time (n,)."""
-        return self._positions.derivative((time - self._start) / self._span, 2) / self._span**2
+    def accelerations(self, times: float | np.ndarray) -> np.ndarray:
+        """Accelerations at a time (n,), or by row."""
+        return self._positions.derivative((times - self._start) / self._span, 2) / self._span**2
 
 
 class Trail:
