@@ -357,7 +357,7 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
                 "the mechanism alone (becomes=, with restitution= for a bounce)"
             )
     for before in motion.phases[:-1]:
-        here = [e for e in motion.events if e.after is not None and e.t == before.t[-1]]
+        here = [e for e in motion.events if e.after is not None and _is_at(e, float(before.t[-1]))]
         if len(here) != 1:
             names = ", ".join(f"'{e.name}'" for e in here)
             raise ModelError(
@@ -370,10 +370,14 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
     return chosen
 
 
+def _is_at(event: EventOccurrence, time: float) -> bool:
+    return abs(event.t - time) <= 4 * float(np.spacing(abs(time)))
+
+
 def _ending(motion: Trajectory, events: Sequence[Event]) -> Event | None:
     """The event that ends a motion without a change; None if there is none."""
     known = {event.name: event for event in events}
-    last: list[EventOccurrence] = [e for e in motion.events if e.t == motion.t[-1]]
+    last = [e for e in motion.events if _is_at(e, float(motion.t[-1]))]
     return next((known[e.name] for e in last if known[e.name].terminal and known[e.name].becomes is None), None)
 
 
