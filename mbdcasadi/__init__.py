@@ -27,6 +27,8 @@ from .errors import (
 )
 from .files.acf import read_acf
 from .files.adm import read_adm
+from .files.mjcf import read_mjcf
+from .files.urdf import read_urdf
 from .fmu.export import export_fmu
 from .identification.data import Experiment, IdentificationError
 from .identification.fit import Fit
