@@ -85,14 +85,15 @@ from .optimal_control.optimize import optimize
 from .optimal_control.phase import Phase, Waypoint
 from .optimal_control.placeholders import at_end, at_start, integral
 from .optimal_control.problem import OptimalControlProblem
+from .optimal_control.return_map import stability
 from .optimal_control.solution import Solution
 from .optimal_control.stability import Stability
 from .optimal_control.storage import read_solution
 from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
 from .optimal_control.transcription.points import CollocationPoint
-from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .results.trajectory_files import read_trajectory
 from .sensitivity.cost import CostFunction, cost_function
 from .sensitivity.sensitivities import Sensitivities, sensitivities
 from .simulation.simulate import simulate

@@ -21,7 +21,7 @@ from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
 from ..simulation.explicit_system import dynamics_of, projection_of
-from ..simulation.gap_closings import has_gap
+from ..simulation.watched_terms import has_gap
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
 REGULARISATION = 1e-9

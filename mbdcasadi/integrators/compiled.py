@@ -118,21 +118,24 @@ class CompiledIntegrator:
         self.dae, self.integrator = dae, integrator
         clock = type(dae.x).sym("clock")
         length = dae.clock.length
+        ode, alg, quad = dae.ode, dae.alg, dae.quad
+        if isinstance(dae.x, ca.SX):
+            ode, alg, quad = ca.cse([ode, alg, quad])
         self._system = {
             "t": dae.clock.tau,
             "x": ca.vertcat(dae.x, clock),
             "p": ca.vertcat(dae.clock.start, length, dae.p),
-            "ode": ca.vertcat(length * dae.ode, 1),
+            "ode": ca.vertcat(length * ode, 1),
         }
         if dae.z.numel():
-            self._system |= {"z": dae.z, "alg": dae.alg}
+            self._system |= {"z": dae.z, "alg": alg}
         stop = [type(dae.x).sym("stop")] if integrator.stops_by_input else []
         self._u = ca.vertcat(dae.u, *stop)
         if self._u.numel():
             self._system["u"] = self._u
         self._quad_scale = QUADRATURE_SIZE * integrator.abstol if integrator.quadratures_in_error_test else 1.0
         if dae.quad.numel():
-            self._system["quad"] = self._quad_scale * length * dae.quad
+            self._system["quad"] = self._quad_scale * length * quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
         self.restart_counting()

@@ -95,7 +95,9 @@ def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5
     m = masses_of(masses, 2, what)
     first = bar("crank", (0, 0), tip, m[0])
     size = 0.2 * r, 2.4 * r
-    yoke = Body("yoke", m[1], m[1] * (size[0] ** 2 + size[1] ** 2) / 12, pose=(tip[0], 0, 0), shape=Rectangle(*size))
+    # the rod that slides in guides on both sides is there to be seen; mass and inertia are those of the slotted bar
+    shape = Rectangle(5.6 * r, 0.12 * r) + Rectangle(0.36 * r, 2.4 * r)
+    yoke = Body("yoke", m[1], m[1] * (size[0] ** 2 + size[1] ** 2) / 12, pose=(tip[0], 0, 0), shape=shape)
     main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
     guide = Translational("guide", ground.at(0, 0), yoke.at(0, 0))
     slot = PointOnLine("slot", yoke.at(0, 0, angle=np.pi / 2), ends(first)[1])

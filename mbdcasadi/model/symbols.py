@@ -156,6 +156,7 @@ class Input(Symbol):
     _kind = "input"
 
     def __init__(self, label: str, value: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         self.rate = ca.SX.sym(f"{label}.rate")
         self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
@@ -181,6 +182,7 @@ class Parameter(Symbol):
     _kind = "parameter"
 
     def __init__(self, label: str, value: float, lower: float = -math.inf, upper: float = math.inf):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"parameter '{label}'"
         self.value = number(value, what, "value")
@@ -219,6 +221,7 @@ class StateVariable(Symbol):
         upper: float = math.inf,
         initial: float | None = None,
     ):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"state variable '{label}'"
         if initial is not None:
@@ -262,6 +265,7 @@ class Coordinate(Symbol):
     _kind = "position"
 
     def __init__(self, label: str, value: float = 0.0):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         self.value = number(value, f"coordinate '{label}'", "value")
         self.velocity = ca.SX.sym(f"{label}.velocity")

@@ -35,7 +35,7 @@ from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
 from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
-from .stability import Stability, stability
+from .stability import Stability, stability_of_solution
 from .transcription.motion import OptimalMotion, Polynomials
 
 if TYPE_CHECKING:
@@ -441,7 +441,7 @@ class Solution:
         ----------
         Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
         """
-        return stability(self)
+        return stability_of_solution(self)
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property

@@ -143,4 +143,12 @@ def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray
         return {}
     stacked = ca.veccat(*[expression.T for expression in named.values()])  # CasADi stacks by column, names run by row
     values = motion[stacked].reshape(len(motion), len(names))
-    return dict(zip(names, values.T, strict=True))
+    table = dict(zip(names, values.T, strict=True))
+    if expressions is None and len(motion.phases) > 1:
+        table.setdefault("phase", phase_numbers(motion))
+    return table
+
+
+def phase_numbers(motion: Trajectory) -> np.ndarray:
+    """Return the number of the phase of a motion by time (n_t,), from 0."""
+    return np.repeat(np.arange(len(motion.phases)), [len(phase) for phase in motion.phases])

@@ -16,7 +16,7 @@ from ..errors import MechanismError
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
-from .energy_and_drift import Drift, Energy
+from .energy_and_drift import Energy
 from .state import EventOccurrence, State
 from .trajectory import Statistics, Trajectory
 
@@ -157,7 +157,7 @@ class PhasedTrajectory(Trajectory):
         super().__init__(
             whole,
             np.concatenate([part.t for part in parts]),
-            *_six(arrays),
+            *six(arrays),
             self._values[0],
             events=events,
             statistics=statistics,
@@ -169,6 +169,11 @@ class PhasedTrajectory(Trajectory):
         """The motion in each mechanism, one after the other."""
         return self._parts
 
+    @property
+    def parameters_by_phase(self) -> list[np.ndarray]:
+        """Values of the parameters of all mechanisms, by phase."""
+        return self._values
+
     @cached_property
     def _wide(self) -> list[Trajectory]:
         """The parts in the symbols of all mechanisms."""
@@ -177,7 +182,7 @@ class PhasedTrajectory(Trajectory):
             Trajectory(
                 self.mechanism,
                 self.t[first:last],
-                *_six([x[first:last] for x in arrays]),
+                *six([x[first:last] for x in arrays]),
                 p,
                 missing_multipliers=part._missing_multipliers,
             )
@@ -252,11 +257,10 @@ class PhasedTrajectory(Trajectory):
         return Trajectory(self.mechanism, self.t, q, v, a, z, lam, u, self._values[-1], events=self.events)
 
     def save(self, path: str | Path) -> None:
-        """Refuse: a file belongs to one mechanism."""
-        raise MechanismError(
-            "a motion through several mechanisms is saved phase by phase: motion.phases[k].save(path), which "
-            "read_trajectory(path, mechanism) reads; to_csv writes all of it as a table"
-        )
+        """Write all phases to a ``.npz`` file; ``read_trajectory(path, [mechanisms])`` reads it."""
+        from .phased_files import save_phased
+
+        save_phased(self, path)
 
     @property
     def energy(self) -> Energy:
@@ -264,14 +268,8 @@ class PhasedTrajectory(Trajectory):
         found = [part.energy for part in self._parts]
         return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
 
-    @property
-    def drift(self) -> Drift:
-        """Largest violation of the constraints that hold, at position and velocity level."""
-        found = [part.drift for part in self._parts]
-        return Drift(max(d.position for d in found), max(d.velocity for d in found))
 
-
-def _six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """``q, v, a, z, lam, u``."""
     q, v, a, z, lam, u = arrays
     return q, v, a, z, lam, u

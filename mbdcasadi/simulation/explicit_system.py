@@ -44,7 +44,7 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
     if not eom.lam.numel() or not has_loops(eom):
         return ca.SX(1)
     inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
-    schur = eom.Phi_q @ ca.diag(inverse) @ eom.Phi_q.T
+    schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
     pivots, _, order = ca.ldl(schur)
     return ca.mmin(ca.densify(pivots) / ca.densify(ca.diag(schur))[list(order)])
 
@@ -62,7 +62,8 @@ def _projection(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("weights", eom.q.numel())
     rows = [int(k) for k in eom.position_rows]
     inverse = ca.diag(1 / weights)
-    schur = eom.Phi_q @ inverse @ eom.Phi_q.T
+    over = inverse @ eom.Phi_q.T
+    schur = eom.Phi_q @ over
     loops = has_loops(eom)
 
     def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
@@ -74,14 +75,14 @@ def _projection(eom: Equations) -> ca.Function:
         whole = len(rows) == eom.lam.numel()
         factors = factorised(schur, eom.angular_rows)
         own = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
-        q = q - inverse @ eom.Phi_q[rows, :].T @ ca.ldl_solve(ca.densify(eom.Phi), *own)
+        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *own)
     elif eom.lam.numel():
         factors = factorised(schur, eom.angular_rows)
     if eom.lam.numel():
         there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
         phi, jacobian, nu = there(eom.t, q, eom.p)
         for _ in range(2):  # the second removes the rounding of the first
-            v = v - inverse @ jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors)
+            v = v - inverse @ (jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
     results = [ca.densify(q), ca.densify(v), left]
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)

@@ -180,13 +180,15 @@ class Run:
         return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
-    def run(self, entry: State | None = None) -> Trajectory:
+    def run(self, entry: State | None = None, passed: Sequence[Event] = ()) -> Trajectory:
         """Run over the output grid, up to its end or to an event that ends the run.
 
         Parameters
         ----------
         entry : State, optional
             State of the mechanism at which the run goes on, in place of the start.
+        passed : sequence of Event
+            Events that led there: they are at their zeros, and have taken place.
 
         Raises
         ------
@@ -202,7 +204,7 @@ class Run:
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
-                if not self._changes_at_once():
+                if not self._changes_at_once(passed):
                     self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
@@ -273,7 +275,7 @@ class Run:
         self._resume(entry)
         return self._builder.trajectory()
 
-    def _changes_at_once(self) -> bool:
+    def _changes_at_once(self, passed: Sequence[Event]) -> bool:
         """Return True if the mechanism changes at the state at which the run begins."""
         watched = [event for event in self.events if event.becomes is not None]
         if not watched:
@@ -282,7 +284,7 @@ class Run:
         state = arc.stepper.outputs.state(self._time, self._x)
         watch = EventWatch(arc.numeric.eom, watched, self.instant)
         through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k]]
+        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
         # a reaction that has the wrong sign from the start on never passes zero
         lam = arc.numeric.eom.lam
         self.changing += [
@@ -365,7 +367,7 @@ class Run:
             path = self._arc.stepper.advance(piece, self._x, self._interruption)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
-            nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
+            nothing = np.zeros((times.size, self._arc.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
         return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
@@ -605,8 +607,7 @@ class Run:
         block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self._builder.add(arc.mode, *(part[:lost] for part in block))
-        self.modes.check(arc.mode, self._builder.motion_in(arc.mode, *(part[:lost] for part in block)))
+        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])

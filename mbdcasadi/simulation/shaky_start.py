@@ -26,7 +26,9 @@ def refuse_shaky_start(numeric: NumericEquations, state: State) -> None:
         Naming the rows that take part.
     """
     eom, t, q = numeric.eom, state.t, state.q
-    if eom.Q_depends_on_lam or numeric.rank(t, q).rank_at(NEARLY_SINGULAR) == eom.lam.numel():
+    if eom.Q_depends_on_lam or numeric.is_regular(t, q):
+        return
+    if numeric.rank(t, q).rank_at(NEARLY_SINGULAR) == eom.lam.numel():
         return
     if not mobility(numeric, t, q).shaky:
         return

@@ -20,6 +20,7 @@ import numpy as np
 from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows
 from .events import Way
@@ -65,6 +66,10 @@ def has_loops(eom: Equations) -> bool:
 
     A tree of pins, slides and welds is regular in every pose.
     """
+    return eom.mechanism.cache.get_or_create("has loops", lambda: _closes_loops(eom))
+
+
+def _closes_loops(eom: Equations) -> bool:
     parent: dict[int, int] = {}
 
     def root(key: int) -> int:
@@ -106,11 +111,13 @@ class Regularity:
             left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
         eom = numeric.eom
-        self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))
+        self._function = eom.mechanism.cache.get_or_create(
+            ("regularity", rows), lambda: Evaluator(_regularity(eom, list(rows)))
+        )
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Smallest relative pivot at poses (k, n)."""
-        pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
     def along(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -123,8 +130,10 @@ def finer_times(path: Path, eom: Equations) -> np.ndarray:
     """Times of a path between which no body turns far."""
     turned = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
     parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
-    ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
-    return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
+    owner, last = np.repeat(np.arange(parts.size), parts), np.cumsum(parts)
+    share = 1.0 - (last[owner] - 1 - np.arange(owner.size)) / parts[owner]
+    inside = path.times[owner] + share * np.diff(path.times)[owner]
+    return np.r_[path.times[0], np.where(share == 1.0, path.times[owner + 1], inside)]
 
 
 def singular_time(numeric: NumericEquations, path: Path) -> float | None:

@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import IDAS, Integrator, RungeKutta
-from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, IntegrationFailure
+from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
 from ..integrators.lending import Lending
 from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
+from .compiled_elements import compiled_elements
 from .formulations import Formulation, Regularised, choose_formulation
 from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import Piece
+from .watched_terms import WatchedTerms
 
 #: Tolerances of what is integrated to rounding.
 PRECISE = (1e-12, 1e-13)
@@ -94,7 +95,8 @@ class Stepper:
     @property
     def notes(self) -> list[str]:
         """Sentences on how it ran."""
-        return []
+        remark = compiled_elements(self._resolution.terms)[1]
+        return [remark] if remark else []
 
     @property
     def starts(self) -> int:
@@ -114,19 +116,19 @@ class Stepper:
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
         if form not in self._compiled:
-            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.rates)
+            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.terms)
         return self._compiled[form]
 
     def _integrator(
-        self, form: Formulation, method: Integrator, quadratures: ca.SX | None = None
+        self, form: Formulation, method: Integrator, terms: WatchedTerms | None = None
     ) -> CompiledIntegrator:
         """An integrator that is kept for the mechanism, and lent to this run alone."""
         numeric, signals = self.numeric, self.signals
         settings = type(method), method.max_step, method.key
-        key = form, settings, numeric.light_key, signals.structure, quadratures is None
+        key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            made = CompiledIntegrator(form.dae(numeric, signals, quadratures=quadratures), method)
+            made = CompiledIntegrator(self._system(form, terms), method)
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
@@ -134,6 +136,15 @@ class Stepper:
         borrowed[0].restart_counting()
         self._borrowed.append((key, borrowed))
         return borrowed[0]
+
+    def _system(self, form: Formulation, terms: WatchedTerms | None) -> Dae:
+        """The system of an integrator, with compiled elements if they are many of a kind."""
+        if terms is None:
+            return form.dae(self.numeric, self.signals)
+        elements, _ = compiled_elements(terms)
+        if elements is not None:
+            return form.compiled_dae(self.numeric, self.signals, elements)
+        return form.dae(self.numeric, self.signals, quadratures=terms.rates)
 
     def release(self) -> None:
         """Give back the integrators at the end of a run; their counts stay."""

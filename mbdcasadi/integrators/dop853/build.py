@@ -80,15 +80,19 @@ def _compiler(wanted: str, path: str) -> Compiler | None:
 
 def cache_folder() -> Path:
     """Folder in which libraries are kept: ``$MBDCASADI_CACHE``, else one of the platform's own."""
-    given = os.environ.get("MBDCASADI_CACHE")
+    return _cache_folder(*map(os.environ.get, ("MBDCASADI_CACHE", "LOCALAPPDATA", "XDG_CACHE_HOME", "HOME")))
+
+
+@cache
+def _cache_folder(given: str | None, local: str | None, cache_home: str | None, home: str | None) -> Path:
     if given:
         return Path(given).expanduser()
     if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+        base = local or str(Path.home() / "AppData" / "Local")
     elif sys.platform == "darwin":
         base = str(Path.home() / "Library" / "Caches")
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        base = cache_home or str(Path.home() / ".cache")
     return Path(base) / "mbdcasadi"
 
 

@@ -6,7 +6,7 @@ import ctypes
 import threading
 import time
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
@@ -66,10 +66,10 @@ class Code:
         self.spent = 0.0
         self.said = ""
         self._given_up = False
-        self._looked_for = ""
+        self._looked_for: tuple[build.Compiler, str] | None = None
         self._lock = threading.Lock()
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of instructions."""
         return sum(tape.size for tape in self.tapes)
@@ -88,10 +88,12 @@ class Code:
 
     def look_for_library(self, using: build.Compiler) -> None:
         """Open the library if it was built before."""
-        key = self._key(using)
-        if self.library is None and self._looked_for != key:
-            self._looked_for = key
-            self.library = build.find(key)
+        if self.library is not None or not self.size:
+            return
+        place = using, str(build.cache_folder())
+        if self._looked_for != place:
+            self._looked_for = place
+            self.library = build.find(self._key(using))
             if self.library is not None:
                 self.said = "compiled equations, kept from before"
 

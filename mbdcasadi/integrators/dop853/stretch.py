@@ -226,6 +226,37 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
+class Cases:
+    """Runs of one system over times of the same number.
+
+    Attributes
+    ----------
+    starts, p, levels : numpy.ndarray
+        Starts on the constraints, parameters, levels of the inputs, by case (k, …).
+    times : numpy.ndarray
+        Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
+    wanted, stops : numpy.ndarray of bool
+        Which of them are outputs, and over which no step may go.
+    channels : numpy.ndarray
+        What holds in the interval that ends at each of the times (k, n, n_channel).
+    max_step : numpy.ndarray
+        Longest steps (k,), s.
+    needs_dynamics : bool
+        Whether the outputs contain accelerations, multipliers or inputs.
+    """
+
+    starts: np.ndarray
+    p: np.ndarray
+    levels: np.ndarray
+    times: np.ndarray
+    wanted: np.ndarray
+    stops: np.ndarray
+    channels: np.ndarray
+    max_step: np.ndarray
+    needs_dynamics: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Reached:
     """Result of a stretch.
 

@@ -15,12 +15,16 @@ import numpy as np
 from .scene import Label, Mark, Scene, placed
 
 #: Height of a line of text and mean width of a letter, points; side of a cell in which lines are looked for.
-LINE, LETTER, CELL = 11.5, 5.0, 1.5
+LINE, LETTER, CELL = 13.0, 5.6, 1.5
 #: Directions from a point, the usual ones first, and distances, points, of a name from its point.
-WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]])
-DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0)
-#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance.
-ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
+WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1],
+                 [1, 0.5], [1, -0.5], [-1, 0.5], [-1, -0.5], [0.5, 1], [-0.5, 1], [0.5, -1], [-0.5, -1]])  # fmt: skip
+DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0, 46.0, 60.0, 78.0, 100.0, 125.0)
+#: Distance of a name from its point, points, from which on a line leads from one to the other.
+LED = 17.0
+#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance,
+#: a leader that runs through a name.
+ON_LINES, ON_NAMES, CUT_OFF, FAR, LED_ACROSS = 1.0, 6.0, 30.0, 0.022, 2.0
 #: Poses of a motion that are looked at, and letters to a line of several names.
 POSES, LETTERS = 7, 22
 
@@ -45,6 +49,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     marks = [mark for mark in scene.marks if mark.group != "loads"]
     tables = [_ink(marks, pose, box, scale) for pose in some]
     taken: list[tuple[np.ndarray, np.ndarray]] = []
+    leaders: list[tuple[np.ndarray, np.ndarray]] = []
     placed_labels: dict[int, Label] = {}
     # joints first: there is less room about them than along a body
     for k in sorted(range(len(scene.labels)), key=lambda k: scene.labels[k].body):
@@ -56,12 +61,49 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
         # the name of a body would be taken for that of its neighbour
         cost = (2 if label.body else 1) * FAR * far + sum(
             _price(point + shifts, size, table, [(c[j], s) for c, s in taken])
+            + LED_ACROSS
+            * _crossings(point, shifts, size, [(c[j], s) for c, s in taken], [(p[j], q) for p, q in leaders])
             for j, (point, table) in enumerate(zip(points, tables, strict=True))
         ) / len(some)
         best = shifts[int(np.argmin(cost))]
         taken.append((points + best, size))
-        placed_labels[k] = replace(label, shift=(float(best[0]), float(best[1])))
+        leader = _leader(best, size)
+        if leader is not None:
+            leaders.append((points, leader))
+        placed_labels[k] = replace(
+            label,
+            shift=(float(best[0]), float(best[1])),
+            leader=None if leader is None else (float(leader[0]), float(leader[1])),
+        )
     return replace(scene, labels=[placed_labels[k] for k in range(len(scene.labels))])
+
+
+def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
+    """End (2,) of the line that leads from a point to its name, points from it; None if the name is beside it."""
+    gap = np.maximum(np.abs(shift) - size / 2, 0.0)
+    if np.hypot(*gap) < LED:
+        return None
+    return np.clip(np.zeros(2), shift - size / 2, shift + size / 2)
+
+
+def _crossings(
+    point: np.ndarray,
+    shifts: np.ndarray,
+    size: np.ndarray,
+    taken: Sequence[tuple[np.ndarray, np.ndarray]],
+    leaders: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> np.ndarray:
+    """Number of names that the leaders of places (k, 2) run through, and of leaders that run through the places."""
+    count = np.zeros(len(shifts))
+    along = np.linspace(0.0, 1.0, 24)[1:, None]
+    for k, shift in enumerate(shifts):
+        end = _leader(shift, size)
+        if end is not None:
+            track = point + along * end
+            count[k] += sum(bool(np.any(np.all(np.abs(track - c) < s / 2, axis=1))) for c, s in taken)
+        for start, other in leaders:
+            count[k] += bool(np.any(np.all(np.abs(start + along * other - point - shift) < size / 2, axis=1)))
+    return count
 
 
 def wrapped(names: Sequence[str]) -> str:
@@ -117,7 +159,7 @@ def _price(
     lines = lines - table[high[:, 0], low[:, 1]] + table[low[:, 0], low[:, 1]]
     area = float(np.prod(size))
     # a row of teeth is no worse than some lines
-    cost = ON_LINES * np.minimum(lines * CELL / LINE, 3.0)
+    cost = ON_LINES * np.minimum(lines * CELL / LINE, 5.0)
     cost = cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)
     for centre, extent in taken:
         common = np.clip((size + extent) / 2 - np.abs(middles - centre), 0, np.minimum(size, extent))

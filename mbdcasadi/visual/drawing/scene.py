@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 #: Layers from the lowest to the highest; bodies keep the order of the mechanism.
-GROUND, GUIDE, BODY, TRACE, SLOT, SPRING, PIN, ARROW = range(8)
+GROUND, GUIDE, BODY, SUPPORT, TRACE, SLOT, SPRING, PIN, ARROW = range(9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,8 @@ class Label:
         True if a body is named.
     shift : tuple of float
         Middle of the text from the point, points of the paper.
+    leader : tuple of float or None
+        End of a line that leads from the point to the text, points of the paper; None if the text is beside its point.
     """
 
     frame: int
@@ -69,6 +71,7 @@ class Label:
     text: str
     body: bool = True
     shift: tuple[float, float] = (0.0, 0.0)
+    leader: tuple[float, float] | None = None
 
 
 @dataclass(eq=False)

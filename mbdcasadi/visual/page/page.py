@@ -124,7 +124,8 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
         "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
         "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
-                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift]}
+                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift],
+                    "e": x.leader and [round(d * PIXELS, 1) for d in x.leader]}
                    for x in scene.labels],
         "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label")}
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
