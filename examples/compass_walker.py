@@ -6,6 +6,7 @@ simulated step is enough for optimal control over two phases to find the gait; i
 multipliers say how fast a push is forgotten.
 """
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,9 @@ gait = mbd.OptimalControlProblem(
     ],
     free_parameters=[step],
 )
-solution = mbd.optimize(gait, intervals=20, guess=rough)
+with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", ".*beyond zero before", mbd.MechanismWarning)
+    solution = mbd.optimize(gait, intervals=20, guess=rough)
 stability, check = solution.stability(), solution.verify()
 print(f"a step of {solution.parameters[step]:.6f} m in {solution.duration:.6f} s")
 print(f"replayed by IDAS the foot lands within {check.time_error:.0e} s of the plan")

@@ -44,19 +44,23 @@ def test_errors_appear_as_text(tmp_path):
         printed_by(silent, {"mbd": mbd})
 
 
+def public():
+    """Everything that the package offers, by name."""
+    return {name: getattr(mbd, name) for name in dir(mbd)}
+
+
 def test_everything_public_is_in_the_reference():
     listed = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.rst"))
     words = set(re.findall(r"\w+", listed))
-    public = {name for name, value in vars(mbd).items() if not name.startswith("_")}
-    modules = {name for name in public if isinstance(getattr(mbd, name), types.ModuleType)}
-    assert public - modules <= words, sorted(public - modules - words)
+    names = {n for n, v in public().items() if not n.startswith("_") and not isinstance(v, types.ModuleType)}
+    assert names <= words, sorted(names - words)
     ready = {name for name in mbd.library.__all__ if isinstance(getattr(mbd.library, name), types.FunctionType)}
     assert ready <= words, sorted(ready - words)
 
 
 def test_every_element_is_in_the_catalogue():
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "catalogue").glob("*.md"))
-    kinds = {n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, mbd.Element | mbd.FrictionLaw)}
+    kinds = {n for n, v in public().items() if isinstance(v, type) and issubclass(v, mbd.Element | mbd.FrictionLaw)}
     kinds -= {"Element", "ConstraintElement", "Joint", "FrictionLaw"}  # to derive from
     missing = {name for name in kinds if f"mbdcasadi.{name}`" not in text}
     assert not missing, sorted(missing)
@@ -64,7 +68,7 @@ def test_every_element_is_in_the_catalogue():
 
 def test_errors_and_warnings_are_explained():
     text = (DOCS / "errors.md").read_text(encoding="utf-8")
-    kinds = [n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, BaseException)]
+    kinds = [n for n, v in public().items() if isinstance(v, type) and issubclass(v, BaseException)]
     assert all(f"`{name}`" in text or f"mbdcasadi.{name}`" in text for name in kinds)
 
 

@@ -18,7 +18,7 @@ from .elements import CONSTRAINTS, FORCES, Bodies, Builder, FileForces, Part, ma
 from .fields import Fields, objects
 from .text import JsonObject, read_json
 
-#: What holds when a file gives no gravity.
+#: Gravity if a file gives none.
 GRAVITY = (0.0, -9.81)
 
 

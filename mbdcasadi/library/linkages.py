@@ -48,7 +48,7 @@ def four_bar(
     angle : float, default 0.5
         Crank angle of the estimated pose, rad.
     open : bool, default True
-        Whether C lies to the left of the line from B to D.
+        True if C lies to the left of the line from B to D.
     point : (float, float), default (0, 0)
         Coupler point in the coupler's frame, from its middle, m.
     masses : float or three of them, default 1

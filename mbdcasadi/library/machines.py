@@ -35,7 +35,7 @@ def planetary_gear(
     sun, planet : float
         Pitch radii, m; the ring's is ``sun + 2 planet``.
     planets : int, default 1
-        How many; with more than one the rows of the others are redundant, and tooth forces
+        Number of them; with more than one the rows of the others are redundant, and tooth forces
         those of least norm, shared evenly.
     masses : float or four of them
         Of sun, each planet, ring and arm, kg: discs, a hoop and a rod.

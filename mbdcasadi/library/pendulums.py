@@ -23,7 +23,7 @@ def pendulum_chain(
     Parameters
     ----------
     links : int, default 2
-        How many.
+        Number of links.
     length : float, default 1
         Of each rod, m.
     masses : float or one for each, default 1

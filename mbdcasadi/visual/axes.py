@@ -35,7 +35,7 @@ def dress(axes: Axes, label: str, name: bool = False) -> None:
     label : str
         Quantity and unit.
     name : bool, default False
-        Whether the label holds a name of the model, see :func:`readable`.
+        True if the label holds a name of the model, see :func:`readable`.
     """
     axes.set_ylabel(_wrapped(axes, label))
     readable(axes.yaxis.label, name)
@@ -88,7 +88,7 @@ def readable(text: Text, name: bool = False) -> None:
     text : matplotlib.text.Text
         Between two dollar signs it may hold a formula.
     name : bool, default False
-        Whether it is a name, in which a dollar sign is a dollar sign.
+        True if it is a name, in which a dollar sign is a dollar sign.
     """
     text.set_parse_math(not name and _is_formula(text.get_text()))
 

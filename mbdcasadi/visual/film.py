@@ -40,7 +40,7 @@ class Film:
     Attributes
     ----------
     motion : Trajectory
-        What is shown.
+        Motion that is shown.
     sample : Sample
         Its values at the times of the frames.
     scene : Scene

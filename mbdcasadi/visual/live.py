@@ -50,7 +50,7 @@ class LiveAnimation(Animation):
     film : Film
         The picture at the start.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     html : str
         The page, with everything that it needs in it.
     """
@@ -174,7 +174,7 @@ class LiveSample(Sample):
     source : State or Trajectory
         The motion; a state if it does not move.
     model : LiveModel
-        What changes.
+        Symbols with sliders.
     times : numpy.ndarray, optional
         Times of the motion.
     """

@@ -36,9 +36,9 @@ class Stage:
     Parameters
     ----------
     film : Film
-        What it shows.
+        Motion that it shows.
     forces : bool
-        Whether all forces are shown.
+        True if all forces are shown.
     """
 
     def __init__(self, film: Film, forces: bool):

@@ -34,7 +34,7 @@ class Canvas:
     strength : float, default 1
         Opacity; below 1 for poses behind another one.
     still : bool, default True
-        Whether marks of the ground are drawn.
+        True if marks of the ground are drawn.
     """
 
     def __init__(self, axes: Axes, scene: Scene, strength: float = 1.0, still: bool = True):

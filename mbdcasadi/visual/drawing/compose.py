@@ -36,9 +36,9 @@ class Options:
     trace : tuple of Marker or casadi.SX
         Points whose path is drawn.
     tooltips : bool
-        Whether items carry numbers.
+        True if items carry numbers.
     velocities : bool
-        Whether velocities of the centres of mass are drawn, as a group that can be left out.
+        True if velocities of the centres of mass are drawn, as a group that can be left out.
     """
 
     forces: bool = False
@@ -64,7 +64,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     sample : Sample
         The times; places that parts take over all of them shape guides, racks and the size of symbols.
     options : Options
-        What is drawn.
+        Mechanism that is drawn.
 
     Returns
     -------

@@ -22,7 +22,7 @@ WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0
 DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0, 46.0, 60.0, 78.0, 100.0, 125.0)
 #: Distance of a name from its point, points, from which on a line leads from one to the other.
 LED = 17.0
-#: What is bad: a line across a name, the share of it that lies on other names, that is cut off, a point of distance,
+#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance,
 #: a leader that runs through a name.
 ON_LINES, ON_NAMES, CUT_OFF, FAR, LED_ACROSS = 1.0, 6.0, 30.0, 0.022, 2.0
 #: Places whose leaders are looked at, and where along a leader.
@@ -37,7 +37,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     Parameters
     ----------
     scene : Scene
-        What is drawn.
+        Drawing to which they belong.
     poses : numpy.ndarray
         (n_t, frames, 4); a name keeps its side of the point over all of them.
     box : numpy.ndarray
@@ -108,7 +108,7 @@ class _Taken:
 
 
 def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
-    """End (2,) of the line from a point to its name, points from the point; None if the name is beside it."""
+    """End (2,) of the line that leads from a point to its name, points from it; None if the name is beside it."""
     gap = np.maximum(np.abs(shift) - size / 2, 0.0)
     if np.hypot(*gap) < LED:
         return None

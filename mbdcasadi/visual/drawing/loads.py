@@ -33,7 +33,7 @@ class Load:
     style : str
         "force", "reaction", "weight", "velocity" or "motion" (of a drive).
     always : bool
-        Whether it is part of the symbol. Other loads are drawn on request, and form the group "loads".
+        True if it is part of the symbol. Other loads are drawn on request, and form the group "loads".
     """
 
     place: Marker | ca.SX
@@ -48,9 +48,9 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     Parameters
     ----------
     pen : Pen
-        What to draw with.
+        Pen to draw with.
     loads : sequence of (element, Load)
-        What is drawn.
+        Loads to draw.
 
     Returns
     -------

@@ -85,7 +85,7 @@ class Pen:
     stands, arrows : set
         Places with a support or a curved arrow.
     hanging : bool
-        Whether the mechanism hangs from its supports.
+        True if the mechanism hangs from its supports.
     traced : tuple of Marker
         Points of bodies whose path is drawn.
     """

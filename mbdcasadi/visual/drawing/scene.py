@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-#: What lies above what; bodies keep the order of the mechanism.
+#: Layers from the lowest to the highest; bodies keep the order of the mechanism.
 GROUND, GUIDE, BODY, SUPPORT, TRACE, SLOT, SPRING, PIN, ARROW = range(9)
 
 
@@ -20,16 +20,16 @@ class Mark:
     Attributes
     ----------
     frame : int
-        Which frame it is fixed in.
+        Frame in which it is fixed.
     loops : tuple of numpy.ndarray
         Points (k, 2) in m, or (k, 4) where they stretch with the frame (see :mod:`lines`); of
         several that are closed, those that run clockwise are holes.
     closed : bool
-        Whether the loops close.
+        True if the loops close.
     style : str
         Key of :data:`style.STYLES`.
     layer : int
-        What lies above what.
+        Layer; higher ones cover lower ones.
     body : int or None
         Number of the body whose colour it has; None for the ground.
     item : int or None
@@ -59,7 +59,7 @@ class Label:
     text : str
         The name, of one line or more.
     body : bool
-        Whether a body is named.
+        True if a body is named.
     shift : tuple of float
         Middle of the text from the point, points of the paper.
     leader : tuple of float or None

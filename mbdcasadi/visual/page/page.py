@@ -35,9 +35,9 @@ def page(film: Film, forces: bool) -> str:
     Parameters
     ----------
     film : Film
-        What it shows.
+        Motion that it shows.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     """
     store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
     data = page_data(film, store, forces) | {"count": len(film.t), "t1": float(film.t[-1])}
@@ -57,7 +57,7 @@ def filled(
     Parameters
     ----------
     data : dict
-        What the scripts read.
+        Data that the scripts read.
     title : str
         Title of the page.
     controls : str
@@ -89,16 +89,16 @@ def filled(
 
 
 def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
-    """What the scripts of a page read: the drawing, the items that one points at, and the plots.
+    """Data for the scripts of a page: the drawing, the items that one points at, and the plots.
 
     Parameters
     ----------
     film : Film
-        What is shown.
+        Motion that is shown.
     store : Columns
         Takes the expressions, and gives them their numbers.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     """
     scene, t = film.scene, film.t
     frames = _frames(film, store)

@@ -119,7 +119,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     path : EquilibriumPath
         Result of :func:`equilibrium_path`.
     expressions : dict of str to expression
-        What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
+        Expressions, by label; a vector with a line for each component, or scalars by the names of their lines.
 
     Returns
     -------

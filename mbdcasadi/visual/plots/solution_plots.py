@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Times at which curves between mesh points are drawn.
 TIMES = 600
-#: How far beyond the curve of an input a limit may lie to be shown, in parts of the range of the curve.
+#: Largest distance of a limit from the curve of an input at which it is shown, in parts of the range of the curve.
 FAR = 1.0
 #: Letters of the name of a limit: a longer one would leave no room for the curves.
 LABEL = 34

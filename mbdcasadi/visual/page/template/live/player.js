@@ -21,7 +21,7 @@ function setPlaying(on) {
   if (on) { tell(""); window.requestAnimationFrame(step); }
 }
 
-// Integrate on; a linkage that stops is told, and left where it is.
+// Integrate on; a linkage that stops is reported, and left in its pose.
 function solveOn(seconds) {
   try {
     advance(now.t[0] + seconds);
