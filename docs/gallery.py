@@ -74,9 +74,10 @@ def write_pages(app: object = None) -> None:
             first, rest = question(name)
             title = name.replace("_", " ").capitalize().replace("Dc ", "DC ")
             picture = f"../gallery/{name}.png"
+            tile = f"{name}.gif" if (PICTURES / f"{name}.gif").exists() else f"{name}_mechanism.png"
             index += [
                 ":::{container} tile",
-                f"[![{title}](../gallery/{name}.gif)]({name}.md)",
+                f"[![{title}](../gallery/{tile})]({name}.md)",
                 f"[{title}]({name}.md). {first}",
                 ":::",
             ]
