@@ -120,8 +120,8 @@ class HeldSystem:
         rates of the state alone. x is ``(q, v, z)`` and the integrals.
     slopes : casadi.Function
         Derivatives of the quantities by ``(t, x, p)``, of the same arguments.
-    slopes_in_time : casadi.Function
-        Derivatives of the quantities in time by ``(t, p)``, of these; zero for others.
+    quantities_in_time, slopes_in_time : casadi.Function
+        Quantities in time, and their derivatives by ``(t, p)``, of these; zero for others.
     """
 
     def __init__(
@@ -191,7 +191,8 @@ class HeldSystem:
         self.switching = ca.Function("switching", arguments, [w, w_rates, rates])
         slopes = ca.horzcat(*[ca.jacobian(w, part) for part in (t, x, p)])
         self.slopes = ca.Function("slopes", arguments, [ca.densify(slopes)])
-        timed = ca.diag(ca.DM(self.in_time.astype(float))) @ substituted
+        timed = ca.vertcat(*[w if own else 0 for w, own in zip(ca.vertsplit(substituted), self.in_time, strict=True)])
+        self.quantities_in_time = ca.Function("quantities_in_time", [eom.t, eom.p], [ca.densify(timed)])
         by_time = ca.densify(ca.jacobian(ca.sparsify(timed), ca.vertcat(eom.t, eom.p)))
         self.slopes_in_time = ca.Function("slopes_in_time", [eom.t, eom.p], [by_time])
 
