@@ -47,14 +47,18 @@ class SwitchesInTime:
     ----------
     nodes : tuple of int
         Operations that jump in time alone.
+    jump : numpy.ndarray of bool
+        False for those over which their part is known to be continuous (switches,).
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, parts: Collection[JumpingPart]):
         eom = numeric.eom
-        switches = [switch for part in parts for switch in hold(part.expressions)[1]]
+        owned = [(part, switch) for part in parts for switch in hold(part.expressions)[1]]
+        switches = [switch for _, switch in owned]
         natural = ca.substitute(ca.vertcat(ca.SX(0, 1), *[s.natural for s in switches]), eom.u, signals.parametrised)
         timed = _in_time_alone(natural, eom)
         self.nodes = tuple(switches[k].node for k in timed)
+        self.jump = np.array([owned[k][1].node not in owned[k][0].continuous for k in timed], bool)
         self._whole = np.array([switches[k].whole for k in timed], bool)
         self._by_parameter = ca.jacobian_sparsity(natural[timed], eom.p) if timed and eom.p.numel() else None
         self._quantities = ca.Function("quantities", [eom.t, eom.p], [natural[timed]])
