@@ -74,8 +74,7 @@ def test_stripes_of_a_coordinate():
     on_stripe = lambda body: ca.fmod(body.x, 0.4) < P  # noqa: E731
     body, mechanism = pushed(lambda b: mbd.if_else(ca.logic_and(on_stripe(b), b.x > -1), HIGH, 0.0))
     found = mbd.sensitivities(mechanism, TIMES, {"v": body.vx, "x": body.x}, [P], [body.vx == 1])
-    assert 1.2 < found["x"][-1] < 1.45  # two stripes and a part of the third
-    last = found["x"][-1] - 1.2
-    assert found["v"][-1] == pytest.approx(np.sqrt(1 + 2 * HIGH * (0.6 + min(last, 0.3))), abs=1e-6)
-    # v² = 1 + 2 (2 p + x - 1.2) within the third stripe: v dv/dp = 2 + dx/dp
-    assert found["v", P][-1] * found["v"][-1] == pytest.approx(2 + found["x", P][-1], rel=1e-4)
+    assert 1.6 < found["x"][-1] < 1.9  # four stripes and a part of the fifth
+    # v² = 1 + 2 (4 p + x - 1.6): v dv/dp = 4 + dx/dp
+    assert found["v"][-1] == pytest.approx(np.sqrt(1 + 2 * HIGH * (4 * 0.3 + found["x"][-1] - 1.6)), abs=1e-6)
+    assert found["v", P][-1] * found["v"][-1] == pytest.approx(4 + found["x", P][-1], rel=1e-4)
