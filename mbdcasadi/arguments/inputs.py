@@ -14,7 +14,7 @@ from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
 from ..numerics.evaluation import Evaluator
-from ..numerics.real import real_array
+from ..numerics.real import distinct, real_array
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
 
@@ -93,7 +93,9 @@ class Signals:
     def breaks(self) -> np.ndarray:
         """Times at which what holds by intervals changes: samples and ends of polynomials."""
         parts = [p.breaks for p in self.polynomials.values()]
-        return np.unique(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
+        if not self.samples and not parts:
+            return np.zeros(0)
+        return distinct(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
 
     def channel_from(self, begins: np.ndarray) -> np.ndarray | None:
         """Values of the channel that hold from some times on (rows, k); None if nothing changes by interval."""

@@ -208,7 +208,7 @@ class NumericEquations:
         last = self._last_regular
         if last is None or last[0] != pose:
             if self._is_large:
-                last = self._last_regular = pose, surely_independent_sparse(self._sparse_jacobian(t, q).sparse())
+                last = self._last_regular = pose, surely_independent_sparse(self._sparse_jacobian(t, q))
             else:
                 last = self._last_regular = pose, surely_independent(self.scaled_jacobian(t, q))
         return last[1]

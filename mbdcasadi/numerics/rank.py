@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -12,6 +11,8 @@ from .tolerances import RANK
 
 #: Smallest singular value, relative to the largest one, from which rows are independent without a closer look.
 INDEPENDENT = 1e-4
+#: Steps of inverse iteration by which that is estimated for a large matrix.
+INVERSE_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -74,30 +75,29 @@ def surely_independent(matrix: np.ndarray) -> bool:
         return False
     if m == 0:
         return True
+    square = matrix @ matrix.T
     try:
-        inverse = np.linalg.inv(matrix @ matrix.T)
+        inverse = np.linalg.inv(square)
     except np.linalg.LinAlgError:
         return False
-    # the largest singular value is at most the root of m
-    return bool(m * np.linalg.norm(inverse) < 1 / INDEPENDENT**2)
+    # the square of the largest singular value is at most a sum of absolute values
+    return bool(np.max(np.sum(np.abs(square), axis=1)) * np.linalg.norm(inverse) < 1 / INDEPENDENT**2)
 
 
-def surely_independent_sparse(matrix: Any) -> bool:
-    """The same of a large sparse matrix (``scipy.sparse``), by its factors and an estimate of the inverse's norm."""
-    from scipy.sparse.linalg import LinearOperator, onenormest, splu
-
+def surely_independent_sparse(matrix: ca.DM) -> bool:
+    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with much to spare."""
     m, n = matrix.shape
     if m > n:
         return False
-    square = (matrix @ matrix.T).tocsc()
-    if not np.all(np.isfinite(square.data)):
+    square = matrix @ matrix.T
+    pivots, lower, order = ca.ldl(square)
+    if not np.all(pivots.full() > 0):  # neither if one is not finite
         return False
-    try:
-        factors = splu(square, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:  # exactly singular
-        return False
-    inverse = LinearOperator((m, m), matvec=factors.solve, rmatvec=factors.solve, matmat=factors.solve)
-    return bool(m * onenormest(inverse) < 1 / INDEPENDENT**2)
+    vector, size = ca.DM(np.random.default_rng(0).standard_normal(m)), np.inf
+    for _ in range(INVERSE_ITERATIONS):
+        vector = ca.ldl_solve(vector / ca.norm_2(vector), pivots, lower, order)
+        size = float(ca.norm_2(vector))
+    return bool(float(ca.norm_inf(ca.sum2(ca.fabs(square)))) * size < 1 / INDEPENDENT**2)
 
 
 def sparse_rank(matrix: ca.DM, tolerance: float = RANK) -> int:

@@ -662,6 +662,8 @@ class Run:
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
         terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
+        if terminal and abs(self._builder.last_time - time) <= self.instant:
+            time = max(time, self._builder.last_time)  # at an output, by rounding before it
         for crossing in terminal:
             if crossing.event.becomes is None:
                 self._builder.events.append(self._occurrence(crossing))

@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..numerics.real import distinct
+
 #: Pieces of a run: each start of an integrator costs, and progress, cancelling and partial results need some.
 PIECES = 20
 #: Points at which a run looks for singular poses and for events, at least.
@@ -168,7 +170,7 @@ class Schedule:
         """Union of the outputs and other times; an output stands for times very near to it."""
         if not extra.size:
             return grid, np.ones(grid.size, bool)
-        extra = np.unique(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
+        extra = distinct(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
         extra = extra[np.abs(grid[_nearest(grid, extra)] - extra) > self.tolerance]
         extra = extra[np.r_[True, np.diff(extra) > self.tolerance]] if extra.size else extra
         times = np.r_[grid, extra]

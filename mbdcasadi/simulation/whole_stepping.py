@@ -95,7 +95,7 @@ class WholeStepper(Stepper):
         self._rates = resolution.terms.size
         self._keeps_samples = resolution.has_gaps
         self._runner = Runner(
-            explicit_system(numeric, signals, resolution.terms.rates),
+            explicit_system(numeric, signals, resolution.terms),
             watch.watched(decides),
             numeric.eom.mechanism.cache,
             compiles=integrator.jit,
