@@ -83,6 +83,8 @@ if _typing.TYPE_CHECKING:
     from . import library
     from .files.acf import read_acf
     from .files.adm import read_adm
+    from .files.mjcf import read_mjcf
+    from .files.urdf import read_urdf
     from .fmu.export import export_fmu
     from .identification.data import Experiment, IdentificationError
     from .identification.fit import Fit
@@ -119,6 +121,8 @@ _LATER = {
     "": "library",
     "files.acf": "read_acf",
     "files.adm": "read_adm",
+    "files.mjcf": "read_mjcf",
+    "files.urdf": "read_urdf",
     "fmu.export": "export_fmu",
     "identification.data": "Experiment IdentificationError",
     "identification.fit": "Fit",

@@ -39,7 +39,7 @@ class Values:
 
     def __init__(self, eom: Equations):
         self._eom = eom
-        self._starts, start = {}, 1
+        self._starts, start = {"t": 0}, 1
         for group in (*GROUPS, "z_rate"):
             self._starts[group] = start
             start += getattr(eom, group).numel()
@@ -49,6 +49,14 @@ class Values:
         for group in GROUPS:
             symbols = ca.vertsplit(getattr(eom, group))
             self._places |= {s.element_hash(): (self._starts[group] + k, group) for k, s in enumerate(symbols)}
+
+    def start(self, group: str) -> int:
+        """Place of the first symbol of a group."""
+        return self._starts[group]
+
+    def count(self, group: str) -> int:
+        """Number of symbols of a group."""
+        return int(getattr(self._eom, group).numel())
 
     def place(self, symbol: ca.SX) -> tuple[int, str] | None:
         """Place of a symbol and its group; None if the mechanism does not have it."""

@@ -328,7 +328,8 @@ class NumericEquations:
             worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
                 f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
-                f"{', '.join(names[k] for k in worst)}, or a force is not finite there",
+                f"{', '.join(names[k] for k in worst)} (if several motions go from it, the velocities must be along "
+                "one of them), or a force is not finite there",
                 time=t,
             )
         return a, lam

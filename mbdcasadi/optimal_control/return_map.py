@@ -16,7 +16,8 @@ from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from ..sensitivity.phased_variation import Directions, phased_variation, start_directions
+from ..sensitivity.phase_flow import Directions
+from ..sensitivity.phased_variation import phased_variation, start_directions
 from ..simulation.events import read_events
 from .placeholders import placeholders_in, with_values
 from .solution import Solution

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -217,13 +217,16 @@ class PhasedTrajectory(Trajectory):
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
         if not wanted.size or np.any(outside):
             return super().at(times)  # which refuses
-        wanted = np.clip(wanted, self.t[0], self.t[-1])
+        return self.by_parts(np.clip(wanted, self.t[0], self.t[-1]), Trajectory.at)
+
+    def by_parts(self, times: np.ndarray, at: Callable[[Trajectory, np.ndarray], Trajectory]) -> PhasedTrajectory:
+        """Return the motion at times within its span, each part by a function of it and of its times."""
         begins = np.array([part.t[0] for part in self._parts])
-        number = np.maximum(np.searchsorted(begins, wanted, side="left") - 1, 0)
-        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), wanted.size]
-        runs = [(int(number[a]), wanted[a:b]) for a, b in pairwise(cuts)]
+        number = np.maximum(np.searchsorted(begins, times, side="left") - 1, 0)
+        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), times.size]
+        runs = [(int(number[a]), times[a:b]) for a, b in pairwise(cuts)]
         # rounding of an output at the end of a part
-        pieces = [self._parts[k].at(np.clip(some, *self._parts[k].t[[0, -1]])) for k, some in runs]
+        pieces = [at(self._parts[k], np.clip(some, *self._parts[k].t[[0, -1]])) for k, some in runs]
         return PhasedTrajectory(pieces, self.mechanism, [self._values[k] for k, _ in runs])
 
     @property

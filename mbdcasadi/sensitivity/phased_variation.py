@@ -23,8 +23,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.values import pairs_of
-from ..assembly.setup import Setup
 from ..equations import equations
 from ..equations.impact_law import ImpactLaw
 from ..errors import ModelError, SimulationError
@@ -32,14 +30,12 @@ from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, StateVariable
-from ..numerics.console import call
 from ..numerics.least_squares import largest, least_norm
 from ..numerics.rank import analyse_rank
-from ..results.phases import places_in, present
+from ..results.phases import places_in
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Trajectory
-from .compiled_run import still
-from .differentiable_motion import DifferentiableMotion
+from .phase_flow import Directions, PhaseFlow
 
 #: Rate of an event, relative to the rates of its state, below which the motion grazes and has no derivative.
 GRAZING = 1e-8
@@ -96,160 +92,6 @@ class PhasedVariation:
     end: np.ndarray
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Variations of the start, of parameters and of inputs, in k directions.
-
-    Attributes
-    ----------
-    start : numpy.ndarray
-        Of ``(q, v, z)`` (n_x, k).
-    parameters : dict of Parameter to numpy.ndarray
-        Rows (k,) of the parameters that vary.
-    inputs : dict of Input to numpy.ndarray
-        Rows (k,) of inputs that are numbers.
-    """
-
-    start: np.ndarray
-    parameters: dict[Any, np.ndarray]
-    inputs: dict[Any, np.ndarray]
-
-    @property
-    def count(self) -> int:
-        """Number of directions."""
-        return int(self.start.shape[1])
-
-
-class _PhaseFlow:
-    """The motion in one mechanism between two changes, and what it says at single instants."""
-
-    def __init__(
-        self,
-        part: Trajectory,
-        grid: np.ndarray,
-        integrator: Integrator,
-        inputs: Any,
-        outputs: Sequence[ca.SX],
-        whole: Mechanism,
-        directions: Directions,
-        values: np.ndarray,
-    ):
-        self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
-        p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
-        own = [(u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)]
-        first = part.initial
-        start = State(
-            self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters
-        )
-        setup = Setup(self.mechanism, "sensitivities", times=grid, initial=start, inputs=own, parameters=p)
-        if setup.signals.is_sampled:
-            raise ModelError(
-                "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
-            )
-        self.p, self.levels = setup.p, np.asarray(setup.signals.level_values, float)
-        self._varied = directions
-        varied = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
-        self.motion = DifferentiableMotion(setup, integrator, varied=varied)
-        self.x0 = np.r_[first.q, first.v, first.z]
-        shown = self._with_absent_parameters([present(e, whole, self.mechanism) for e in outputs], whole, values)
-        self.known = [self.eom.contains(e) for e in shown]
-        self._shown = [e for e, known in zip(shown, self.known, strict=True) if known]
-        #: rows of the outputs that this mechanism has
-        self.rows = np.array(
-            [known for e, known in zip(outputs, self.known, strict=True) for _ in range(e.numel())], bool
-        )
-        positions = [(u, place) for k, place in setup.signals.level_places.items() for u in [self.mechanism.inputs[k]]]
-        self.dlevels = np.zeros((self.levels.size, directions.count))
-        for u, place in positions:
-            self.dlevels[place] = directions.inputs.get(u, 0.0)
-
-    def _with_absent_parameters(
-        self, expressions: Sequence[ca.SX], whole: Mechanism, values: np.ndarray
-    ) -> list[ca.SX]:
-        """Expressions with the values of parameters that only other mechanisms have."""
-        own = self.mechanism.parameters
-        absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in own)]
-        symbols = ca.vertcat(ca.SX(0, 1), *[whole.parameters[k] for k in absent])
-        varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._varied.parameters]
-        by_varied = ca.jacobian(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions)), ca.vertcat(ca.SX(0, 1), *varied))
-        if by_varied.nnz():
-            name = next(x.label for x in varied if ca.depends_on(ca.vertcat(*map(ca.vec, expressions)), x))
-            raise ModelError(
-                f"sensitivities: an output contains parameter '{name}', by which it is differentiated, and which not "
-                "all mechanisms of the motion have; list it in parameters= of each"
-            )
-        return (
-            [ca.substitute(e, symbols, ca.SX(ca.DM(values[absent]))) for e in expressions] if absent else [*expressions]
-        )
-
-    def dp(self, given: dict[Any, np.ndarray]) -> np.ndarray:
-        """Variations of the parameters of the mechanism (n_p, k)."""
-        rows = np.zeros((self.p.size, self._varied.count))
-        for k, symbol in enumerate(self.mechanism.parameters):
-            rows[k] = given.get(symbol, 0.0)
-        return rows
-
-    def over(self, dx0: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Outputs (n_t, n_y) with variations (n_t, n_y, k), and the last state with its own."""
-        motion, k = self.motion, dx0.shape[1]
-        channel = motion.channel()
-        course = motion.course(self.x0, self.p, self.levels, channel)
-        run = motion.motion(course)
-        known = [self.x0, self.p, self.levels, channel, *course.arguments]
-        found = call(run, *known)
-        states = found[0].full()
-        if not motion.reached(states):
-            raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
-        moved = call(run.forward(k), *known, *found, dx0, dp, self.dlevels, *still([channel, *course.arguments], k))
-        outputs = motion.outputs(self._shown)
-        given = [found[0], self.p, self.levels, channel]
-        y = outputs(*given)
-        dy = call(outputs.forward(k), *given, y, moved[0], dp, self.dlevels, *still([channel], k))
-        n_t, n_y = states.shape[1], int(np.sum(self.rows))
-        values, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
-        values[:, self.rows] = y.full().T
-        slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1)
-        return values, slopes, found[1].full().ravel(), moved[1].full()
-
-    # --- at one instant ------------------------------------------------------------------------
-    def at(
-        self, expression: ca.SX, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """An expression at a state, and its variations (n, k)."""
-        function, channel = self.motion.at_one_output(ca.vec(expression)), self._no_samples
-        known = [time, x, self.p, self.levels, channel]
-        value = function(*known)
-        seeds = [dt[None, :], dx, dp, self.dlevels, *still([channel], dt.size)]
-        return value.full().ravel(), call(function.forward(dt.size), *known, value, *seeds).full()
-
-    def outputs_at(
-        self, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """All outputs at a state (n_y,), and their variations (n_y, k)."""
-        values, slopes = np.full(self.rows.size, np.nan), np.full((self.rows.size, dt.size), np.nan)
-        if self._shown:
-            stacked = ca.vertcat(*[ca.vec(e) for e in self._shown])
-            values[self.rows], slopes[self.rows] = self.at(stacked, time, x, dt, dx, dp)
-        return values, slopes
-
-    def rates(self, time: float, x: np.ndarray) -> np.ndarray:
-        """Rates of ``(q, v, z)``."""
-        eom = self.eom
-        function = self.motion.at_one_output(ca.vertcat(eom.v, eom.a, eom.z_rate))
-        return np.asarray(function(time, x, self.p, self.levels, self._no_samples).full().ravel())
-
-    def rate_of(self, expression: ca.SX, time: float, x: np.ndarray) -> float:
-        """Rate of an expression along the motion."""
-        function = self.motion.at_one_output(expression)
-        known = [time, x, self.p, self.levels, self._no_samples]
-        seeds = [1.0, self.rates(time, x), 0 * self.p, 0 * self.levels, self._no_samples]
-        return float(call(function.forward(1), *known, function(*known), *seeds))
-
-    @property
-    def _no_samples(self) -> np.ndarray:
-        return np.zeros((self.motion.channel_size[0], 1))
-
-
 def phased_variation(
     motion: Trajectory,
     events: Sequence[Event],
@@ -285,57 +127,81 @@ def phased_variation(
     SimulationError
         Where the motion grazes the zero of an event, or a joint would not close for other values.
     """
-    whole, parts = motion.mechanism, motion.phases
-    changes = _changes(motion, events)
-    ends = _ending(motion, events)
-    dx, parameters = directions.start, dict(directions.parameters)
-    pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    found: list[EventVariation] = []
-    values_by_phase = motion.parameters_by_phase
-    flow = _flow(parts[0], times, motion, integrator, inputs, outputs, whole, directions, values_by_phase[0])
-    for number, part in enumerate(parts):
-        dp = flow.dp(parameters)
-        values, slopes, x_end, dx = flow.over(dx, dp)
-        pieces.append((_grid(part, times), values, slopes))
-        event = changes[number] if number < len(changes) else ends
-        if event is None:
-            continue
-        time = float(part.t[-1])
-        dt, total = _at_event(flow, event, time, x_end, dx, dp)
-        before = flow.outputs_at(time, x_end, dt, total, dp)
-        if number == len(changes):
-            found.append(EventVariation(event.name, time, dt, before, None))
-            dx = total
-            continue
-        following = _flow(
-            parts[number + 1],
-            times,
-            motion,
-            integrator,
-            inputs,
-            outputs,
-            whole,
-            directions,
-            values_by_phase[number + 1],
+    changes, ending = _changes(motion, events), _ending(motion, events)
+    return _Passage(motion, times, outputs, directions, integrator, inputs).run(changes, ending)
+
+
+class _Passage:
+    """Variations on their way through the phases; see :func:`phased_variation`."""
+
+    def __init__(
+        self,
+        motion: Trajectory,
+        times: np.ndarray,
+        outputs: Sequence[ca.SX],
+        directions: Directions,
+        integrator: Integrator,
+        inputs: Any,
+    ):
+        self._motion, self._times, self._outputs = motion, times, outputs
+        self._directions, self._integrator, self._inputs = directions, integrator, inputs
+        self._pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._events: list[EventVariation] = []
+        #: variations of the state at a fixed time, and of the parameters
+        self._dx, self._parameters = directions.start, dict(directions.parameters)
+
+    def run(self, changes: Sequence[Event], ending: Event | None) -> PhasedVariation:
+        """Go through all phases."""
+        flow: PhaseFlow | None = self._flow(0)
+        for number, part in enumerate(self._motion.phases):
+            if flow is None:
+                break
+            values, slopes, x, self._dx = flow.over(self._dx, flow.dp(self._parameters))
+            self._pieces.append((_grid(part, self._times), values, slopes))
+            if number < len(changes):
+                flow = self._change(flow, changes[number], number, float(part.t[-1]), x)
+            elif ending is not None:
+                self._end(flow, ending, float(part.t[-1]), x)
+        t, y, slope = (np.concatenate([piece[k] for piece in self._pieces]) for k in range(3))
+        return PhasedVariation(t, y, slope, tuple(self._events), self._dx)
+
+    def _flow(self, number: int) -> PhaseFlow:
+        motion, part = self._motion, self._motion.phases[number]
+        grid = _grid(part, self._times)
+        if grid.size < 2:  # the motion ends just after a change
+            span = float(motion.t[-1] - motion.t[0]) or 1.0
+            grid = np.array([grid[0], grid[0] + MOMENT * span])
+        return PhaseFlow(
+            part,
+            grid,
+            self._integrator,
+            self._inputs,
+            self._outputs,
+            motion.mechanism,
+            self._directions,
+            motion.parameters_by_phase[number],
         )
-        jumped, parameters = _across(flow, following, event, time, x_end, dt, total, dp, parameters)
-        after = following.outputs_at(time, following.x0, dt, jumped, following.dp(parameters))
-        found.append(EventVariation(event.name, time, dt, before, after))
-        if len(parts[number + 1]) < 2:  # the motion ends just after the change
-            dx = jumped
-            break
-        dx = jumped - np.outer(following.rates(time, following.x0), dt)
-        flow = following
-    t, y, slope = (np.concatenate([piece[k] for piece in pieces]) for k in range(3))
-    return PhasedVariation(t, y, slope, tuple(found), dx)
 
+    def _end(self, flow: PhaseFlow, event: Event, time: float, x: np.ndarray) -> None:
+        """End the motion at an event."""
+        dp = flow.dp(self._parameters)
+        dt, self._dx = _at_event(flow, event, time, x, self._dx, dp)
+        before = flow.outputs_at(time, x, dt, self._dx, dp)
+        self._events.append(EventVariation(event.name, time, dt, before, None))
 
-def _flow(part: Trajectory, times: np.ndarray, motion: Trajectory, *others: Any) -> _PhaseFlow:
-    grid = _grid(part, times)
-    if grid.size < 2:
-        span = float(motion.t[-1] - motion.t[0]) or 1.0
-        grid = np.array([grid[0], grid[0] + MOMENT * span])
-    return _PhaseFlow(part, grid, *others)
+    def _change(self, flow: PhaseFlow, event: Event, number: int, time: float, x: np.ndarray) -> PhaseFlow | None:
+        """Go across a change: the motion that follows, None if the motion ends just after it."""
+        dp, following = flow.dp(self._parameters), self._flow(number + 1)
+        dt, dx = _at_event(flow, event, time, x, self._dx, dp)
+        before = flow.outputs_at(time, x, dt, dx, dp)
+        jumped, self._parameters = _across(flow, following, event, time, x, dt, dx, dp, self._parameters)
+        after = following.outputs_at(time, following.x0, dt, jumped, following.dp(self._parameters))
+        self._events.append(EventVariation(event.name, time, dt, before, after))
+        if len(self._motion.phases[number + 1]) < 2:
+            self._dx = jumped
+            return None
+        self._dx = jumped - np.outer(following.rates(time, following.x0), dt)
+        return following
 
 
 def _grid(part: Trajectory, times: np.ndarray) -> np.ndarray:
@@ -351,13 +217,18 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
     known = {event.name: event for event in events}
     chosen = []
     for event in motion.events:
+        if event.name not in known:
+            raise ModelError(
+                f"sensitivities: '{event.name}' is a switch of exact friction, through which no derivatives are carried"
+                " here; take a law with a velocity tolerance (Coulomb)"
+            )
         if event.after is not None and known[event.name].becomes is None:
             raise ModelError(
                 f"sensitivities: event '{event.name}' resets velocities; derivatives are carried through changes of "
                 "the mechanism alone (becomes=, with restitution= for a bounce)"
             )
     for before in motion.phases[:-1]:
-        here = [e for e in motion.events if e.after is not None and e.t == before.t[-1]]
+        here = [e for e in motion.events if e.after is not None and _is_at(e, float(before.t[-1]))]
         if len(here) != 1:
             names = ", ".join(f"'{e.name}'" for e in here)
             raise ModelError(
@@ -370,15 +241,19 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
     return chosen
 
 
+def _is_at(event: EventOccurrence, time: float) -> bool:
+    return abs(event.t - time) <= 4 * float(np.spacing(abs(time)))
+
+
 def _ending(motion: Trajectory, events: Sequence[Event]) -> Event | None:
     """The event that ends a motion without a change; None if there is none."""
     known = {event.name: event for event in events}
-    last: list[EventOccurrence] = [e for e in motion.events if e.t == motion.t[-1]]
+    last = [e for e in motion.events if _is_at(e, float(motion.t[-1]))]
     return next((known[e.name] for e in last if known[e.name].terminal and known[e.name].becomes is None), None)
 
 
 def _at_event(
-    flow: _PhaseFlow, event: Event, time: float, x: np.ndarray, dx: np.ndarray, dp: np.ndarray
+    flow: PhaseFlow, event: Event, time: float, x: np.ndarray, dx: np.ndarray, dp: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Variations of the instant of an event (k,), and of the state there (n_x, k)."""
     rate, rates = flow.rate_of(event.expression, time, x), flow.rates(time, x)
@@ -394,8 +269,8 @@ def _at_event(
 
 
 def _across(
-    flow: _PhaseFlow,
-    following: _PhaseFlow,
+    flow: PhaseFlow,
+    following: PhaseFlow,
     event: Event,
     time: float,
     x: np.ndarray,
@@ -423,7 +298,7 @@ def _across(
     return np.vstack([dq, dv, dz]), parameters
 
 
-def _shared(flow: _PhaseFlow, following: _PhaseFlow) -> tuple[list[int], list[int]]:
+def _shared(flow: PhaseFlow, following: PhaseFlow) -> tuple[list[int], list[int]]:
     """Coordinates of the next mechanism that the one before has, and their places there."""
     theirs = {s.element_hash() for s in ca.vertsplit(flow.eom.q)}
     here = [k for k, s in enumerate(ca.vertsplit(following.eom.q)) if s.element_hash() in theirs]
@@ -431,8 +306,8 @@ def _shared(flow: _PhaseFlow, following: _PhaseFlow) -> tuple[list[int], list[in
 
 
 def _carried(
-    flow: _PhaseFlow,
-    following: _PhaseFlow,
+    flow: PhaseFlow,
+    following: PhaseFlow,
     event: Event,
     time: float,
     dt: np.ndarray,
@@ -470,8 +345,8 @@ def _carried(
 
 
 def _jumped(
-    flow: _PhaseFlow,
-    following: _PhaseFlow,
+    flow: PhaseFlow,
+    following: PhaseFlow,
     event: Event,
     time: float,
     x: np.ndarray,

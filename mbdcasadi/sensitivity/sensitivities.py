@@ -22,7 +22,8 @@ from ..simulation.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, PhasedDesignVariables, same
-from .phased_variation import Directions, EventVariation, phased_variation
+from .phase_flow import Directions
+from .phased_variation import EventVariation, phased_variation
 
 
 class Sensitivities(HoldsSymbols):

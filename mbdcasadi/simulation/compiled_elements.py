@@ -11,14 +11,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from ..equations.batches import Batch, Values
+from ..equations.batches import Values
 from ..integrators.dop853 import build
 from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
-from .watched_terms import APART, DISPLACEMENTS, FORCES, WatchedTerms
+from ..numerics.symbolic import LOCK
+from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
 #: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
@@ -51,91 +53,151 @@ class CompiledElements:
     rest: ca.Function
 
 
-def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
-    """Return the compiled elements of a mechanism, or None, and a remark; made once for it.
+class RepeatedElements:
+    """Elements that are many of a kind, so that a loop in C over them pays.
 
-    Compiled are elements that are many of a kind; the remark is empty if there are not so many that it pays.
+    Parameters
+    ----------
+    terms : WatchedTerms
+        What is watched of them.
+
+    Attributes
+    ----------
+    pays : bool
+        Whether there are so many that compiling them pays in most runs.
     """
-    return terms.eom.mechanism.cache.get_or_create("compiled elements", lambda: _compiled(terms))
 
-
-def _compiled(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
-    try:
-        kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
-    except UnsupportedOperation:
-        return None, ""
-    if sum(kind.expanded_size for kind in kinds) < LEAST_INSTRUCTIONS:
-        return None, ""
-    using = build.compiler()
-    if using is None:
-        return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
-    source = _source(terms, kinds)
-    key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
-    began, library = time.perf_counter(), build.find(key)
-    remark = "compiled contacts, kept from before"
-    if library is None:
+    def __init__(self, terms: WatchedTerms):
+        self.terms = terms
         try:
-            library = build.build(key, source, OPTIMISATION, using)
-        except build.CompilationError as error:
-            return None, f"interpreted contacts: {error}"
-        remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
-    forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
-    own = {int(number) for kind in kinds if kind.has_forces for number in kind.batch.numbers}
-    return CompiledElements(terms.values, forces, rates, _rest(terms, own)), remark
+            self._kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
+        except UnsupportedOperation:
+            self._kinds = []
+        self.pays = sum(len(kind.batch.places) * kind.size for kind in self._kinds) >= LEAST_INSTRUCTIONS
+
+    @cached_property
+    def rest(self) -> ca.Function:
+        """``(t, q, v, z, lam, u, p) -> Q``: generalised forces of the other elements."""
+        eom = self.terms.eom
+        own = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
+        compiled = [self.terms.elements[number] for number in own]
+        others = [e for e in eom.mechanism.elements if not any(e is element for element in compiled)]
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+        return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
+
+    @cached_property
+    def loops(self) -> tuple[str, int]:
+        """What a run needs in C, and the length of the work array of its functions."""
+        return _common(self.terms, self._kinds, outputs=True)
+
+    @property
+    def size(self) -> int:
+        """Instructions of one element of each kind, with what is watched of it at outputs: about as many again."""
+        return sum(2 * kind.size for kind in self._kinds)
+
+    def watch_by(self, library: str) -> None:
+        """Let what is watched at outputs be evaluated by a library with the loops."""
+        self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
+
+    @cached_property
+    def library(self) -> tuple[CompiledElements | None, str]:
+        """The functions, compiled; or None; and how they were compiled, or why not."""
+        using = build.compiler()
+        if using is None:
+            return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
+        source = _source(self.terms, self._kinds)
+        key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
+        began, library = time.perf_counter(), build.find(key)
+        remark = "compiled contacts, kept from before"
+        if library is None:
+            try:
+                library = build.build(key, source, OPTIMISATION, using)
+            except build.CompilationError as error:
+                return None, f"interpreted contacts: {error}"
+            remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
+        forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
+        return CompiledElements(self.terms.values, forces, rates, self.rest), remark
 
 
-def _rest(terms: WatchedTerms, compiled: set[int]) -> ca.Function:
-    """Generalised forces of elements that are not compiled."""
-    eom = terms.eom
-    watched = [terms.elements[number] for number in compiled]
-    others = [e for e in eom.mechanism.elements if not any(e is own for own in watched)]
-    arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
-    return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
+def repeated_elements(terms: WatchedTerms) -> RepeatedElements | None:
+    """Return the elements of a mechanism that are many of a kind; None if there are too few; found once for it."""
+    found = terms.eom.mechanism.cache.get_or_create("repeated elements", lambda: RepeatedElements(terms))
+    return found if found.pays else None
+
+
+def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
+    """Return the compiled elements of a mechanism, or None, and a remark, which is empty if there are too few."""
+    repeated = repeated_elements(terms)
+    if repeated is None:
+        return None, ""
+    with LOCK:
+        return repeated.library
 
 
 class _Kind:
-    """Elements of a batch in C."""
+    """Elements of a batch, and what is evaluated of each of them in C.
+
+    Attributes
+    ----------
+    apart : Tape or None
+        Positive for an element whose results are all zero.
+    has_forces : bool
+        Whether its forces depend on known quantities alone: not on accelerations and reactions.
+    """
 
     def __init__(self, terms: WatchedTerms, number: int):
-        self.number, self.batch = number, terms.batches[number]
+        self._terms, self.number, self.batch = terms, number, terms.batches[number]
         batch = self.batch
-        self.rates = _tape(batch, f"rates_{number}", terms.rates_of(number).call(_arguments(batch))[0])
-        self.result_places = terms.rate_places[number]
-        self.apart = None
-        if batch.parts[APART].numel():
-            self.apart = _tape(batch, f"apart_{number}", batch.parts[APART])
-        work = ca.vertcat(batch.parts[DISPLACEMENTS], batch.parts[FORCES])
-        free = batch.of_groups("a", "lam")
-        self.has_forces = not (free and ca.depends_on(work, batch.symbols[free]))
+        apart = batch.parts[APART]
+        self.apart = self._tape("apart", apart) if apart.numel() else None
+        displacements, forces = batch.parts[DISPLACEMENTS], batch.parts[FORCES]
+        unknown = batch.of_groups("a", "lam")
+        self.has_forces = not (unknown and ca.depends_on(ca.vertcat(displacements, forces), batch.symbols[unknown]))
         own = batch.of_groups("q")
-        coordinates = batch.symbols[own]
-        force = ca.jtimes(batch.parts[DISPLACEMENTS], coordinates, batch.parts[FORCES], True) if own else ca.SX(0, 1)
-        self.coordinates = terms.values.coordinate(batch.places[:, own])
-        self.forces = _tape(batch, f"forces_{number}", force)
-        self._force = force
-        self.slopes: ca.SX = ca.jacobian(ca.densify(force), batch.symbols)
+        self._coordinates = terms.values.coordinate(batch.places[:, own])
+        self._force = ca.jtimes(displacements, batch.symbols[own], forces, True) if own else ca.SX(0, 1)
 
-    @property
-    def expanded_size(self) -> int:
-        """Instructions of all its elements."""
-        return len(self.batch.places) * (self.rates.size + self.forces.size * self.has_forces)
+    def _tape(self, name: str, expression: ca.SX) -> Tape:
+        batch = self.batch
+        arguments = [batch.symbols, batch.rates, batch.parameters]
+        return tape_of(simplified(ca.Function(f"{name}_{self.number}", arguments, [ca.densify(expression)])))
 
-    def slopes_tape(self) -> Tape:
-        """Nonzero slopes of the forces by the symbols."""
-        return _tape(self.batch, f"slopes_{self.number}", self.slopes.nz[:])
+    @cached_property
+    def size(self) -> int:
+        """Instructions of the forces and the rates of one of them."""
+        return self.results("rates")[0].size + (self.results("forces")[0].size if self.has_forces else 0)
 
-    def slope_places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and places of the symbols of the nonzero slopes (n, nnz)."""
-        rows, columns = (np.array(part, int) for part in self.slopes.sparsity().get_triplet())
-        return self.coordinates[:, rows], self.batch.places[:, columns]
+    def results(self, name: str) -> tuple[Tape, np.ndarray]:
+        """Tape of what one of the functions needs of an element, and entries of the result to which it adds (n, k)."""
+        if name not in self._results:
+            self._results[name] = self._found(name)
+        return self._results[name]
 
+    @cached_property
+    def _results(self) -> dict[str, tuple[Tape, np.ndarray]]:
+        return {}
 
-def _arguments(batch: Batch) -> list[ca.SX]:
-    return [batch.symbols, batch.rates, batch.parameters]
+    def _found(self, name: str) -> tuple[Tape, np.ndarray]:
+        terms, k, batch = self._terms, self.number, self.batch
+        arguments = [batch.symbols, batch.rates, batch.parameters]
+        if name == "forces":
+            return self._tape(name, self._force), self._coordinates
+        if name == "rates":
+            return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
+        if name == "gaps":
+            own, count = terms.numbered(GAP)[k], len(terms.owners)
+            places = np.hstack([own, own + count, own + 2 * count])
+            return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), places
+        own = terms.numbered(COURSES)[k]
+        tape = self._tape(name, terms.course_functions[k].call(arguments)[0])
+        return tape, np.hstack([own, own + len(terms.smoothings)])
 
-
-def _tape(batch: Batch, name: str, expression: ca.SX) -> Tape:
-    return tape_of(simplified(ca.Function(name, _arguments(batch), [ca.densify(expression)])))
+    def slopes(self) -> tuple[Tape, np.ndarray, np.ndarray]:
+        """Nonzero slopes of the forces by the symbols, and their coordinates and places of symbols (n, k)."""
+        slopes = ca.jacobian(ca.densify(self._force), self.batch.symbols)
+        rows, columns = (np.array(part, int) for part in slopes.sparsity().get_triplet())
+        tape = self._tape("slopes", slopes.nz[:])
+        return tape, self._coordinates[:, rows], self.batch.places[:, columns]
 
 
 # --- C ---------------------------------------------------------------------------------------
@@ -146,7 +208,9 @@ class _Loops:
     body: list[str] = field(default_factory=list)
     work: int = 0
 
-    def add(self, kind: _Kind, tape: Tape, rows: np.ndarray, table: str, *, rates: bool = False) -> None:
+    def add(
+        self, kind: _Kind, tape: Tape, rows: np.ndarray, table: str, *, rates: bool = False, all_of_them: bool = False
+    ) -> None:
         """Add a loop that evaluates a tape for each element, and adds its results to entries of the result.
 
         Parameters
@@ -155,7 +219,13 @@ class _Loops:
             Entries of the result (n, rows).
         table : str
             Name of the table in C with these.
+        rates : bool
+            Whether the tape needs rates of the symbols.
+        all_of_them : bool
+            Whether elements that are apart are evaluated too.
         """
+        if not rows.size:
+            return
         n, symbols = kind.batch.places.shape
         k = kind.number
         self.work = max(self.work, tape.work_in_c, 0 if kind.apart is None else kind.apart.work_in_c)
@@ -165,7 +235,7 @@ class _Loops:
             lines.append(_gathered("r", f"rate_places_{k}", symbols))
             taken = "s, r, "
         lines.append(f"const double* in[] = {{{taken}constants_{k} + e * {kind.batch.constants.shape[1]}}};")
-        if kind.apart is not None:
+        if kind.apart is not None and not all_of_them:
             lines += [
                 "double apart;",
                 "double* test[] = {&apart};",
@@ -201,37 +271,54 @@ def _table(kind: str, name: str, entries: np.ndarray) -> str:
     return f"static const {kind} {name}[] = {{{content}}};\n"
 
 
-def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
-    """The library: ``forces``, its Jacobian ``jac_forces``, and ``rates``."""
-    n, size = terms.eom.q.numel(), terms.values.size
-    acting = [kind for kind in kinds if kind.has_forces and kind.forces.size]
+def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
+    """Text of what a run needs of all kinds, and the length of the work array: forces and rates.
+
+    With `outputs` what is watched at outputs too: a method that returns each of its steps has many of these.
+    """
     text = ["#include <math.h>\n"]
-    forces, slopes, rates = _Loops(), _Loops(), _Loops()
+    sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}
+    sizes |= {"gaps": 3 * len(terms.owners), "courses": 2 * len(terms.smoothings)} if outputs else {}
+    loops = {name: _Loops() for name in sizes}
     for kind in kinds:
-        text += [tape.as_c for tape in (kind.rates, kind.apart) if tape is not None]
-        text.append(_table("int", f"places_{kind.number}", kind.batch.places))
-        text.append(_table("int", f"rate_places_{kind.number}", kind.batch.rate_places))
-        text.append(_table("double", f"constants_{kind.number}", kind.batch.constants))
-        text.append(_table("int", f"into_{kind.number}", kind.result_places))
-        rates.add(kind, kind.rates, kind.result_places, f"into_{kind.number}", rates=True)
-    places = [kind.slope_places() for kind in acting]
-    entries = [columns * n + rows for rows, columns in places]
+        number, batch = kind.number, kind.batch
+        text.append(_table("int", f"places_{number}", batch.places))
+        text.append(_table("int", f"rate_places_{number}", batch.rate_places))
+        text.append(_table("double", f"constants_{number}", batch.constants))
+        text += [] if kind.apart is None else [kind.apart.as_c]
+        for name in sizes:
+            if name == "forces" and not kind.has_forces:
+                continue
+            tape, rows = kind.results(name)
+            text += [tape.as_c, _table("int", f"{name}_places_{number}", rows)]
+            is_gap = name == "gaps"  # they are wanted of those that are apart too
+            loops[name].add(
+                kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
+            )
+    work = max(loop.work for loop in loops.values())
+    for name, size in sizes.items():
+        text.append(loops[name].function(name, size))
+        text.append(_interface(name, [_dense(terms.values.size)], [_dense(size)], work))
+    return "\n".join(text), work
+
+
+def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
+    """The library of an implicit method: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
+    n, size = terms.eom.q.numel(), terms.values.size
+    text, slopes = [_common(terms, kinds, outputs=False)[0]], _Loops()
+    acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
+    entries = [columns * n + rows for _, _, rows, columns in acting]
     pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
-    for kind, own in zip(acting, entries, strict=True):
-        tape, into = kind.slopes_tape(), np.searchsorted(pattern, own)
-        text += [kind.forces.as_c, tape.as_c]
-        text.append(_table("int", f"coordinates_{kind.number}", kind.coordinates))
-        text.append(_table("int", f"slope_places_{kind.number}", into))
-        forces.add(kind, kind.forces, kind.coordinates, f"coordinates_{kind.number}")
-        slopes.add(kind, tape, into, f"slope_places_{kind.number}")
+    for (kind, tape, *_), own in zip(acting, entries, strict=True):
+        table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, own)
+        # they are long, and evaluated seldom
+        text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
+        text.append(_table("int", table, into))
+        slopes.add(kind, tape, into, table)
     columns, rows = np.divmod(pattern, n)
     sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
-    text.append(forces.function("forces", n))
-    text.append(_interface("forces", [_dense(size)], [_dense(n)], forces.work))
     text.append(slopes.function("jac_forces", pattern.size))
     text.append(_interface("jac_forces", [_dense(size), _dense(n)], [_sparse(sparsity)], slopes.work))
-    text.append(rates.function("rates", terms.size))
-    text.append(_interface("rates", [_dense(size)], [_dense(terms.size)], rates.work))
     return "\n".join(text)
 
 

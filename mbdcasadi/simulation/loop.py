@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,9 +33,9 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .shaky_start import refuse_shaky_start
 from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
-from .stepping import Stepper
+from .singular_start import refuse_singular_start
+from .stepping import NearSingularPose, Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
@@ -238,7 +238,7 @@ class Run:
             raise state.obstacle
         if not np.all(np.isfinite(state.a)):
             _ = state[free.eom.a]  # raises, and names what has no value
-        refuse_shaky_start(free, state)
+        refuse_singular_start(free, state)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
@@ -334,8 +334,11 @@ class Run:
         arc = self._arc
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
-        piece, path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
         passage = self._passage(path)
+        if passage is None and isinstance(failure, NearSingularPose):
+            piece, path, failure = self._integrated(piece)
+            passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
@@ -361,10 +364,18 @@ class Run:
         end = float(path.times[load.interval])
         return piece.until(end), path.until(end), None
 
-    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
+    def _integrated(
+        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
+    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided.
+
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
+        """
         try:
-            path = self._arc.stepper.advance(piece, self._x, self._interruption)
+            path = self._arc.stepper.advance(piece, self._x, self._interruption, comes_near)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self._arc.resolution.terms.size))
@@ -460,7 +471,10 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = None if path.is_regular else arc.passage.entry(path)
+        if path.is_regular:
+            arc.passage.note_regular(path)
+            return None
+        entry = arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -648,6 +662,8 @@ class Run:
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
         terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
+        if terminal and abs(self._builder.last_time - time) <= self.instant:
+            time = max(time, self._builder.last_time)  # at an output, by rounding before it
         for crossing in terminal:
             if crossing.event.becomes is None:
                 self._builder.events.append(self._occurrence(crossing))

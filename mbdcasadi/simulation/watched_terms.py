@@ -63,6 +63,11 @@ class WatchedTerms:
         self.size = 2 * len(self.smoothings) + len(self.owners) + len(self.validity)
         self.batches = batches_of(eom, self.values, self.elements, self._parts)
         self._rates = [self._rates_of(batch) for batch in self.batches]
+        self._compiled: tuple[ca.Function, ca.Function] | None = None
+
+    def use_compiled(self, gaps: ca.Function, courses: ca.Function) -> None:
+        """Take functions of a column of values for gaps, rates and bounds, and for what is smoothed and its scales."""
+        self._compiled = gaps, courses
 
     # --- the expressions of an element ------------------------------------------------------
     def _smoothings_of(self, element: Any) -> list[Smoothing]:
@@ -104,10 +109,10 @@ class WatchedTerms:
         smoothings, owners = len(self.smoothings), len(self.owners)
         return [
             np.hstack([s, smoothings + s, 2 * smoothings + g, 2 * smoothings + owners + c])
-            for s, g, c in zip(*(self._numbered(part) for part in (COURSES, GAP, MARGINS)), strict=True)
+            for s, g, c in zip(*(self.numbered(part) for part in (COURSES, GAP, MARGINS)), strict=True)
         ]
 
-    def _numbered(self, part: int) -> list[np.ndarray]:
+    def numbered(self, part: int) -> list[np.ndarray]:
         """Numbers of the entries of a part among those of all elements, by batch (n, rows)."""
         counts = np.zeros(len(self.elements), int)
         for batch in self.batches:
@@ -151,7 +156,7 @@ class WatchedTerms:
 
     def _collected(self, functions: list[ca.Function], part: int, copies: int, table: np.ndarray) -> np.ndarray:
         """Results of functions of the batches at the columns of a table (k, copies x entries of a part)."""
-        places = self._numbered(part)
+        places = self.numbered(part)
         total = sum(own.size for own in places)
         found = np.zeros((table.shape[1], copies * total))
         for batch, function, own in zip(self.batches, functions, places, strict=True):
@@ -161,7 +166,8 @@ class WatchedTerms:
         return found
 
     @cached_property
-    def _courses(self) -> list[ca.Function]:
+    def course_functions(self) -> list[ca.Function]:
+        """What is smoothed of each batch, and its scales."""
         return [b.function("courses", ca.vertcat(b.parts[COURSES], b.parts[SCALES])) for b in self.batches]
 
     @cached_property
@@ -176,8 +182,10 @@ class WatchedTerms:
         gaps : numpy.ndarray
             Gaps there (k, owners); elements that say when they are apart have no forces while these are open.
         """
+        if self._compiled is not None:
+            return np.array(self._compiled[1](table).full().T)
         found = np.zeros((table.shape[1], 2 * len(self.smoothings)))
-        batches = zip(self.batches, self._courses, self._numbered(COURSES), self._numbered(GAP), strict=True)
+        batches = zip(self.batches, self.course_functions, self.numbered(COURSES), self.numbered(GAP), strict=True)
         for batch, function, own, owners in batches:
             into = np.hstack([own, own + len(self.smoothings)])
             if not own.size:
@@ -197,7 +205,8 @@ class WatchedTerms:
 
     # --- gaps -------------------------------------------------------------------------------------
     @cached_property
-    def _bounded_gaps(self) -> list[ca.Function]:
+    def bounded_gaps(self) -> list[ca.Function]:
+        """Gaps of each batch, their rates and bounds of these."""
         return [
             b.function("gaps", ca.vertcat(b.parts[GAP], b.rate(b.parts[GAP]), self._bound(b))) for b in self.batches
         ]
@@ -228,21 +237,25 @@ class WatchedTerms:
             One for each column, then each (k,).
         """
         if owners is None:
-            gaps, rates, bounds = np.split(self._collected(self._bounded_gaps, GAP, 3, table), 3, axis=1)
+            if self._compiled is not None:
+                found = np.array(self._compiled[0](table).full().T)
+            else:
+                found = self._collected(self.bounded_gaps, GAP, 3, table)
+            gaps, rates, bounds = np.split(found, 3, axis=1)
             return gaps, rates, bounds
-        found = np.zeros((3, owners.size))
-        for number, (batch, function) in enumerate(zip(self.batches, self._bounded_gaps, strict=True)):
+        single = np.zeros((3, owners.size))
+        for number, (batch, function) in enumerate(zip(self.batches, self.bounded_gaps, strict=True)):
             columns = np.flatnonzero(self._owner_places[0][owners] == number)
             if columns.size:
                 own = self._owner_places[1][owners[columns]]
-                found[:, columns] = batch.evaluated(function, table[:, columns], own)[0]
-        return found[0], found[1], found[2]
+                single[:, columns] = batch.evaluated(function, table[:, columns], own)[0]
+        return single[0], single[1], single[2]
 
     @cached_property
     def _owner_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Batch of each owner, and its number in that (owners,)."""
         which, row = np.zeros(len(self.owners), int), np.zeros(len(self.owners), int)
-        for number, own in enumerate(self._numbered(GAP)):
+        for number, own in enumerate(self.numbered(GAP)):
             if own.size:
                 which[own[:, 0]], row[own[:, 0]] = number, np.arange(len(own))
         return which, row

@@ -95,7 +95,7 @@ class WholeStepper(Stepper):
         self._rates = resolution.terms.size
         self._keeps_samples = resolution.has_gaps
         self._runner = Runner(
-            explicit_system(numeric, signals, resolution.terms.rates),
+            explicit_system(numeric, signals, resolution.terms),
             watch.watched(decides),
             numeric.eom.mechanism.cache,
             compiles=integrator.jit,
@@ -167,7 +167,13 @@ class WholeStepper(Stepper):
         found = self.signals.channel_from(begins)
         return np.zeros((begins.size, 0)) if found is None else found.T
 
-    def advance(self, piece: Piece, x: np.ndarray, interruption: Interruption) -> Path:
+    def advance(
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+    ) -> Path:
         """Integrate over a piece from a consistent state, or up to where something must be decided.
 
         Raises

@@ -264,6 +264,54 @@ def test_start_nearest_to_the_estimates(tmp_path):
     assert np.max(np.abs(found - [float(state[e]) for e in outputs.values()])) < 1e-7
 
 
+def test_parameters_in_conditions(tmp_path):
+    """Start values that an importer chooses: of an angle, a speed and a first-order state; limits that hold stay so."""
+    first = mbd.Parameter("first", 0.3)
+    arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0.1, 0.2))
+    other = mbd.Body("other", mass=1, inertia=0.1, pose=(1.5, 0.1, 0.2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    elbow = mbd.Revolute("elbow", arm.at(0.5, 0), other.at(-0.5, 0))
+    charge = mbd.StateVariable("charge", 1.0)
+    machine = mbd.Mechanism(
+        bodies=[arm, other], joints=[pin, elbow], forces=[mbd.Gravity()], states={charge: -charge}, parameters=[first]
+    )
+    initial = [pin.angle == first, arm.omega == 2 * first, charge == first**2, other.phi >= 0.1, other.omega == 0]
+    outputs = {"angle": pin.angle, "speed": arm.omega, "charge now": charge, "other": other.phi}
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", initial=initial, outputs=outputs, version=2)
+    for value in (0.3, -0.7, 1.2):
+        found = Unit(path, tmp_path).start(first=value).get(*outputs)
+        assert found == pytest.approx([value, 2 * value, value**2, 0.1], abs=1e-9)
+
+
+def test_late_start_of_a_driven_mechanism(tmp_path):
+    """Without any freedom, from a time at which the crank has turned ten times: motion and effort."""
+    machine = mbd.library.slider_crank().mechanism
+    crank = machine.joints[0]
+    machine = machine.replace(drivers=[mbd.Driver("speed", crank.angle, 0.4 + 20 * mbd.t)])
+    outputs = {"x": machine.bodies[2].x, "effort": machine.drivers[0].effort}
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", outputs=outputs)
+    times = np.linspace(3.3, 4.3, 51)
+    run = Unit(path, tmp_path).start(time=3.3)
+    motion = mbd.inverse_dynamics(machine, times)
+    assert np.max(np.abs(run.run(times, *outputs) - columns(motion, outputs))) < 1e-8
+
+
+def test_a_hard_contact_between_few_communication_points(tmp_path):
+    """Steps of 0.3 s, contacts of a tenth of a millisecond: none is missed, and no energy is lost."""
+    ball = mbd.Body("ball", mass=0.2, inertia=1e-4, pose=(0, 0.5, 0))
+    law = mbd.HuntCrossley(stiffness=1e7)
+    floor = mbd.Contact("floor", mbd.HalfPlane(mbd.ground.at(0, 0)), mbd.Circle(ball.at(0, 0), 0.05), law=law)
+    machine = mbd.Mechanism(bodies=[ball], forces=[mbd.Gravity(), floor])
+    height = 9.81 * ball.y + 0.5 * mbd.dot(ball.velocity, ball.velocity)
+    outputs = {"y": ball.y, "energy": height}
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", outputs=outputs)
+    times = np.linspace(0, 3, 11)
+    found = simulated(path, times, outputs, tolerance=1e-10)
+    motion = mbd.simulate(machine, times, method="dop853", reltol=1e-10, abstol=1e-10)
+    assert np.max(np.abs(found - columns(motion, outputs))) < 1e-5
+    assert np.ptp(found[:, 1]) < 1e-5 and np.min(found[:, 0]) > 0.045
+
+
 def test_tunable_parameters(unit, linkage):
     """A parameter that is changed during the run counts from then on."""
     times = np.linspace(0, 1, 51)

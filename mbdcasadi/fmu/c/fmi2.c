@@ -288,6 +288,21 @@ STATUS NAMED(fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nomina
 
 /* --- co-simulation -------------------------------------------------------------------------------------- */
 
+static int set_slope(instance* s, unsigned reference, int order, double slope) {
+  if (reference < FIRST_INPUT || reference >= FIRST_PARAMETER || order != 1 || !isfinite(slope)) {
+    say(s, ERROR_, "derivatives of order 1 can be set, of inputs alone");
+    return ERROR_;
+  }
+  const int k = INPUT_PLACES[reference - FIRST_INPUT];
+  if (s->levels[N_INPUTS + k] == slope) return OK_;
+  const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
+  for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
+  s->levels[2 * N_INPUTS] = s->block[TIME];
+  s->levels[N_INPUTS + k] = slope;
+  turned(s);
+  return OK_;
+}
+
 STATUS NAMED(fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t count,
                                           const fmi2Integer order[], const fmi2Real value[]) {
   int status = OK_;

@@ -282,18 +282,33 @@ STATUS NAMED(fmi3EnterConfigurationMode)(fmi3Instance c) { return refuse(c, "the
 
 STATUS NAMED(fmi3ExitConfigurationMode)(fmi3Instance c) { return refuse(c, "there are no structural parameters"); }
 
-#define NO_CLOCKS(name, ...)                      \
-  STATUS NAMED(name)(fmi3Instance c, __VA_ARGS__) { return refuse(c, "there are no clocks"); }
-NO_CLOCKS(fmi3GetIntervalDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 x[], fmi3IntervalQualifier q[])
-NO_CLOCKS(fmi3GetIntervalFraction, const fmi3ValueReference vr[], size_t n, uint64_t x[], uint64_t y[],
-          fmi3IntervalQualifier q[])
-NO_CLOCKS(fmi3GetShiftDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 x[])
-NO_CLOCKS(fmi3GetShiftFraction, const fmi3ValueReference vr[], size_t n, uint64_t x[], uint64_t y[])
-NO_CLOCKS(fmi3SetIntervalDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 x[])
-NO_CLOCKS(fmi3SetIntervalFraction, const fmi3ValueReference vr[], size_t n, const uint64_t x[], const uint64_t y[])
-NO_CLOCKS(fmi3SetShiftDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 x[])
-NO_CLOCKS(fmi3SetShiftFraction, const fmi3ValueReference vr[], size_t n, const uint64_t x[], const uint64_t y[])
-NO_CLOCKS(fmi3ActivateModelPartition, fmi3ValueReference clock, fmi3Float64 time)
+/* Functions of clocks, by the types of what they take beyond the instance. */
+#define NO_CLOCKS_2(name, A, B) \
+  STATUS NAMED(name)(fmi3Instance c, A a, B b) { (void)a; (void)b; return refuse(c, "there are no clocks"); }
+#define NO_CLOCKS_3(name, A, B, C) \
+  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d) { \
+    (void)a; (void)b; (void)d; \
+    return refuse(c, "there are no clocks"); \
+  }
+#define NO_CLOCKS_4(name, A, B, C, D) \
+  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d, D e) { \
+    (void)a; (void)b; (void)d; (void)e; \
+    return refuse(c, "there are no clocks"); \
+  }
+#define NO_CLOCKS_5(name, A, B, C, D, E) \
+  STATUS NAMED(name)(fmi3Instance c, A a, B b, C d, D e, E f) { \
+    (void)a; (void)b; (void)d; (void)e; (void)f; \
+    return refuse(c, "there are no clocks"); \
+  }
+NO_CLOCKS_4(fmi3GetIntervalDecimal, const fmi3ValueReference*, size_t, fmi3Float64*, fmi3IntervalQualifier*)
+NO_CLOCKS_5(fmi3GetIntervalFraction, const fmi3ValueReference*, size_t, uint64_t*, uint64_t*, fmi3IntervalQualifier*)
+NO_CLOCKS_3(fmi3GetShiftDecimal, const fmi3ValueReference*, size_t, fmi3Float64*)
+NO_CLOCKS_4(fmi3GetShiftFraction, const fmi3ValueReference*, size_t, uint64_t*, uint64_t*)
+NO_CLOCKS_3(fmi3SetIntervalDecimal, const fmi3ValueReference*, size_t, const fmi3Float64*)
+NO_CLOCKS_4(fmi3SetIntervalFraction, const fmi3ValueReference*, size_t, const uint64_t*, const uint64_t*)
+NO_CLOCKS_3(fmi3SetShiftDecimal, const fmi3ValueReference*, size_t, const fmi3Float64*)
+NO_CLOCKS_4(fmi3SetShiftFraction, const fmi3ValueReference*, size_t, const uint64_t*, const uint64_t*)
+NO_CLOCKS_2(fmi3ActivateModelPartition, fmi3ValueReference, fmi3Float64)
 
 STATUS NAMED(fmi3EvaluateDiscreteStates)(fmi3Instance c) { return STATUSES[settle(of(c))]; }
 

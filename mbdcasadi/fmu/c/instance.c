@@ -471,21 +471,6 @@ static int set_value(instance* s, unsigned reference, double value) {
   return ERROR_;
 }
 
-static int set_slope(instance* s, unsigned reference, int order, double slope) {
-  if (reference < FIRST_INPUT || reference >= FIRST_PARAMETER || order != 1 || !isfinite(slope)) {
-    say(s, ERROR_, "derivatives of order 1 can be set, of inputs alone");
-    return ERROR_;
-  }
-  const int k = INPUT_PLACES[reference - FIRST_INPUT];
-  if (s->levels[N_INPUTS + k] == slope) return OK_;
-  const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
-  for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
-  s->levels[2 * N_INPUTS] = s->block[TIME];
-  s->levels[N_INPUTS + k] = slope;
-  turned(s);
-  return OK_;
-}
-
 /* Seeds by value reference, and what they bring about. */
 static int derivative_along(instance* s, const unsigned* unknown, size_t unknowns, const unsigned* known, size_t knowns,
                             const double* seed, double* result) {

@@ -72,6 +72,8 @@ class Runner:
         try:
             self._library = engine(using)
             self._codes = self._code(using)
+            for code in self._codes:
+                code.look_for_library(using)
         except (build.CompilationError, UnsupportedOperation) as error:
             return self._stepwise(str(error))
         if self._compiles:
@@ -119,10 +121,22 @@ class Runner:
         s = self.system
         parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature), (s.input,)]
         parts += [] if self.watched is None else [(self.watched.function,)]
-        found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts]
-        for code in found:
+        found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
+        return tuple([self._mechanism_code(parts[0], using), *found])
+
+    def _mechanism_code(self, functions: tuple[ca.Function, ...], using: build.Compiler) -> Code:
+        """Code of the mechanism: what is written with loops is compiled at once."""
+        written = self.system.written
+        if written is not None:
+            key = ("code with loops", *functions)
+            code = self._cache.get_or_create(key, partial(Code, functions, written))
             code.look_for_library(using)
-        return tuple(found)
+            code.compile(using)
+            if code.library is not None:
+                if written.opened is not None:
+                    written.opened(code.library._name)
+                return code
+        return self._cache.get_or_create(("code", *functions), partial(Code, functions))
 
     def _compile(self, using: build.Compiler, coming: float) -> None:
         """Compile what pays before interpreting for so many seconds more."""

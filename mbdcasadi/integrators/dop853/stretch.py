@@ -9,6 +9,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from .code import Written
+
 #: Points inside every step at which events are looked at, at least.
 SAMPLES = 7
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
@@ -71,12 +73,15 @@ class ExplicitSystem:
         ``(t, q, v, a, z, lam, u, p) ->`` rates of the integrals.
     projection : casadi.Function
         ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
+    written : Written, optional
+        C code of the dynamics and the quadrature.
     """
 
     input: ca.Function
     dynamics: ca.Function
     quadrature: ca.Function
     projection: ca.Function
+    written: Written | None = None
 
     @cached_property
     def coordinates(self) -> int:

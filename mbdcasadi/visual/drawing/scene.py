@@ -159,9 +159,11 @@ class Scene:
         return replace(self, marks=[mark for mark in self.marks if mark.group != group])
 
     @property
-    def has_arrows(self) -> bool:
-        """True if there are arrows that are to scale."""
-        return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
+    def arrow_units(self) -> set[str]:
+        """Units of the arrows to scale that are always shown: those of forces and of torques."""
+        units = {"force": "N", "motion": "N m"}
+        shown = [m for m in self.marks if not m.group and m.layer == ARROW and m.loops[0].shape[1] == 4]
+        return {units[mark.style] for mark in shown if mark.style in units}
 
     def poses(self, sample: Any) -> np.ndarray:
         """Poses (n_t, frames, 4) over the times of a sample: x, y (m), angle (rad), length (m)."""

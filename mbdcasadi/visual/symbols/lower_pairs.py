@@ -9,7 +9,7 @@ import numpy as np
 from ...model.bodies import Marker
 from ...model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
 from ..drawing import lines, scene
-from ..drawing.outlines import local_outlines, sections
+from ..drawing.outlines import local_outlines, points_on, sections
 from ..drawing.pen import Frame, Pen
 from .base import glyph
 
@@ -174,9 +174,25 @@ def point_on_line(joint: PointOnLine, pen: Pen) -> None:
         frame.area("body", lines.plate(np.vstack([ends, [[0, height]]]), 1.25 * u))
     elif not body.is_ground:
         back, front, _, _ = sections(local_outlines(body, joint.a, pen))
-        reach = (max(ends[0, 0], back + u), min(ends[1, 0], front - u)) if moves else (back + u, front - u)
+        back, front = _between_pins(pen, joint, (back + u, front - u), (low, high))
+        reach = (max(ends[0, 0], back), min(ends[1, 0], front)) if moves else (back, front)
         ends[:, 0] = min(low, reach[0]), max(high, reach[1])
     frame.area("slot", lines.plate(ends, 0.75 * u), layer=scene.SLOT)
     die = pen.at(joint.b.position, joint.a.angle, joint.b.body)
     die.area("block", lines.rectangle((-1.1 * u, -0.75 * u), (1.1 * u, 0.75 * u)), layer=scene.SLOT)
     pen.pin(pen.on(joint.b), 0.4)
+
+
+def _between_pins(
+    pen: Pen, joint: PointOnLine, ends: tuple[float, float], span: tuple[float, float]
+) -> tuple[float, float]:
+    """Ends of a slot that leave room about the pins of its body on both sides of the block."""
+    u, frame = pen.unit, pen.on(joint.a)
+    pins = [other for other in pen.sample.mechanism.joints if isinstance(other, Revolute)]
+    places = points_on(joint.a.body, pins, pen)
+    back, front = ends
+    for x, y in lines.turned(places - frame.shift, -frame.angle):
+        if abs(y - pen.number(joint.offset)) < 1.5 * u:
+            back = max(back, x + 1.9 * u) if x < span[0] else back
+            front = min(front, x - 1.9 * u) if x > span[1] else front
+    return back, front
