@@ -283,6 +283,21 @@ def test_parameters_in_conditions(tmp_path):
         assert found == pytest.approx([value, 2 * value, value**2, 0.1], abs=1e-9)
 
 
+def test_a_state_as_start(tmp_path):
+    """A state that is given is the start; with another length, what is nearest to it."""
+    length = mbd.Parameter("length", 1.0)
+    arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-length / 2, 0))
+    machine = mbd.Mechanism(bodies=[arm], joints=[pin], forces=[mbd.Gravity()], parameters=[length])
+    state = mbd.simulate(machine, duration=0.7).final
+    outputs = {"x": arm.x, "angle": arm.phi, "speed": arm.omega}
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", initial=state, outputs=outputs)
+    assert Unit(path, tmp_path).start().get(*outputs) == pytest.approx([float(state[e]) for e in outputs.values()])
+    _, angle, speed = Unit(path, tmp_path).start(length=1.2).get(*outputs)
+    assert angle == pytest.approx(float(state[arm.phi]), abs=1e-3)
+    assert speed == pytest.approx(float(state[arm.omega]), rel=0.2)
+
+
 def test_late_start_of_a_driven_mechanism(tmp_path):
     """Without any freedom, from a time at which the crank has turned ten times: motion and effort."""
     machine = mbd.library.slider_crank().mechanism
