@@ -121,6 +121,8 @@ class TimeFunctions:
         # a quotient whose numerator depends on other symbols is no part, but has its poles in time
         divisors = depending_on_time(divisors_among(rest, names, parts), t) if timed.size else []
         zeros, transients = distinct([*zeros, *divisors]), distinct([*transients, *divisors])
+        #: functions of time and known symbols at whose zeros something switches (j,)
+        self.switches = ca.vertcat(ca.SX(0, 1), *zeros, *[ca.sin(np.pi * whole) for whole in integers])
         self._zeros = SwitchTimes(zeros, t, p, integer=False)
         self._integers = SwitchTimes(integers, t, p, integer=True)
         self._transients = SwitchTimes(transients, t, p, integer=False)

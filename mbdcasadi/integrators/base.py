@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -134,9 +136,15 @@ class Integrator(Immutable):
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
+@cache
+def _compiler_on(path: str) -> str | None:
+    """Name of a C compiler on a path; None without one."""
+    return next((c for c in ("gcc", "clang", "cc") if shutil.which(c, path=path)), None)
+
+
 def _compiler() -> str:
     """Name of a C compiler on the path."""
-    name = next((c for c in ("gcc", "clang", "cc") if shutil.which(c)), None)
+    name = _compiler_on(os.environ.get("PATH", ""))
     if name is None:
         raise SimulationError(
             "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"

@@ -21,6 +21,8 @@ from ..numerics.tolerances import NEARLY_SINGULAR
 
 #: Distances by which a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths.
 EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
+#: How often these are tried again if several loops are singular at once.
+SEARCH = 5
 #: Distance by which it is moved to see whether a direction can be followed at all.
 PROBE = 1e-3
 #: Share of a displacement that must be left for the direction to count as a motion.
@@ -71,12 +73,18 @@ def mobility(numeric: NumericEquations, t: float, q: np.ndarray) -> Mobility:
         return Mobility(here.rank, q, here)
     joints = Joints(numeric, t)
     rank, pose, analysis = certain, q, here
-    for distance in EXCURSIONS if joints.motions(q).size else ():
-        moved = joints.advanced(q, joints.random_motion(q), distance)
-        if moved is not None:
-            there = numeric.rank(t, moved)
-            if there.rank > rank:
-                rank, pose, analysis = there.rank, moved, there
+    tries = list(EXCURSIONS) if joints.motions(q).size else []
+    searched = False
+    while tries and rank < min(m, n):
+        moved = joints.advanced(q, joints.random_motion(q), tries.pop(0))
+        if moved is None:
+            continue
+        there = numeric.rank(t, moved)
+        if there.rank_at(NEARLY_SINGULAR) > rank:
+            rank, pose, analysis = there.rank_at(NEARLY_SINGULAR), moved, there
+        if there.rank > there.rank_at(NEARLY_SINGULAR) > certain and not searched:
+            # of several flat loops some have moved, and others are as flat as they were
+            tries, searched = tries + SEARCH * list(EXCURSIONS), True
     blocked = joints.blocked(pose)
     if len(blocked):
         rank = analyse_rank(np.vstack([numeric.scaled_jacobian(t, pose), blocked])).rank

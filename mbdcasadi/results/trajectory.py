@@ -99,10 +99,9 @@ class Trajectory(HoldsSymbols):
     ):
         self.mechanism = mechanism
         self.t = np.asarray(t, float)
-        eom = self.equations
         self.q, self.v, self.a, self.z, self.lam, self.inputs = (
-            np.asarray(x, float).reshape(self.t.size, symbols.numel())
-            for x, symbols in ((q, eom.q), (v, eom.v), (a, eom.a), (z, eom.z), (lam, eom.lam), (u, eom.u))
+            np.asarray(x, float).reshape(self.t.size, size)
+            for x, size in zip((q, v, a, z, lam, u), self.equations.sizes, strict=True)
         )
         self.parameters = np.asarray(p, float).ravel()
         self.events = tuple(events)

@@ -39,11 +39,11 @@ from ..integrators.reversible import ReversibleIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
-from ..simulation.gap_closings import has_gaps
 from ..simulation.loop import shortest_unseen_load
 from ..simulation.schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from ..simulation.stepping import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
+from ..simulation.watched_terms import has_gaps
 from .held_system import HeldSystem, SwitchesInTime, parts_of_motion
 from .switching import BorderPassage, Cut
 

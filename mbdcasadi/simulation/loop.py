@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,9 +33,9 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .shaky_start import refuse_shaky_start
 from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
-from .stepping import Stepper
+from .singular_start import refuse_singular_start
+from .stepping import NearSingularPose, Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
@@ -238,7 +238,7 @@ class Run:
             raise state.obstacle
         if not np.all(np.isfinite(state.a)):
             _ = state[free.eom.a]  # raises, and names what has no value
-        refuse_shaky_start(free, state)
+        refuse_singular_start(free, state)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
@@ -334,8 +334,11 @@ class Run:
         arc = self._arc
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
-        piece, path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
         passage = self._passage(path)
+        if passage is None and isinstance(failure, NearSingularPose):
+            piece, path, failure = self._integrated(piece)
+            passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
@@ -361,13 +364,21 @@ class Run:
         end = float(path.times[load.interval])
         return piece.until(end), path.until(end), None
 
-    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
+    def _integrated(
+        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
+    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided.
+
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
+        """
         try:
-            path = self._arc.stepper.advance(piece, self._x, self._interruption)
+            path = self._arc.stepper.advance(piece, self._x, self._interruption, comes_near)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
-            nothing = np.zeros((times.size, self._arc.resolution.rates.numel()))
+            nothing = np.zeros((times.size, self._arc.resolution.terms.size))
             return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
         return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
@@ -460,7 +471,10 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = None if path.is_regular else arc.passage.entry(path)
+        if path.is_regular:
+            arc.passage.note_regular(path)
+            return None
+        entry = arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -607,8 +621,7 @@ class Run:
         block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self._builder.add(arc.mode, *(part[:lost] for part in block))
-        self.modes.check(arc.mode, self._builder.motion_in(arc.mode, *(part[:lost] for part in block)))
+        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])

@@ -95,9 +95,9 @@ def run_batch(
         reached = np.ones(len(parameters), bool)
     values, messages = np.full((len(parameters), parcel.size), np.nan), [""] * len(parameters)
     chosen = np.flatnonzero(reached)
-    found, reasons = parcel.results(
-        starts[chosen], parameters[chosen], levels[chosen], tuple(argument[chosen] for argument in course)
-    )
+    if chosen.size < len(reached):
+        course = tuple(argument[chosen] for argument in course)
+    found, reasons = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
     values[chosen] = found
     for k, reason in zip(chosen, reasons, strict=True):
         if reason:

@@ -9,6 +9,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from .code import Written
+
 #: Points inside every step at which events are looked at, at least.
 SAMPLES = 7
 #: Residual of a constraint, relative to 1 + |q|, that is rounding.
@@ -71,12 +73,15 @@ class ExplicitSystem:
         ``(t, q, v, a, z, lam, u, p) ->`` rates of the integrals.
     projection : casadi.Function
         ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
+    written : Written, optional
+        C code of the dynamics and the quadrature.
     """
 
     input: ca.Function
     dynamics: ca.Function
     quadrature: ca.Function
     projection: ca.Function
+    written: Written | None = None
 
     @cached_property
     def coordinates(self) -> int:
@@ -223,6 +228,37 @@ class Stretch:
     side: np.ndarray = field(default_factory=lambda: np.zeros(0))
     fall: float = 0.0
     stiff_after: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Cases:
+    """Runs of one system over times of the same number.
+
+    Attributes
+    ----------
+    starts, p, levels : numpy.ndarray
+        Starts on the constraints, parameters, levels of the inputs, by case (k, …).
+    times : numpy.ndarray
+        Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
+    wanted, stops : numpy.ndarray of bool
+        Which of them are outputs, and over which no step may go.
+    channels : numpy.ndarray
+        What holds in the interval that ends at each of the times (k, n, n_channel).
+    max_step : numpy.ndarray
+        Longest steps (k,), s.
+    needs_dynamics : bool
+        Whether the outputs contain accelerations, multipliers or inputs.
+    """
+
+    starts: np.ndarray
+    p: np.ndarray
+    levels: np.ndarray
+    times: np.ndarray
+    wanted: np.ndarray
+    stops: np.ndarray
+    channels: np.ndarray
+    max_step: np.ndarray
+    needs_dynamics: bool
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,8 +113,7 @@ def _through_poses(setup: PhaseSetup) -> PhaseGuess:
 
 
 def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
-    values = np.array([p.value for p in solver.problem.free_parameters])
-    return Guess((phase,), values, description)
+    return Guess((phase,), solver.free_values, description)
 
 
 def _usual_guesses(solver: Solver) -> list[Guess]:
@@ -124,8 +123,19 @@ def _usual_guesses(solver: Solver) -> list[Guess]:
     usual, setup = _usual_guess(solver), solver.setups[0]
     if not setup.scheme.eom.is_chain:
         return [usual]
-    at_rest = guess_at_rest(setup.loads, solver.start, solver.path)
-    return [usual, _guess(solver, at_rest, "kinematic, at rest")]
+    return [usual, at_rest(solver)]
+
+
+def at_rest(solver: Solver) -> Guess:
+    """Return the poses of the kinematic motion without speeds."""
+    parts = []
+    for k, setup in enumerate(solver.setups):
+        if setup.phase.is_instant:
+            parts.append(_through_poses(setup))
+        else:
+            start, path = (solver.start, solver.path) if k == 0 else (setup.start, setup.path)
+            parts.append(guess_at_rest(setup.loads, start, path))
+    return Guess(tuple(parts), solver.free_values, "kinematic, at rest")
 
 
 def _usual_guess(solver: Solver) -> Guess:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 #: Layers from the lowest to the highest; bodies keep the order of the mechanism.
-GROUND, GUIDE, BODY, TRACE, SLOT, SPRING, PIN, ARROW = range(8)
+GROUND, GUIDE, BODY, SUPPORT, TRACE, SLOT, SPRING, PIN, ARROW = range(9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,8 @@ class Label:
         True if a body is named.
     shift : tuple of float
         Middle of the text from the point, points of the paper.
+    leader : tuple of float or None
+        End of a line that leads from the point to the text, points of the paper; None if the text is beside its point.
     """
 
     frame: int
@@ -69,6 +71,7 @@ class Label:
     text: str
     body: bool = True
     shift: tuple[float, float] = (0.0, 0.0)
+    leader: tuple[float, float] | None = None
 
 
 @dataclass(eq=False)
@@ -156,9 +159,11 @@ class Scene:
         return replace(self, marks=[mark for mark in self.marks if mark.group != group])
 
     @property
-    def has_arrows(self) -> bool:
-        """True if there are arrows that are to scale."""
-        return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
+    def arrow_units(self) -> set[str]:
+        """Units of the arrows to scale that are always shown: those of forces and of torques."""
+        units = {"force": "N", "motion": "N m"}
+        shown = [m for m in self.marks if not m.group and m.layer == ARROW and m.loops[0].shape[1] == 4]
+        return {units[mark.style] for mark in shown if mark.style in units}
 
     def poses(self, sample: Any) -> np.ndarray:
         """Poses (n_t, frames, 4) over the times of a sample: x, y (m), angle (rad), length (m)."""

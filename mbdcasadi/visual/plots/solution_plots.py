@@ -123,7 +123,7 @@ def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
             low, high = min(low, values.min()), max(high, values.max())
     margin = 0.04 * (high - low)
     axes.set_ylim(low - margin, high + margin)
-    dress(axes, symbol.label, name=True)
+    dress(axes, symbol.quantity, name=True)
 
 
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:
