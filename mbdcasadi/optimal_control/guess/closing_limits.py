@@ -29,7 +29,7 @@ RESUMABLE = (
     "Error_In_Step_Computation",
 )
 #: Iterations without limits, of a step in which limits close in, and of a least violation.
-FREE_ITERATIONS, CLOSING_ITERATIONS = 300, 150
+FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 300, 150, 300
 #: Share of its way below which a step in which limits close in is given up.
 SMALLEST_STEP = 1 / 8
 #: Power with which the remaining excess falls along the way: in the end it is small beside the limits.
@@ -151,7 +151,7 @@ class LimitSearch:
         """Solution from a motion that meets all demands, or the failure in words."""
         conflicting: list[tuple[Solution, dict[str, float]]] = []
         for guess in (nearest, self._second):
-            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess)
+            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
             total = sum(slacks.values())
             self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
