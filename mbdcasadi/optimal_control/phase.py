@@ -39,6 +39,8 @@ class Waypoint(Immutable):
         In any expression of the model; accelerations, reactions and inputs are
         those just before that time. Without conditions, a waypoint puts a mesh
         point at its time, for instance where an input jumps.
+    cost : expression, default 0
+        Added to the cost, with the values of that time.
 
     Examples
     --------
@@ -50,9 +52,10 @@ class Waypoint(Immutable):
 
     _symbolic = True
 
-    def __init__(self, time: Any, conditions: Any = ()):
+    def __init__(self, time: Any, conditions: Any = (), cost: Any = 0):
         self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = read_conditions(conditions)
+        self.cost = read_cost(cost, "cost of a waypoint")
 
     def __repr__(self) -> str:
         low, high = self.time

@@ -107,6 +107,7 @@ class OptimalControlProblem(Immutable):
         start = [] if isinstance(initial, State) else initial
         conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
         costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
+        costs += [w.cost for phase in self.phases for w in phase.waypoints]
         symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
         return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
 
@@ -137,7 +138,8 @@ class OptimalControlProblem(Immutable):
             named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(phase.waypoints, start=1)]
             for name, conditions in named:
                 self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
-            self._check_expressions(phase, {"running_cost": phase.running_cost}, placeholders=False)
+            costs = {f"cost of waypoint {k}": w.cost for k, w in enumerate(phase.waypoints, start=1)}
+            self._check_expressions(phase, {"running_cost": phase.running_cost, **costs}, placeholders=False)
         expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
         expressions |= {"terminal_cost": self.terminal_cost}
         self._check_placeholders(expressions)

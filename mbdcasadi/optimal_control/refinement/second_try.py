@@ -1,4 +1,4 @@
-"""Solutions that are no motions, solved again: on a finer mesh from where they are, and then from other guesses."""
+"""Solutions that are no motions, solved again: from other guesses if they jump, and on finer meshes."""
 
 from __future__ import annotations
 
@@ -38,40 +38,40 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     solution : Solution
         Solution that may jump to another branch of the linkage within an interval, or miss its next mesh point by far.
     guesses : iterable of callable
-        Make guesses, which are tried in turn on a finer mesh if the solution still jumps on a refined one.
+        Make guesses, which are tried in turn on a finer mesh if the solution jumps.
 
     Raises
     ------
     OptimizationError
         If all solutions jump to another branch.
     """
-    if branch_jump(solution) is None and _largest_error(solution) <= NO_MOTION:
+    jump, s = branch_jump(solution), solution.statistics
+    if jump is None and _largest_error(solution) <= NO_MOTION:
         return solution
-    refined = refine_if_coarse(solver, solution)[0]
-    stages = _stages_so_far(solution, refined)
-    found = refined if branch_jump(refined) is None else _from_guesses(solver, solution, guesses, stages)
+    what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
+    stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
+    # on a finer mesh a jump seldom leads to a motion, and at great cost
+    found = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
     if found is None:
-        refuse_branch_jump(refined)
-        raise AssertionError("a solution that jumps is refused")
-    tried = stages[len(solution.statistics.stages) + 1 :]
+        found = _refined(solver, solution, stages)
+        refuse_branch_jump(found)
     found.statistics = replace(
         found.statistics,
-        iterations=solution.statistics.iterations + sum(stage.iterations for stage in tried),
-        seconds=solution.statistics.seconds + sum(stage.seconds for stage in tried),
-        starts=solution.statistics.starts,
+        iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
+        seconds=s.seconds + sum(stage.seconds for stage in stages[len(s.stages) + 1 :]),
+        starts=s.starts,
         stages=stages,
     )
     return found
 
 
-def _stages_so_far(solution: Solution, refined: Solution) -> list[Stage]:
-    """Stages of a solution that is no motion, that solution itself, and its refinement if there was one."""
-    jump, s, r = branch_jump(solution), solution.statistics, refined.statistics
-    what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
-    stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
+def _refined(solver: Solver, solution: Solution, stages: list[Stage]) -> Solution:
+    """The solution on a mesh that is refined where it is coarse; the same one if that does not succeed."""
+    before, refined = solution.statistics, refine_if_coarse(solver, solution)[0]
     if refined is not solution:
-        stages.append(Stage("refined mesh", r.iterations - s.iterations, r.status, r.seconds - s.seconds))
-    return stages
+        r = refined.statistics
+        stages.append(Stage("refined mesh", r.iterations - before.iterations, r.status, r.seconds - before.seconds))
+    return refined
 
 
 def _from_guesses(
