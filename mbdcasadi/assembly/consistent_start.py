@@ -93,7 +93,7 @@ def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q:
 
 
 def _remedy(state: State, eom: Equations, *, closed: bool) -> str:
-    """What makes a state consistent: an impact if bodies move apart at joints that their mechanism does not have."""
+    """Remedy for an inconsistent state, in words: an impact if bodies part at joints that are new to them."""
     if not closed or state.mechanism is eom.mechanism:
         return "use assemble to make it consistent"
     return (
@@ -111,7 +111,7 @@ def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None
     numeric : NumericEquations
         Equations of the mechanism.
     angular : numpy.ndarray of bool, optional
-        Which of other rows are angles.
+        True for those of the other rows that are angles.
     """
     length = numeric.scale.length
     rows = numeric.eom.angular_rows[numeric.eom.position_rows] if angular is None else angular

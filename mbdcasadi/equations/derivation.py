@@ -56,7 +56,7 @@ class Equations:
     Attributes
     ----------
     mechanism : Mechanism
-        What they were derived from.
+        Mechanism from which they were derived.
     t, q, v, a, z, lam, u, p : casadi.SX
         Time; coordinates ``[x, y, phi]`` by body and then those without inertia
         (n,); their rates; first-order states (k,); multipliers (m,); inputs; parameters.
@@ -80,7 +80,7 @@ class Equations:
     coordinate_names, row_names : tuple of str
         Names of the entries of `q` and of the rows (joints in order, then drivers).
     position_rows : numpy.ndarray of int
-        Which rows are position constraints; all of them, unless there are velocity-level rows.
+        Indices of the rows that are position constraints; all of them, unless there are velocity-level rows.
 
     References
     ----------
@@ -128,18 +128,27 @@ class Equations:
         self.gamma = -(ca.jtimes(rate, self.q, self.v) + ca.jacobian(rate, self.t))
 
     def _collect_forces(self, elements: Sequence[Any]) -> None:
+        self.Q = self.generalised_forces(elements)
+        self.potential = sum((ca.SX(e.potential) for e in elements), ca.SX(0))
+        self.kinetic = 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
+
+    def generalised_forces(self, elements: Sequence[Any]) -> ca.SX:
+        """Return the generalised forces of some elements (n,)."""
         pairs = [pair for element in elements for pair in element.virtual_work]
         displacement = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(d)) for d, _ in pairs])
         force = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(f)) for _, f in pairs])
-        self.Q = ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
-        self.potential = sum((ca.SX(e.potential) for e in elements), ca.SX(0))
-        self.kinetic = 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
+        return ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
 
     # --- sizes and properties ------------------------------------------------------
     @property
     def symbols(self) -> tuple[ca.SX, ...]:
         """``(t, q, v, a, z, lam, u, p)``, the arguments of every compiled expression."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
+
+    @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of coordinates, velocities, accelerations, first-order states, multipliers and inputs."""
+        return tuple(symbols.numel() for symbols in (self.q, self.v, self.a, self.z, self.lam, self.u))
 
     @cached_property
     def _known(self) -> set[int]:

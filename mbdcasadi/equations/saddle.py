@@ -50,7 +50,7 @@ class SaddlePoint:
     force, gamma : casadi.SX
         Right sides (n,), (m,).
     angular : numpy.ndarray
-        Which rows are in rad (m,).
+        True for rows in rad (m,).
     """
 
     def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX, angular: np.ndarray):
@@ -132,7 +132,16 @@ def solve_redundant(
 
 
 def stabilised_dynamics(eom: Equations, *, augmentation: np.ndarray | None) -> ca.Function:
-    """Compile ``(t, q, v, z, u, p, rate) -> (a, lam)``: regularised, with drift that decays at a rate.
+    """Compile ``(t, q, v, z, u, p, rate) -> (a, lam)``: regularised, with drift that decays at a rate."""
+    rate = ca.SX.sym("rate")
+    a, lam = stabilised_solution(eom, eom.Q, rate, augmentation=augmentation)
+    return ca.Function("stabilised_dynamics", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate], [a, lam])
+
+
+def stabilised_solution(
+    eom: Equations, force: ca.SX, rate: ca.SX, *, augmentation: np.ndarray | None
+) -> tuple[ca.SX, ca.SX]:
+    """Return ``(a, lam)`` under generalised forces, regularised, with drift that decays at a rate.
 
     ``Phi_q a = gamma - 2 Ω (Phi_q v - nu) - Ω² Phi``. In a singular pose any
     drift of the velocities is divided by a singular value that passes through
@@ -143,13 +152,11 @@ def stabilised_dynamics(eom: Equations, *, augmentation: np.ndarray | None) -> c
     Baumgarte 1972; Bayo and Avello, "Singularity-free augmented Lagrangian
     algorithms for constrained multibody dynamics", Nonlinear Dynamics 5, 1994.
     """
-    rate = ca.SX.sym("rate")
     drift = ca.SX(eom.lam.numel(), 1)
     drift[[int(k) for k in eom.position_rows]] = eom.Phi
     gamma = eom.gamma - 2 * rate * (eom.Phi_q @ eom.v - eom.nu) - rate**2 * drift
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, eom.Q, gamma, eom.angular_rows)
-    a, lam = system.solution(augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
-    return ca.Function("stabilised_dynamics", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, rate], [a, lam])
+    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
+    return system.solution(augmentation=augmentation, redundant=True, refinements=REFINEMENTS)
 
 
 def forward_dynamics(

@@ -56,6 +56,9 @@ class Element(Immutable, HoldsSymbols):
     smoothings : tuple of Smoothing
         Quantities that change within a short time; a simulation warns if its steps jump over the change. If the
         element has a scalar ``gap`` too, a simulation does not step over a short closure.
+    apart : casadi.SX, optional
+        Of an element with a gap: scalar that costs little and is positive only if the gap is open. All its forces are
+        zero then, and are not evaluated.
     """
 
     kind: ClassVar[str] = "element"
@@ -85,6 +88,11 @@ class Element(Immutable, HoldsSymbols):
     def smoothings(self) -> tuple[Smoothing, ...]:
         """Quantities that change within a short time."""
         return ()
+
+    @property
+    def apart(self) -> ca.SX | None:
+        """Expression that is positive only if the element's gap is open; None if there is none."""
+        return None
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -240,7 +248,7 @@ class ConstraintElement(Element):
         -------
         Impulse
             ``.force`` (N s), ``.torque`` (N m s), ``.force_in_joint`` as expressions; they have values in
-            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase and in ``boundary=``.
+            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase.
         """
         self._refuse_other(body)
         return Impulse(self, body)

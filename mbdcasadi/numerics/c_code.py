@@ -74,11 +74,12 @@ OPERATIONS: dict[str, str] = {
     "HYPOT": "hypot({x}, {y})",
     "REMAINDER": "remainder({x}, {y})",
 }
-#: What a tape holds beside the operations.
+#: Entries of a tape beside the operations.
 CONSTANT, INPUT, OUTPUT = 0, 1, 2
 _CODES = {getattr(ca, f"OP_{name}"): code for code, name in enumerate(OPERATIONS, start=3)}
 _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
 _TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
+_OPERATIONS = {code: operation for operation, code in _CODES.items()}
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 
 #: Parameters of every function that is written.
@@ -164,6 +165,12 @@ def tape_of(function: ca.Function) -> Tape:
             operands = function.instruction_input(k)
             row[:] = code, function.instruction_output(k)[0], operands[0], operands[-1]
     return Tape(function, instructions, np.array(constants), function.sz_w())
+
+
+def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
+    """Return the result of an operation of a tape on expressions."""
+    operation = _OPERATIONS[code]
+    return ca.SX.binary(operation, first, second) if "{y}" in _TEMPLATES[code] else ca.SX.unary(operation, first)
 
 
 def simplified(function: ca.Function) -> ca.Function:

@@ -11,6 +11,7 @@ from ..numerics.console import keyboard_interrupts
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
+from .checks.closings import warn_of_closings
 from .guess.parameter_continuation import by_continuation, read_continuation
 from .nlp.held_limits import warn_of_passed_limits
 from .nlp.solver import BestSoFar
@@ -97,7 +98,8 @@ def optimize(
     Warns
     -----
     MechanismWarning
-        If a contact of the solution would have to pull, or an element leaves its range of validity; if a path limit
+        If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
+        if what closes at the end of one has passed through its place before, or a foothold pulls; if a path limit
         is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse for
         the motion that was found (not checked if ``guess=`` is a solution).
     """
@@ -122,6 +124,7 @@ def optimize(
             if accuracy is None and not isinstance(guess, Solution | Shifted):
                 warn_of_coarse_mesh(solution)
             warn_of_passed_limits(solution)
+            warn_of_closings(solution)
             for part in solution.phases:
                 if validity_conditions(part.phase.mechanism):
                     report_validity(part.trajectory)

@@ -140,15 +140,12 @@ class _Attempt:
     def as_motion(self, solution: Solution) -> Solution:
         """Return a solution that is a motion, solved again if this one jumps to another branch of the linkage."""
         makes: list[Callable[[], Guess]] = [partial(at_rest, self.solver)]
-        if self._detour is not None:
-            makes += [self._detour] * DETOURS
+        makes += [self._detour] * DETOURS
         return as_motion(self.solver, solution, [*makes, lambda: self.candidates[0]])
 
     @cached_property
-    def _detour(self) -> Callable[[], Guess] | None:
-        """Makes guesses with random detours; None for several phases."""
-        if len(self.solver.setups) > 1:
-            return None
+    def _detour(self) -> Callable[[], Guess]:
+        """Makes guesses with random detours."""
         return partial(random_detour, self.solver, np.random.default_rng(0))
 
 

@@ -6,28 +6,40 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
+from ..equations.batches import Values
 from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import shifted
+from ..equations.saddle import SaddlePoint, shifted
+from ..integrators.dop853.code import Written
 from ..integrators.dop853.stretch import ExplicitSystem
+from ..numerics.c_code import SIGNATURE, simplified, tape_of
+from .compiled_elements import RepeatedElements, repeated_elements
 from .singular_passage import has_loops
+from .watched_terms import WatchedTerms
 
 
-def dynamics_of(numeric: NumericEquations) -> ca.Function:
+def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
     """``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``; made once for a mechanism.
 
     The regularity is the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to its
     diagonal (with light bodies, that of ``Phi_q Phi_q^T``); 1 if no pose is singular.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    redundant : bool
+        True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
     eom = numeric.eom
-    key = ("explicit dynamics", numeric.light_key)
-    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric))
+    key = ("explicit dynamics", numeric.light_key, redundant)
+    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric, redundant))
 
 
-def _dynamics(numeric: NumericEquations) -> ca.Function:
+def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
     eom = numeric.eom
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, lam = numeric.forward_dynamics(redundant=False)(*known)
+    a, lam = numeric.forward_dynamics(redundant=redundant)(*known)
     rates = ca.substitute(eom.z_rate, ca.vertcat(eom.a, eom.lam), ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
     return ca.Function("dynamics", known, [a, ca.densify(rates), lam, _regularity(numeric)])
 
@@ -37,7 +49,7 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
     if not eom.lam.numel() or not has_loops(eom):
         return ca.SX(1)
     inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
-    schur = eom.Phi_q @ ca.diag(inverse) @ eom.Phi_q.T
+    schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
     pivots, _, order = ca.ldl(schur)
     return ca.mmin(ca.densify(pivots) / ca.densify(ca.diag(schur))[list(order)])
 
@@ -55,7 +67,8 @@ def _projection(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("weights", eom.q.numel())
     rows = [int(k) for k in eom.position_rows]
     inverse = ca.diag(1 / weights)
-    schur = eom.Phi_q @ inverse @ eom.Phi_q.T
+    over = inverse @ eom.Phi_q.T
+    schur = eom.Phi_q @ over
     loops = has_loops(eom)
 
     def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
@@ -67,14 +80,14 @@ def _projection(eom: Equations) -> ca.Function:
         whole = len(rows) == eom.lam.numel()
         factors = factorised(schur, eom.angular_rows)
         own = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
-        q = q - inverse @ eom.Phi_q[rows, :].T @ ca.ldl_solve(ca.densify(eom.Phi), *own)
+        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *own)
     elif eom.lam.numel():
         factors = factorised(schur, eom.angular_rows)
     if eom.lam.numel():
         there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
         phi, jacobian, nu = there(eom.t, q, eom.p)
         for _ in range(2):  # the second removes the rounding of the first
-            v = v - inverse @ jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors)
+            v = v - inverse @ (jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
     results = [ca.densify(q), ca.densify(v), left]
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
@@ -91,7 +104,7 @@ def input_of(eom: Equations, signals: Signals) -> ca.Function:
     return eom.mechanism.cache.get_or_create(("explicit input", signals.structure), make)[0]
 
 
-def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.SX | None = None) -> ExplicitSystem:
+def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None = None) -> ExplicitSystem:
     """Return the system of a run.
 
     Parameters
@@ -100,12 +113,75 @@ def explicit_system(numeric: NumericEquations, signals: Signals, integrands: ca.
         Equations at the parameters of the run.
     signals : Signals
         Inputs.
-    integrands : casadi.SX, optional
-        What is integrated along; the same in every run of a mechanism that has some.
+    terms : WatchedTerms, optional
+        Integrands along the motion, among others; the same in every run of a mechanism that has some.
     """
     eom = numeric.eom
-    content = ca.SX(0, 1) if integrands is None else ca.densify(integrands)
-    quadrature = eom.mechanism.cache.get_or_create(
-        ("explicit quadrature", integrands is None), lambda: ca.Function("quadrature", list(eom.symbols), [content])
-    )
-    return ExplicitSystem(input_of(eom, signals), dynamics_of(numeric), quadrature, projection_of(eom))
+
+    def quadrature() -> ca.Function:
+        content = ca.SX(0, 1) if terms is None else ca.densify(terms.rates)
+        return ca.Function("quadrature", list(eom.symbols), [content])
+
+    cache = eom.mechanism.cache
+    integrals = cache.get_or_create(("explicit quadrature", terms is None), quadrature)
+    repeated = None if terms is None else repeated_elements(terms)
+    written = None
+    if repeated is not None:
+        key = ("explicit code with loops", numeric.light_key)
+        written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated))
+    return ExplicitSystem(input_of(eom, signals), dynamics_of(numeric), integrals, projection_of(eom), written)
+
+
+def _with_loops(numeric: NumericEquations, repeated: RepeatedElements) -> Written:
+    """Dynamics and quadrature in C, with loops over elements that are many of a kind."""
+    eom, values = numeric.eom, repeated.terms.values
+    force = ca.SX.sym("Q", eom.q.numel())
+    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
+    a, lam = system.solution(augmentation=numeric.augmentation)
+    unknown = ca.vertcat(eom.a, eom.lam)
+    rates = ca.substitute(eom.z_rate, unknown, ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
+    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    functions = [
+        ca.Function("solve", [*known, force], [a, ca.densify(rates), lam, _regularity(numeric)]),
+        repeated.rest,
+        ca.Function("rates_of_states", list(eom.symbols), [ca.densify(eom.z_rate)]),
+    ]
+    tapes = [tape_of(simplified(function)) for function in functions]
+    loops, work = repeated.loops
+    work = max(work, *(tape.work_in_c for tape in tapes))
+    n, size, states = eom.q.numel(), values.size, eom.z.numel()
+    shared = "\n".join([loops, *(tape.as_c for tape in tapes)])
+    dynamics = f"""int dynamics({SIGNATURE}) {{
+  double *column = w, *force = w + {size}, *rest = force + {n}, *work = rest + {n};
+  for (int i = 0; i < {size}; ++i) column[i] = 0;
+{_filled(values, "t", "q", "v", "z", "u", "p")}
+  {{ const double* in[] = {{column}}; double* out[] = {{force}}; forces(in, out, iw, work, mem); }}
+  {{ const double* in[] = {{arg[0], arg[1], arg[2], arg[3], 0, arg[4], arg[5]}}; double* out[] = {{rest}};
+    rest_of_forces(in, out, iw, work, mem); }}
+  for (int i = 0; i < {n}; ++i) force[i] += rest[i];
+  const double* in[] = {{arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], force}};
+  return solve(in, res, iw, work, mem);
+}}
+"""
+    quadrature = f"""int quadrature({SIGNATURE}) {{
+  double *column = w, *work = w + {size + states};
+{_filled(values, "t", "q", "v", "a", "z", "lam", "u", "p")}
+  double* out[] = {{column + {values.start("z_rate")}}};
+  rates_of_states(arg, out, iw, work, mem);
+  column[{size - 2}] = 0; column[{size - 1}] = 1;
+  const double* in[] = {{column}};
+  return rates(in, res, iw, work, mem);
+}}
+"""
+    bodies = {"dynamics": (dynamics, size + 2 * n + work), "quadrature": (quadrature, size + states + work)}
+    return Written(shared, bodies, repeated.size + sum(tape.size for tape in tapes), repeated.watch_by)
+
+
+def _filled(values: Values, *groups: str) -> str:
+    """Lines of C that put arguments into a column of values, and the rates that are known."""
+    lines = [
+        f"  for (int i = 0; i < {values.count(group)}; ++i) column[{values.start(group)} + i] = arg[{k}][i];"
+        for k, group in enumerate(groups)
+        if values.count(group)
+    ]
+    return "\n".join(lines)

@@ -6,17 +6,14 @@ bound of these, by halving intervals until a gap is seen to close or cannot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..model.mechanism import Mechanism
-from ..model.rates import time_derivative
 from .path import Path, hermite_states
+from .watched_terms import WatchedTerms
 
 #: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.
 SHALLOW = 1e-9
@@ -51,16 +48,6 @@ class Closing:
     depth: float
 
 
-def has_gap(element: Any) -> bool:
-    """True if an element is a contact, a stop or a rope."""
-    return hasattr(element, "gap") and bool(getattr(element, "smoothings", ()))
-
-
-def has_gaps(mechanism: Mechanism) -> bool:
-    """True if a mechanism has contacts or stops, which an integrator may jump over."""
-    return any(has_gap(element) for element in mechanism.elements)
-
-
 class GapClosings:
     """Watches the gaps of a mechanism along the paths of a run.
 
@@ -68,57 +55,36 @@ class GapClosings:
     ----------
     numeric : NumericEquations
         Equations at the parameters of the run.
-    owners : sequence of Element
-        Contacts and stops, with gaps in coordinates, parameters and time.
+    terms : WatchedTerms
+        Their gaps, in coordinates, parameters and time.
     """
 
-    def __init__(self, numeric: NumericEquations, owners: Sequence[Any]):
-        self._numeric, self.owners = numeric, list(owners)
-        cache = numeric.eom.mechanism.cache
-        self.gaps, self._slopes, self._function = cache.get_or_create(("gaps", *owners), self._functions)
+    def __init__(self, numeric: NumericEquations, terms: WatchedTerms):
+        self._numeric, self._terms, self.owners = numeric, terms, terms.owners
 
-    def _functions(self) -> tuple[ca.SX, ca.Function, ca.Function]:
-        """Gaps, and functions for their slopes and for them with their rates and bounds of these."""
-        eom = self._numeric.eom
-        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self.owners])
-        rates = time_derivative(gaps, eom.mechanism) if gaps.numel() else gaps
-        bounds = self._bounds(gaps) if gaps.numel() else gaps
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        slopes = ca.Function("slopes", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(gaps, eom.q))])
-        return gaps, slopes, ca.Function("gaps", known, [ca.densify(ca.vertcat(gaps, rates, bounds))])
-
-    def _bounds(self, gaps: ca.SX) -> ca.SX:
-        """Bounds of the rates whatever direction the velocities have: the normals may turn between two outputs."""
-        eom, slopes = self._numeric.eom, ca.jacobian(gaps, self._numeric.eom.q)
-        bound = ca.fabs(ca.jacobian(gaps, eom.t))
-        for k in range(len(eom.mechanism.bodies)):
-            place, speed = slopes[:, 3 * k : 3 * k + 2], eom.v[3 * k : 3 * k + 2]
-            bound += ca.sqrt(ca.sum2(place**2)) * ca.sqrt(ca.sumsqr(speed))
-            bound += ca.fabs(slopes[:, 3 * k + 2] * eom.v[3 * k + 2])
-        for k in range(3 * len(eom.mechanism.bodies), eom.q.numel()):
-            bound += ca.fabs(slopes[:, k] * eom.v[k])
-        return bound
-
-    def _at(self, path: Path, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gaps, their rates and bounds of these on a path, each (k, n)."""
+    def _table(self, path: Path, times: np.ndarray) -> np.ndarray:
+        """Values on a path that the terms take (size, k)."""
         n = self._numeric.eom.q.numel()
-        x = hermite_states(path, times, n)
-        q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-        values = self._function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
-        gaps, rates, bounds = np.split(values, 3, axis=1)
-        return gaps, rates, bounds
+        return self._terms.table(times, hermite_states(path, times, n), self._numeric.p)
 
-    def unseen(self, path: Path, closed: np.ndarray) -> list[Closing]:
+    def _of(self, owner: int, path: Path, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A gap and its rate on a path, each (k,)."""
+        gaps, rates, _ = self._terms.gaps(self._table(path, times), np.full(times.size, owner))
+        return gaps, rates
+
+    def unseen(self, path: Path, known: tuple[np.ndarray, np.ndarray, np.ndarray], closed: np.ndarray) -> list[Closing]:
         """Gaps that close on a path in intervals in which no step found them closed; the first of each gap.
 
         Parameters
         ----------
+        known : tuple of numpy.ndarray
+            Gaps, their rates and bounds of these at the times of the path, each (k + 1, n).
         closed : numpy.ndarray
             For how long the steps found each gap closed, by interval (k, n), s.
         """
         if not self.owners or path.times.size < 2:
             return []
-        gaps, rates, bounds = self._at(path, path.times)
+        gaps, rates, bounds = known
         length = np.diff(path.times)[:, None]
         reachable = gaps[:-1] + gaps[1:] < SAFETY * np.maximum(bounds[:-1], bounds[1:]) * length
         # what is closed where an interval begins was seen before
@@ -140,7 +106,7 @@ class GapClosings:
             if not brackets.owner.size:
                 break
             middle = (brackets.start + brackets.end) / 2
-            values = [part[np.arange(middle.size), brackets.owner] for part in self._at(path, middle)]
+            values = self._terms.gaps(self._table(path, middle), brackets.owner)
             for k in np.flatnonzero(values[0] < -SHALLOW):
                 owner = int(brackets.owner[k])
                 if middle[k] < spans.get(owner, (np.inf,))[0]:
@@ -160,20 +126,13 @@ class GapClosings:
         """
         # deeper and deeper on the path, until the force would stop the outlines in the time that has passed
         since = closing.spell * GROWTH
-        pull = np.abs(np.einsum("kn,kn->k", self._slopes_at(path, closing), accelerations(path, closing.time + since)))
-        speed = abs(self._at(path, np.array([closing.time]))[1][0, closing.owner])
+        slopes = self._terms.gradient(closing.owner, self._table(path, closing.time + since))
+        pull = np.abs(np.einsum("kn,kn->k", slopes, accelerations(path, closing.time + since)))
+        speed = abs(self._of(closing.owner, path, np.array([closing.time]))[1][0])
         stopped = pull * since > speed
         stopping = since[max(int(np.argmax(stopped)) - 1, 0)] if np.any(stopped) else since[-1]
         step = float(stopping) / PARTS
         return closing.time + step * np.arange(1, PARTS * TIMES + 1)
-
-    def _slopes_at(self, path: Path, closing: Closing) -> np.ndarray:
-        """Gradients of a gap by the coordinates at the times after its closing (k, n)."""
-        times = closing.time + closing.spell * GROWTH
-        n = self._numeric.eom.q.numel()
-        q = hermite_states(path, times, n)[:, :n]
-        slopes = self._slopes(times[None, :], q.T, self._numeric.p).full()
-        return slopes.reshape(len(self.owners), times.size, n)[closing.owner]
 
     def _located(self, path: Path, owner: int, inside: float, before: float) -> Closing:
         """Closing of a gap from a time at which it is closed, and one before."""
@@ -182,18 +141,18 @@ class GapClosings:
             middle = (opened + inside) / 2
             if not opened < middle < inside:
                 break
-            if self._at(path, np.array([middle]))[0][0, owner] > 0:
+            if self._of(owner, path, np.array([middle]))[0][0] > 0:
                 opened = middle
             else:
                 inside = middle
         end = path.times[np.searchsorted(path.times, inside, side="right").clip(max=path.times.size - 1)]
         ahead = np.linspace(inside, end, 257)[1:]
-        gaps = self._at(path, ahead)[0][:, owner]
+        gaps = self._of(owner, path, ahead)[0]
         shut = int(np.argmax(gaps >= 0)) if np.any(gaps >= 0) else gaps.size - 1
         spell = float(ahead[shut] - opened)
         depth = float(-np.min(gaps[: shut + 1], initial=0.0))
         # a little before: what ends in the contact by rounding has seen its force
-        speed = abs(self._at(path, np.array([opened]))[1][0, owner])
+        speed = abs(self._of(owner, path, np.array([opened]))[1][0])
         margin = min(2 * SHALLOW / speed, (opened - before) / 2) if speed else 0.0
         return Closing(owner, opened - margin, spell + margin, depth)
 

@@ -16,11 +16,11 @@ class Path:
     times, x : numpy.ndarray
         Start and outputs (k + 1,), (k + 1, n_x).
     integrals : numpy.ndarray
-        What was integrated along, by interval (k, n).
+        Integrals over each interval (k, n).
     on_constraints : bool
-        Whether the states are on the constraints.
+        True if the states are on the constraints.
     is_regular : bool
-        Whether the integrator has seen that no pose on it is near to a singular one.
+        True if the integrator has seen that no pose on it is near to a singular one.
     """
 
     times: np.ndarray
@@ -32,6 +32,8 @@ class Path:
     def until(self, time: float) -> Path:
         """The part of it up to a time."""
         count = int(np.searchsorted(self.times, time, side="right"))
+        if count == self.times.size:
+            return self
         return replace(self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)])
 
 

@@ -13,17 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-import casadi as ca
 import numpy as np
 
-from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
-from ..model.rates import time_derivative
-from ..model.validity import Smoothing
-from ..results.validity import validity_conditions
-from .gap_closings import GapClosings, has_gap
+from .gap_closings import Closing, GapClosings
 from .path import Path
+from .watched_terms import WatchedTerms
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).
@@ -60,43 +56,26 @@ class _Finding:
         return f"at t = {self.times[0]:.6g} s{also}"
 
 
-class _Terms:
-    """What is smoothed in a mechanism, as functions; made once for it.
+@dataclass(frozen=True, eq=False)
+class _Course:
+    """Watched quantities at the times of a path.
 
     Attributes
     ----------
-    smoothings, owners, validity : list
-        Smoothed quantities, elements with gaps, and conditions that hold between outputs too.
-    normal : list of int
-        Place among the smoothings of the normal force of each owner.
-    rates : casadi.SX
-        What the integrator is to integrate along (n,).
-    courses, approach, at_limit : casadi.Function
-        ``(t, q, v, z, p) ->`` smoothed quantities and their scales, gaps and their rates, limits of the conditions.
+    path : Path
+        The path.
+    gaps, rates, bounds : numpy.ndarray
+        Gaps, their rates, and bounds of these (k, owners).
+    smoothed, scales : numpy.ndarray
+        Smoothed quantities, and their loads (k, smoothings).
     """
 
-    def __init__(self, eom: Equations):
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-        elements = eom.mechanism.elements
-        offered = [s for element in elements for s in getattr(element, "smoothings", ())]
-        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        self.smoothings: list[Smoothing] = [s for s in offered if not ca.depends_on(s.expression, unknown)]
-        self.owners = [e for e in elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
-        self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
-        self.validity = [c for c in validity_conditions(eom.mechanism) if c.between_outputs]
-        gaps = ca.vertcat(ca.SX(0, 1), *[e.gap for e in self.owners])
-        courses = ca.vertcat(ca.SX(0, 1), *[s.expression for s in self.smoothings])
-        scales = ca.vertcat(ca.SX(0, 1), *[1 if s.scale is None else s.scale for s in self.smoothings])
-        margins = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self.validity])
-        reported = ca.vertcat(ca.SX(0, 1), *[c.reported for c in self.validity])
-        # the integral of the speed of what a condition reports, while it is broken, is twice the excess
-        excess = ca.if_else(margins < 0, ca.fabs(time_derivative(reported, eom.mechanism)), 0)
-        slopes = [time_derivative(courses, eom.mechanism), ca.fabs(time_derivative(scales, eom.mechanism))]
-        self.rates = ca.cse(ca.vertcat(*slopes, ca.if_else(gaps < 0, 1.0, 0.0), excess))
-        approach = ca.vertcat(gaps, time_derivative(gaps, eom.mechanism)) if gaps.numel() else gaps
-        self.courses = ca.Function("courses", known, [ca.densify(ca.vertcat(courses, scales))])
-        self.approach = ca.Function("approach", known, [ca.densify(approach)])
-        self.at_limit = ca.Function("at_limit", known, [ca.densify(reported + margins)])
+    path: Path
+    gaps: np.ndarray
+    rates: np.ndarray
+    bounds: np.ndarray
+    smoothed: np.ndarray
+    scales: np.ndarray
 
 
 class Resolution:
@@ -109,21 +88,20 @@ class Resolution:
 
     Attributes
     ----------
-    rates : casadi.SX
-        What the integrator is to integrate along (n,).
+    terms : WatchedTerms
+        Watched quantities, among them integrands along the motion.
     """
 
     def __init__(self, numeric: NumericEquations):
         self._numeric = numeric
         eom = numeric.eom
-        terms = eom.mechanism.cache.get_or_create("resolution", lambda: _Terms(eom))
+        self.terms = terms = eom.mechanism.cache.get_or_create("watched terms", lambda: WatchedTerms(eom))
         self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
-        self._validity, self._at_limit = terms.validity, terms.at_limit
-        self._courses, self._approach = terms.courses, terms.approach
-        self.rates = terms.rates
-        self._closings = GapClosings(numeric, self._owner)
+        self._validity = terms.validity
+        self._closings = GapClosings(numeric, terms)
         owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
         self._gap_of = [owners.get(id(s)) for s in self._smoothings]
+        self._last: _Course | None = None
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
         self._is_load = np.array([s.scale is not None for s in self._smoothings], dtype=bool)
@@ -134,7 +112,7 @@ class Resolution:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether there are outlines that may meet."""
+        """True if there are outlines that may meet."""
         return bool(self._owner)
 
     def first_touch(
@@ -156,11 +134,25 @@ class Resolution:
         """
         if not self._owner or path.times.size < 2:
             return None
-        first = min(self._closings.unseen(path, self._closed(path)), key=lambda c: c.time, default=None)
+        first = min(self._unseen(path), key=lambda c: c.time, default=None)
         blow = min(self._blows(path), default=np.inf)
         if first is not None and first.time <= blow:
             return first.time, self._closings.stops(path, first, accelerations)
         return None if np.isinf(blow) else (blow, np.zeros(0))
+
+    def _course(self, path: Path) -> _Course:
+        """What is watched along a path; of the last one it is known."""
+        if self._last is None or self._last.path is not path:
+            table = self.terms.table(path.times, path.x, self._numeric.p)
+            gaps = self.terms.gaps(table)
+            smoothed = np.split(self.terms.courses(table, gaps[0]), 2, axis=1)
+            self._last = _Course(path, *gaps, *smoothed)
+        return self._last
+
+    def _unseen(self, path: Path) -> list[Closing]:
+        """Gaps that close between the steps of a path alone."""
+        course = self._course(path)
+        return self._closings.unseen(path, (course.gaps, course.rates, course.bounds), self._closed(path))
 
     def _closed(self, path: Path) -> np.ndarray:
         """For how long the steps found each gap closed, by interval (k, n), s."""
@@ -171,7 +163,7 @@ class Resolution:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
         lengths = np.diff(path.times)
         missed, seen = (part[:, self._normal] for part in self._followed(path))
-        gaps, rates = np.split(self._at(self._approach, path.times, path.x), 2, axis=1)
+        gaps, rates = self._course(path).gaps, self._course(path).rates
         found = []
         for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
             bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
@@ -196,26 +188,26 @@ class Resolution:
         reltol, abstol : float
             Tolerances of the integrator.
         """
-        if not self.rates.numel() or path.times.size < 2:
+        if not self.terms.size or path.times.size < 2:
             return
         if self._smoothings:
             missed, seen = self._followed(path)
             self._acquit(path, missed, seen, way_from, reltol, abstol)
             self._blocks.append((path.times[1:], np.diff(path.times), missed, seen))
-        for closing in self._closings.unseen(path, self._closed(path)):
+        for closing in self._unseen(path):
             self._passed.setdefault(closing.owner, _Finding()).add(closing.time, closing.depth, closing.spell)
         if self._validity:
             excess = path.integrals[:, 2 * len(self._smoothings) + len(self._owner) :] / 2
-            limits = self._at(self._at_limit, path.times[:1], path.x[:1])
+            limits = self.terms.at_limit(self.terms.table(path.times[:1], path.x[:1], self._numeric.p))
             self._excesses.append((path.times, excess, limits))
 
     def _followed(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """By how much the steps of each interval miss the change of what is smoothed, and the size of its load."""
         n = len(self._smoothings)
-        courses = self._at(self._courses, path.times, path.x)
-        missed = np.abs(np.diff(courses[:, :n], axis=0) - path.integrals[:, :n])
+        course = self._course(path)
+        missed = np.abs(np.diff(course.smoothed, axis=0) - path.integrals[:, :n])
         missed[self._open(path)] = 0.0
-        size = np.abs(courses[:, n:])
+        size = np.abs(course.scales)
         return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
 
     def _acquit(
@@ -258,7 +250,7 @@ class Resolution:
         if not self._owner:
             return found
         lengths = np.diff(path.times)[:, None]
-        gaps, rates = np.split(self._at(self._approach, path.times, path.x), 2, axis=1)
+        gaps, rates = self._course(path).gaps, self._course(path).rates
         fastest = np.maximum(np.abs(rates[:-1]), np.abs(rates[1:]))
         # no blow between the ends: the gap changes as its rates say, and does not turn
         smooth = np.abs(np.diff(gaps, axis=0) - lengths * (rates[:-1] + rates[1:]) / 2) <= SMOOTH * lengths * fastest
@@ -268,11 +260,6 @@ class Resolution:
             if owner is not None:
                 found[:, k] = is_open[:, owner]
         return found
-
-    def _at(self, function: ca.Function, times: np.ndarray, x: np.ndarray) -> np.ndarray:
-        n = self._numeric.eom.q.numel()
-        q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-        return function(times[None, :], q.T, v.T, z.T, self._numeric.p).full().T
 
     def sentences(self, reltol: float, abstol: float) -> list[str]:
         """Remarks on a run with the tolerances of its integrator; one sentence for each element."""

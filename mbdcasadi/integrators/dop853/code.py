@@ -5,11 +5,13 @@ from __future__ import annotations
 import ctypes
 import threading
 import time
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
+import numpy as np
 
 from ...numerics.c_code import Tape, simplified, tape_of
 from . import build
@@ -33,6 +35,28 @@ def package_version() -> str:
         return "unknown"
 
 
+@dataclass(frozen=True, eq=False)
+class Written:
+    """C code of functions that is written otherwise than from their instructions: with loops.
+
+    Attributes
+    ----------
+    shared : str
+        What stands before them.
+    bodies : mapping
+        By the name of a function its definition, and the length of the work array that it needs.
+    size : int
+        Number of instructions.
+    opened : callable, optional
+        Called with the path of the library, which holds the shared functions too.
+    """
+
+    shared: str
+    bodies: Mapping[str, tuple[str, int]]
+    size: int
+    opened: Callable[[str], None] | None = None
+
+
 class Code:
     """Some functions, interpreted at first, and compiled together once that pays.
 
@@ -43,6 +67,8 @@ class Code:
     ----------
     functions : sequence of casadi.Function
         ``SX`` functions.
+    written : Written, optional
+        Code of some of them. These are not interpreted, so that all must be compiled.
 
     Attributes
     ----------
@@ -51,7 +77,7 @@ class Code:
     spent : float
         Time that interpreting them has taken so far, s.
     said : str
-        How they were compiled, or why not.
+        Compiler and time, or the reason for which they are not compiled, in words.
 
     Raises
     ------
@@ -59,20 +85,22 @@ class Code:
         For a function that is not written as C.
     """
 
-    def __init__(self, functions: Sequence[ca.Function]):
-        self.functions = [simplified(f) for f in functions]
-        self.tapes: list[Tape] = [tape_of(f) for f in self.functions]
+    def __init__(self, functions: Sequence[ca.Function], written: Written | None = None):
+        bodies = {} if written is None else written.bodies
+        self._written = written
+        self.functions = [f if f.name() in bodies else simplified(f) for f in functions]
+        self.tapes: list[Tape] = [_no_tape(f) if f.name() in bodies else tape_of(f) for f in self.functions]
         self.library: ctypes.CDLL | None = None
         self.spent = 0.0
         self.said = ""
         self._given_up = False
-        self._looked_for = ""
+        self._looked_for: tuple[build.Compiler, str] | None = None
         self._lock = threading.Lock()
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of instructions."""
-        return sum(tape.size for tape in self.tapes)
+        return sum(tape.size for tape in self.tapes) + (0 if self._written is None else self._written.size)
 
     @property
     def price(self) -> float:
@@ -88,15 +116,17 @@ class Code:
 
     def look_for_library(self, using: build.Compiler) -> None:
         """Open the library if it was built before."""
-        key = self._key(using)
-        if self.library is None and self._looked_for != key:
-            self._looked_for = key
-            self.library = build.find(key)
+        if self.library is not None or not self.size:
+            return
+        place = using, str(build.cache_folder())
+        if self._looked_for != place:
+            self._looked_for = place
+            self.library = build.find(self._key(using))
             if self.library is not None:
                 self.said = "compiled equations, kept from before"
 
     def pays(self, coming: float) -> bool:
-        """Whether compiling pays before interpreting them for so many seconds more."""
+        """Return True if compiling pays before interpreting them for so many seconds more."""
         waits = self.library is None and not self._given_up
         return waits and SAVED * (self.spent + coming) > self.price
 
@@ -106,16 +136,29 @@ class Code:
             if self.library is not None or self._given_up:
                 return
             began = time.perf_counter()
-            parts = ["#include <math.h>\n", *(tape.as_c for tape in self.tapes)]
-            parts += [f"const long long {t.function.name()}_work = {t.work_in_c};\n" for t in self.tapes]
             try:
-                self.library = build.build(self._key(using), "\n".join(parts), OPTIMISATION, using)
+                self.library = build.build(self._key(using), self._source(), OPTIMISATION, using)
             except build.CompilationError as error:
                 self._given_up, self.said = True, f"interpreted equations: {error}"
                 return
             self.said = f"equations compiled by {using.name} in {time.perf_counter() - began:.2g} s"
 
+    def _source(self) -> str:
+        bodies = {} if self._written is None else self._written.bodies
+        parts = ["#include <math.h>\n", "" if self._written is None else self._written.shared]
+        for tape in self.tapes:
+            name = tape.function.name()
+            text, work = bodies[name] if name in bodies else (tape.as_c, tape.work_in_c)
+            parts += [text, f"const long long {name}_work = {work};\n"]
+        return "\n".join(parts)
+
     def _key(self, using: build.Compiler) -> str:
         if not hasattr(self, "_serialised"):
-            self._serialised = [f.serialize() for f in self.functions]
+            whole = self._written is None
+            self._serialised = [f.serialize() for f in self.functions] if whole else [self._source()]
         return build.key_of(FORMAT, package_version(), using.identity, OPTIMISATION, *build.FLAGS, *self._serialised)
+
+
+def _no_tape(function: ca.Function) -> Tape:
+    """A tape without instructions, of a function that is not interpreted."""
+    return Tape(function, np.zeros((0, 4), np.int32), np.zeros(0), 0)

@@ -62,7 +62,7 @@ class LimitSearch:
         Guess from which the solve failed.
     second : Guess
         Another one, from which violations are minimised besides.
-    detour : callable, optional
+    detour : callable
         Makes guesses with random detours.
     """
 
@@ -72,7 +72,7 @@ class LimitSearch:
         meshes: Sequence[Mesh],
         guess: Guess,
         second: Guess,
-        detour: Callable[[], Guess] | None = None,
+        detour: Callable[[], Guess],
     ):
         self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
         self._stages: list[Stage] = []
@@ -130,7 +130,7 @@ class LimitSearch:
 
     def _by_detours(self) -> Solution | None:
         """The first solution from a random detour; None if there is none."""
-        for guess in (self._detour() for _ in range(DETOURS)) if self._detour else ():
+        for guess in (self._detour() for _ in range(DETOURS)):
             solved = self._solved(guess, f"all limits, {guess.description}", DETOUR_ITERATIONS)
             if solved is not None:
                 return solved.point

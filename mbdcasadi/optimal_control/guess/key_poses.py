@@ -38,7 +38,7 @@ class KeyPoses:
     parameters : numpy.ndarray
         Values of the free parameters.
     found : bool
-        Whether all conditions on positions are met.
+        True if all conditions on positions are met.
     """
 
     starts: list[np.ndarray]

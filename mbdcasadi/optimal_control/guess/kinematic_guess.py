@@ -21,7 +21,7 @@ from ...errors import AssemblyError
 from ...model.conditions import Condition, stacked
 from ...model.symbols import Parameter
 from ...numerics.console import without_warnings
-from ...numerics.least_squares import largest
+from ...numerics.least_squares import largest, least_norm
 from ...numerics.newton import solve
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
@@ -234,8 +234,7 @@ def _coasting(
             jacobian, nu = numeric.velocity(place.t, q)
             slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
             residual = np.r_[jacobian @ v - nu, missing.ravel()]
-            scaled = np.vstack([jacobian, slope]) * numeric.column_scale
-            v = v - numeric.column_scale * np.linalg.lstsq(scaled, residual, rcond=1e-9)[0]
+            v = v - least_norm(np.vstack([jacobian, slope]), residual, numeric.column_scale**-2)
         poses.append(q)
     return poses
 

@@ -7,8 +7,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from .collocation_program import CollocationProgram
 from .limit_sides import Bounds, LimitSides
-from .motion_program import MotionProgram
 
 #: Weight of the distance from the guess, which leaves one of many motions without violation.
 NEARNESS = 1e-4
@@ -22,13 +22,13 @@ class ElasticProgram:
 
     Parameters
     ----------
-    program : MotionProgram
+    program : CollocationProgram
         The program.
     bounds : Bounds
         Its bounds.
     """
 
-    def __init__(self, program: MotionProgram, bounds: Bounds):
+    def __init__(self, program: CollocationProgram, bounds: Bounds):
         self.program, self._bounds = program, bounds
         sides = LimitSides(program, conditions=True).sides
         self.labels = list(sides)

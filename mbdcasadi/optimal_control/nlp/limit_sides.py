@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from .collocation_program import CollocationProgram
 from .limits import variable_bounds
-from .motion_program import MotionProgram
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class LimitSides:
 
     Parameters
     ----------
-    program : MotionProgram
+    program : CollocationProgram
         Program whose limits are meant.
     conditions : bool
         Whether conditions at places count, too, and equalities with both sides.
     """
 
-    def __init__(self, program: MotionProgram, *, conditions: bool = False):
+    def __init__(self, program: CollocationProgram, *, conditions: bool = False):
         self.sides: dict[str, Side] = {}
         throughout = [{c.label for c in (*p.phase.path, *p.limit_owners)} for p in program.phases]
         for k, row in enumerate(program.rows):

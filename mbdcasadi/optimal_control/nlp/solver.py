@@ -34,10 +34,10 @@ from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
 from .change import ChangeSetup, numeric_at
+from .collocation_program import CollocationProgram, Held
 from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from .limit_sides import Bounds, LimitSides
-from .motion_program import Held, MotionProgram
 from .setup import PhaseSetup, Settings, typical_duration
 from .solver_callback import SolverCallback
 from .start import check_start, first_state
@@ -122,7 +122,7 @@ class BestSoFar:
 class Beginning:
     """What a solve on a mesh begins with: program, guess, variables and data, scaled, bounds, and the time, s."""
 
-    program: MotionProgram
+    program: CollocationProgram
     meshes: Sequence[Mesh]
     guess: Guess
     iterate: Iterate | None
@@ -305,11 +305,11 @@ class Solver:
         return kinematic_path(self.problem, setup.phase, setup.numeric, self.start, setup.path.segment_times)
 
     # --- one mesh -------------------------------------------------------------------------
-    def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
+    def transcribe(self, meshes: Sequence[Mesh]) -> CollocationProgram:
         """Return the program for a number of intervals, made once and kept."""
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
         key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts, self.held
-        make = partial(MotionProgram, self.problem, self.setups, meshes, self.changes, self.held)
+        make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
     def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
@@ -524,7 +524,7 @@ class Solver:
         return answer, statistics, interruption.requested
 
     def _lent_solver(
-        self, program: MotionProgram, warmth: str, more: dict[str, Any]
+        self, program: CollocationProgram, warmth: str, more: dict[str, Any]
     ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
         """A compiled solver of a program, and its callback; options of the user prevail."""
         options = more | self.settings.options
@@ -586,14 +586,14 @@ def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:
     return State(phase.mechanism, t, q, v, a, eom.estimate[2], np.zeros(eom.lam.numel()), eom.input_values, p)
 
 
-def _rows(program: MotionProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+def _rows(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
     """Rows of a program at an iterate, scaled."""
     rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
     return rows
 
 
 def _make_solver(
-    program: MotionProgram, settings: dict[str, Any], options: dict[str, Any]
+    program: CollocationProgram, settings: dict[str, Any], options: dict[str, Any]
 ) -> tuple[ca.Function, SolverCallback]:
     """An IPOPT function and its callback; options of the user prevail."""
     callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)

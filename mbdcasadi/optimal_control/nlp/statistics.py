@@ -55,7 +55,7 @@ class Pass:
 
 
 @dataclass(frozen=True)
-class Step:
+class ContinuationStep:
     """One step of a continuation.
 
     Attributes
@@ -116,7 +116,7 @@ class SolveStatistics:
         Results of the starts if there were several.
     passes : list of Pass
         Meshes of the refinement.
-    steps : list of Step
+    steps : list of ContinuationStep
         Values of a continuation, including those inserted in between.
     stages : list of Stage
         Stages of a search with limits that close in, if the solver failed at first.
@@ -130,7 +130,7 @@ class SolveStatistics:
     rows: int
     starts: list[Start] = field(default_factory=list)
     passes: list[Pass] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    steps: list[ContinuationStep] = field(default_factory=list)
     stages: list[Stage] = field(default_factory=list)
 
 

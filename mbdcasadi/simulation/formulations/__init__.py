@@ -36,9 +36,9 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
     numeric : NumericEquations
         Equations at the parameters of the run.
     integrator : Integrator
-        What is to take them.
+        Integrator that takes them.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
 
     Raises
     ------
@@ -63,4 +63,4 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
     if not integrator.solves_algebraic:
         return Explicit()
     many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
-    return KKT() if numeric.massless or many else Explicit()
+    return KKT() if numeric.massless or (many and eom.lam.numel()) else Explicit()

@@ -11,8 +11,10 @@ import casadi as ca
 from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
 from ...integrators.compiled import Clock, Dae
+from ..compiled_elements import CompiledElements
+from ..explicit_system import input_of
 
-#: What the equations of a piece depend on: ``t, q, v, z, u, p`` and the rate at which drift decays.
+#: Arguments of the equations of a piece: ``t, q, v, z, u, p`` and the rate at which drift decays.
 Arguments = tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]
 
 
@@ -25,9 +27,9 @@ class Formulation(ABC):
     name : str
         Its name in the statistics of a run.
     is_algebraic : bool
-        Whether accelerations and multipliers are unknowns of the integrator.
+        True if accelerations and multipliers are unknowns of the integrator.
     tolerates_redundancy : bool
-        Whether rows may depend on each other.
+        True if rows may depend on each other.
     """
 
     name: ClassVar[str]
@@ -37,6 +39,18 @@ class Formulation(ABC):
     @abstractmethod
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Return ``(a, lam, residual)``: expressions, or unknowns with their residual."""
+
+    @abstractmethod
+    def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Return ``(a, lam, residual)`` in the symbols of the equations, under generalised forces that are symbols.
+
+        Parameters
+        ----------
+        force : casadi.SX
+            In place of ``Q`` (n,).
+        rate : casadi.SX
+            At which drift decays, 1/s.
+        """
 
     def dae(
         self,
@@ -75,4 +89,36 @@ class Formulation(ABC):
             ode=ca.vertcat(eom.v, a, z_rate),
             alg=residual,
             quad=quad,
+        )
+
+    def compiled_dae(self, numeric: NumericEquations, signals: Signals, elements: CompiledElements) -> Dae:
+        """Return the same system with forces of compiled elements, and their rates integrated along."""
+        eom, clock, MX = numeric.eom, Clock(ca.MX), ca.MX
+        q, v, z, p = (MX.sym(name, getattr(eom, name).numel()) for name in ("q", "v", "z", "p"))
+        levels, channel = MX.sym("levels", signals.levels.numel()), MX.sym("channel", signals.channel.numel())
+        rate, force = MX.sym("rate"), ca.SX.sym("Q", eom.q.numel())
+        unknown = [MX.sym(name, getattr(eom, name).numel()) for name in ("a", "lam")] if self.is_algebraic else None
+        u = input_of(eom, signals)(clock.t, q, v, z, p, levels, channel)
+        none = [MX.zeros(symbols.numel()) for symbols in (eom.a, eom.lam, eom.z)]
+        values = elements.values
+        column = values.column(clock.t, q, v, none[0], z, none[1], u, p, z_rate=none[2])
+        lam = none[1] if unknown is None else unknown[1]
+        total = elements.rest(clock.t, q, v, z, lam, u, p) + elements.forces(column)
+        own_rate = ca.SX.sym("rate")
+        system = ca.Function(
+            "system",
+            [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, own_rate, force, eom.a, eom.lam],
+            [ca.densify(part) for part in self.under_forces(numeric, force, own_rate)],
+        )
+        a, lam, residual = system(clock.t, q, v, z, u, p, rate, total, *(unknown or none[:2]))
+        z_rate = ca.Function("z_rate", list(eom.symbols), [ca.densify(eom.z_rate)])(clock.t, q, v, a, z, lam, u, p)
+        return Dae(
+            clock,
+            x=ca.vertcat(q, v, z),
+            z=ca.vertcat(a, lam) if self.is_algebraic else MX(0, 1),
+            p=ca.vertcat(p, levels, rate),
+            u=channel,
+            ode=ca.vertcat(v, a, z_rate),
+            alg=residual,
+            quad=elements.rates(values.column(clock.t, q, v, a, z, lam, u, p, z_rate=z_rate)),
         )

@@ -7,6 +7,7 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
+from ...equations.saddle import SaddlePoint
 from .base import Arguments, Formulation
 
 
@@ -18,3 +19,8 @@ class Explicit(Formulation):
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = numeric.forward_dynamics(redundant=False)(*arguments[:-1])
         return a, lam, ca.SX(0, 1)
+
+    def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        eom = numeric.eom
+        system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
+        return *system.solution(augmentation=numeric.augmentation), ca.SX(0, 1)

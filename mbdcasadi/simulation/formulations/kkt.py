@@ -18,7 +18,15 @@ class KKT(Formulation):
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         eom = numeric.eom
-        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
-        rows = ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)
-        residual = ca.Function("residual", [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, eom.a, eom.lam], [rows])
+        known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+        residual = ca.Function("residual", [*known, eom.a, eom.lam], [self._residual(numeric, eom.Q)])
         return eom.a, eom.lam, residual(*arguments[:-1], eom.a, eom.lam)
+
+    def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        return numeric.eom.a, numeric.eom.lam, self._residual(numeric, force)
+
+    @staticmethod
+    def _residual(numeric: NumericEquations, force: ca.SX) -> ca.SX:
+        eom = numeric.eom
+        motion = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - force
+        return ca.vertcat(motion, eom.Phi_q @ eom.a - eom.gamma)

@@ -7,6 +7,7 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
+from ...equations.saddle import stabilised_solution
 from .base import Arguments, Formulation
 
 
@@ -18,4 +19,8 @@ class Regularised(Formulation):
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = numeric.stabilised_dynamics()(*arguments)
+        return a, lam, ca.SX(0, 1)
+
+    def under_forces(self, numeric: NumericEquations, force: ca.SX, rate: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        a, lam = stabilised_solution(numeric.eom, force, rate, augmentation=numeric.augmentation)
         return a, lam, ca.SX(0, 1)

@@ -19,7 +19,7 @@ from ...model.symbols import Input, Parameter
 from ...printing.javascript import to_javascript, unknown_operation
 from ...results.state import State
 from ...results.validity import validity_conditions
-from ...simulation.gap_closings import has_gaps
+from ...simulation.watched_terms import has_gaps
 
 #: Names of the arguments of all functions of a page.
 ARGUMENTS = ["t", "q", "v", "a", "z", "lam", "u", "p"]
@@ -41,7 +41,7 @@ class LiveModel:
     initial : sequence of relations, or State
         The start.
     parameters, inputs : sequence, optional
-        What sliders change; by default all parameters and inputs of the mechanism.
+        Symbols that sliders change; by default all parameters and inputs of the mechanism.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class LiveModel:
         Parameters
         ----------
         outputs : casadi.SX
-            What the page shows (k,).
+            Expressions that the page shows (k,).
         """
         eom = self.eom
         entries = _entries(eom.Phi_q)

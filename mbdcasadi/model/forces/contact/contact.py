@@ -17,7 +17,7 @@ from ...validity import Smoothing, ValidityCondition
 from ..friction.laws import FrictionLaw, as_law
 from ..laws import continuous_force, pushing_force, stored_energy
 from .outlines import HalfPlane, Outline
-from .touching import Touch, touches
+from .touching import Touch, bounding_distance, touches
 
 
 class Contact(Element):
@@ -173,6 +173,11 @@ class Contact(Element):
             ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True
         )
         return (condition,)
+
+    @cached_property
+    def apart(self) -> ca.SX | None:
+        """Expression that is positive only if the outlines do not touch, by circles around them; None if unknown."""
+        return bounding_distance(self.a, self.b)
 
     @property
     def gap(self) -> ca.SX:

@@ -22,6 +22,11 @@ class Outline(Immutable):
     def __init__(self, marker: Any):
         self.marker = as_marker(marker, type(self).__name__, "marker")
 
+    @property
+    def bounding_circle(self) -> tuple[ca.SX, ca.SX] | None:
+        """Centre (2,) and radius of a circle around it, m; None if it is not bounded, or touched from inside."""
+        return None
+
     def __repr__(self) -> str:
         return f"{type(self).__name__} on '{self.marker.body.name}'"
 
@@ -47,6 +52,10 @@ class Circle(_Round):
         m, above 0.
     """
 
+    @property
+    def bounding_circle(self) -> tuple[ca.SX, ca.SX]:
+        return self.marker.position, ca.SX(self.radius)
+
 
 class HollowCircle(_Round):
     """A round hole, touched from inside: a bore, a drum.
@@ -70,6 +79,10 @@ class Point(Outline):
     """
 
     radius = 0.0
+
+    @property
+    def bounding_circle(self) -> tuple[ca.SX, ca.SX]:
+        return self.marker.position, ca.SX(0)
 
 
 class Segment(Outline):
@@ -102,6 +115,10 @@ class Segment(Outline):
         """Positions of the centres of its ends, each (2,), m."""
         half = self.length / 2 * self.marker.x_axis
         return self.marker.position - half, self.marker.position + half
+
+    @property
+    def bounding_circle(self) -> tuple[ca.SX, ca.SX]:
+        return self.marker.position, ca.SX(self.length) / 2 + self.radius
 
 
 class HalfPlane(Outline):
@@ -151,6 +168,12 @@ class PolygonEdges(Outline):
         outward = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, None]
         heights = outward @ self.points.T
         return float(np.min(np.ptp(heights, axis=1))) / 2
+
+    @property
+    def bounding_circle(self) -> tuple[ca.SX, ca.SX]:
+        middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        radius = float(np.max(np.hypot(*(self.points - middle).T)))
+        return self.marker.position + self.marker.axes @ ca.DM(middle), ca.SX(radius)
 
     @property
     def corners(self) -> list[ca.SX]:

@@ -1,0 +1,287 @@
+"""Elements whose expressions differ in numbers alone, so that these are derived and compiled once for all of them.
+
+Thirty discs among each other are 435 contacts and one formula. The instructions
+of the expressions of each element are compared; those of one batch have the
+same ones, on other symbols and with other constants. From the instructions the
+expressions are built again, in symbols of the batch's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.c_code import CONSTANT, INPUT, OUTPUT, Tape, UnsupportedOperation, applied, tape_of
+from .derivation import Equations
+
+#: Order of the groups of symbols in the values that batches take, behind time.
+GROUPS = ("q", "v", "a", "z", "lam", "u", "p")
+
+
+class Values:
+    """Places of the symbols of a mechanism in one column of numbers: ``[t, q, v, a, z, lam, u, p, rates of z, 0, 1]``.
+
+    Parameters
+    ----------
+    eom : Equations
+        The equations.
+
+    Attributes
+    ----------
+    size : int
+        Length of the column.
+    """
+
+    def __init__(self, eom: Equations):
+        self._eom = eom
+        self._starts, start = {"t": 0}, 1
+        for group in (*GROUPS, "z_rate"):
+            self._starts[group] = start
+            start += getattr(eom, group).numel()
+        self._zero, self._one = start, start + 1
+        self.size = start + 2
+        self._places = {eom.t.element_hash(): (0, "t")}
+        for group in GROUPS:
+            symbols = ca.vertsplit(getattr(eom, group))
+            self._places |= {s.element_hash(): (self._starts[group] + k, group) for k, s in enumerate(symbols)}
+
+    def start(self, group: str) -> int:
+        """Place of the first symbol of a group."""
+        return self._starts[group]
+
+    def count(self, group: str) -> int:
+        """Number of symbols of a group."""
+        return int(getattr(self._eom, group).numel())
+
+    def place(self, symbol: ca.SX) -> tuple[int, str] | None:
+        """Place of a symbol and its group; None if the mechanism does not have it."""
+        return self._places.get(symbol.element_hash())
+
+    def rate_places(self, places: np.ndarray) -> np.ndarray:
+        """Places of the rates of change of symbols at places; of what has none that is known, the place of zero."""
+        found = np.full(places.shape, self._zero)
+        found[places == 0] = self._one
+        for group, rate in (("q", "v"), ("v", "a"), ("z", "z_rate")):
+            start, count = self._starts[group], getattr(self._eom, group).numel()
+            inside = (places >= start) & (places < start + count)
+            found[inside] = places[inside] - start + self._starts[rate]
+        return found
+
+    def coordinate(self, places: np.ndarray) -> np.ndarray:
+        """Numbers of the coordinates at places."""
+        return places - self._starts["q"]
+
+    def bodies(self, places: list[int]) -> tuple[tuple[int, int], ...]:
+        """For each place of a coordinate of a body the first one of the same body, and which of the three it is.
+
+        Elements of one batch belong to bodies in the same way. (-1, -1) for anything else.
+        """
+        start, count = self._starts["q"], 3 * len(self._eom.mechanism.bodies)
+        first: dict[int, int] = {}
+        found = []
+        for k, place in enumerate(places):
+            body, which = divmod(place - start, 3)
+            found.append((first.setdefault(body, k), which) if 0 <= place - start < count else (-1, -1))
+        return tuple(found)
+
+    def column(self, *groups: Any, z_rate: Any) -> Any:
+        """Values of ``t, q, v, a, z, lam, u, p`` and of the rates of z, as one column of expressions."""
+        return ca.vertcat(*groups, z_rate, 0.0, 1.0)
+
+    def table(
+        self,
+        times: np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        z: np.ndarray,
+        p: np.ndarray,
+        z_rate: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Values at some times (size, k), with what is not given not a number.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            (k,), s.
+        q, v, z, z_rate : numpy.ndarray
+            By row (k, …).
+        p : numpy.ndarray
+            Parameters.
+        """
+        found = np.full((self.size, times.size), np.nan)
+        found[0], found[self._zero], found[self._one] = times, 0.0, 1.0
+        for group, part in (("q", q.T), ("v", v.T), ("z", z.T), ("p", p[:, None])):
+            start = self._starts[group]
+            found[start : start + part.shape[0]] = part
+        if z_rate is not None:
+            start = self._starts["z_rate"]
+            found[start : start + z_rate.shape[1]] = z_rate.T
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Elements with the same expressions.
+
+    Attributes
+    ----------
+    values : Values
+        The column in which the places count.
+    numbers : numpy.ndarray of int
+        The elements, as numbers in the sequence that they were taken from (n,).
+    places : numpy.ndarray of int
+        Places of their symbols (n, k).
+    constants : numpy.ndarray
+        Their constants that are not all the same (n, c).
+    symbols, rates, parameters : casadi.SX
+        Symbols of the batch (k,), their rates of change (k,), and the constants (c,).
+    groups : tuple of str
+        Group of each symbol.
+    parts : tuple of casadi.SX
+        The expressions, in these symbols.
+    """
+
+    values: Values
+    numbers: np.ndarray
+    places: np.ndarray
+    constants: np.ndarray
+    symbols: ca.SX
+    rates: ca.SX
+    parameters: ca.SX
+    groups: tuple[str, ...]
+    parts: tuple[ca.SX, ...]
+
+    @cached_property
+    def rate_places(self) -> np.ndarray:
+        """Places of the rates of change of their symbols (n, k)."""
+        return self.values.rate_places(self.places)
+
+    def rate(self, expression: ca.SX) -> ca.SX:
+        """Rate of change of a column in the symbols of the batch."""
+        return ca.jtimes(expression, self.symbols, self.rates) if expression.numel() else expression
+
+    def of_groups(self, *groups: str) -> list[int]:
+        """Which symbols belong to some groups."""
+        return [k for k, group in enumerate(self.groups) if group in groups]
+
+    def function(self, name: str, expression: ca.SX) -> ca.Function:
+        """Compile ``(symbols, rates, constants) -> expression``."""
+        return ca.Function(name, [self.symbols, self.rates, self.parameters], [ca.densify(ca.cse(expression))])
+
+    def evaluated(self, function: ca.Function, table: np.ndarray, chosen: np.ndarray | None = None) -> np.ndarray:
+        """Results of a function of the batch for each element at each time (n, rows, times).
+
+        Parameters
+        ----------
+        function : casadi.Function
+            As :meth:`function` makes it.
+        table : numpy.ndarray
+            Values at some times (size, times).
+        chosen : numpy.ndarray of int, optional
+            Elements by column: then each element at its own time, (1, rows, times).
+        """
+        count, moments = (len(self.places), table.shape[1]) if chosen is None else (1, table.shape[1])
+        if chosen is None:
+            symbols, rates = (table[which].transpose(1, 0, 2) for which in (self.places, self.rate_places))
+            constants = np.repeat(self.constants.T[:, :, None], moments, axis=2)
+        else:
+            columns = np.arange(moments)
+            symbols, rates = (table[which[chosen].T, columns] for which in (self.places, self.rate_places))
+            constants = self.constants[chosen].T
+        shaped = [part.reshape(part.shape[0], count * moments) for part in (symbols, rates, constants)]
+        found = np.array(function(*shaped).full())
+        return found.reshape(-1, count, moments).transpose(1, 0, 2)
+
+    def expanded(self, function: ca.Function, column: Any) -> list[Any]:
+        """Results of a function of the batch for each element, as expressions of the column of values."""
+        return [
+            function(column[[int(k) for k in symbols]], column[[int(k) for k in rates]], ca.DM(constants))
+            for symbols, rates, constants in zip(self.places, self.rate_places, self.constants, strict=True)
+        ]
+
+
+def batches_of(
+    eom: Equations, values: Values, elements: Sequence[Any], parts_of: Callable[[Any], Sequence[ca.SX]]
+) -> list[Batch]:
+    """Return the batches of some elements, in the order of their first ones.
+
+    Parameters
+    ----------
+    eom : Equations
+        The equations.
+    values : Values
+        Places of their symbols.
+    elements : sequence
+        The elements.
+    parts_of : callable
+        Returns expressions of an element, columns in the symbols of the mechanism.
+
+    Raises
+    ------
+    ExpressionError
+        For a symbol that the mechanism does not have.
+    """
+    kinds: dict[tuple[Any, ...], list[tuple[int, Tape, list[int]]]] = {}
+    batches: dict[tuple[Any, ...], Batch | None] = {}
+    for number, element in enumerate(elements):
+        parts = [ca.densify(part) for part in parts_of(element)]
+        column = ca.vertcat(ca.SX(0, 1), *parts)
+        symbols = ca.symvar(column)
+        known = [found for found in map(values.place, symbols) if found is not None]
+        if len(known) < len(symbols):
+            eom.function(column)  # raises, and says which symbol
+        places, groups = [place for place, _ in known], tuple(group for _, group in known)
+        try:
+            tape = tape_of(ca.Function("element", [ca.vertcat(ca.SX(0, 1), *symbols)], [column]))
+        except UnsupportedOperation:  # as the call of a function: it is a batch of its own
+            own = ca.vertcat(ca.SX(0, 1), *symbols)
+            rates, none = ca.SX.sym("r", len(groups)), np.zeros((1, 0))
+            batches[(number,)] = Batch(
+                values, np.array([number]), np.array([places], int), none, own, rates, ca.SX(0, 1), groups, tuple(parts)
+            )
+            continue
+        key = tuple(part.numel() for part in parts), groups, values.bodies(places), tape.instructions.tobytes()
+        batches[key] = None
+        kinds.setdefault(key, []).append((number, tape, places))
+    return [_batch(values, key[0], key[1], kinds[key]) if batch is None else batch for key, batch in batches.items()]
+
+
+def _batch(
+    values: Values, sizes: tuple[int, ...], groups: tuple[str, ...], members: list[tuple[int, Tape, list[int]]]
+) -> Batch:
+    """Build the batch of elements with the same instructions."""
+    numbers = np.array([number for number, _, _ in members], int)
+    places = np.array([place for _, _, place in members], int).reshape(len(members), len(groups))
+    constants = np.array([tape.constants for _, tape, _ in members]).reshape(len(members), -1)
+    varies = np.any(constants != constants[0], axis=0) & ~np.all(np.isnan(constants), axis=0)
+    symbols, rates = (ca.SX.sym(name, len(groups)) for name in ("s", "r"))
+    parameters = ca.SX.sym("c", int(np.sum(varies)))
+    known = [ca.SX(float(constant)) for constant in constants[0]]
+    for k, place in enumerate(np.flatnonzero(varies)):
+        known[int(place)] = parameters[k]
+    column = _rebuilt(members[0][1], symbols, known, sum(sizes))
+    ends = np.cumsum(sizes).tolist()
+    parts = tuple(column[end - size : end] for size, end in zip(sizes, ends, strict=True))
+    return Batch(values, numbers, places, constants[:, varies], symbols, rates, parameters, groups, parts)
+
+
+def _rebuilt(tape: Tape, symbols: ca.SX, constants: Sequence[ca.SX], size: int) -> ca.SX:
+    """Expressions of a tape in other symbols and with other constants."""
+    work: dict[int, ca.SX] = {}
+    results = [ca.SX(0)] * size
+    inputs = ca.vertsplit(symbols)
+    for code, result, first, second in tape.instructions.tolist():
+        if code == CONSTANT:
+            work[result] = constants[first]
+        elif code == OUTPUT:
+            results[second] = work[first]
+        elif code == INPUT:
+            work[result] = inputs[second]
+        else:
+            work[result] = applied(code, work[first], work[second])
+    return ca.vertcat(ca.SX(0, 1), *results)

@@ -1,0 +1,347 @@
+"""Forces of many elements of one kind, and what is watched of them, as C: one formula for all, called for near ones.
+
+In the equations as expressions every contact is there with all its
+instructions, evaluated whether it is closed or not. Compiled, a loop goes over the
+elements of a kind. It passes over those that are apart by a cheap test, and the
+code is as long as one of them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ..equations.batches import Values
+from ..integrators.dop853 import build
+from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
+from ..numerics.symbolic import LOCK
+from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms
+
+#: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
+#: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
+LEAST_INSTRUCTIONS = 8_000
+#: Optimisation: that of other equations.
+OPTIMISATION = "-O1"
+#: Changes whenever what is written changes.
+FORMAT = "1"
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledElements:
+    """Functions of a library.
+
+    Attributes
+    ----------
+    values : Values
+        The column that the functions take.
+    forces : casadi.Function
+        Generalised forces (n,) of the compiled elements from a column of values, with its Jacobian.
+    rates : casadi.Function
+        Rates that are integrated along (size,), from the same column.
+    rest : casadi.Function
+        ``(t, q, v, z, lam, u, p) -> Q``: generalised forces of the other elements.
+    """
+
+    values: Values
+    forces: ca.Function
+    rates: ca.Function
+    rest: ca.Function
+
+
+class RepeatedElements:
+    """Elements that are many of a kind, so that a loop in C over them pays.
+
+    Parameters
+    ----------
+    terms : WatchedTerms
+        What is watched of them.
+
+    Attributes
+    ----------
+    pays : bool
+        Whether there are so many that compiling them pays in most runs.
+    """
+
+    def __init__(self, terms: WatchedTerms):
+        self.terms = terms
+        try:
+            self._kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
+        except UnsupportedOperation:
+            self._kinds = []
+        self.pays = sum(len(kind.batch.places) * kind.size for kind in self._kinds) >= LEAST_INSTRUCTIONS
+
+    @cached_property
+    def rest(self) -> ca.Function:
+        """``(t, q, v, z, lam, u, p) -> Q``: generalised forces of the other elements."""
+        eom = self.terms.eom
+        own = {int(number) for kind in self._kinds if kind.has_forces for number in kind.batch.numbers}
+        compiled = [self.terms.elements[number] for number in own]
+        others = [e for e in eom.mechanism.elements if not any(e is element for element in compiled)]
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.lam, eom.u, eom.p]
+        return ca.Function("rest_of_forces", arguments, [ca.densify(eom.generalised_forces(others))])
+
+    @cached_property
+    def loops(self) -> tuple[str, int]:
+        """What a run needs in C, and the length of the work array of its functions."""
+        return _common(self.terms, self._kinds, outputs=True)
+
+    @property
+    def size(self) -> int:
+        """Instructions of one element of each kind, with what is watched of it at outputs: about as many again."""
+        return sum(2 * kind.size for kind in self._kinds)
+
+    def watch_by(self, library: str) -> None:
+        """Let what is watched at outputs be evaluated by a library with the loops."""
+        self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
+
+    @cached_property
+    def library(self) -> tuple[CompiledElements | None, str]:
+        """The functions, compiled; or None; and how they were compiled, or why not."""
+        using = build.compiler()
+        if using is None:
+            return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
+        source = _source(self.terms, self._kinds)
+        key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
+        began, library = time.perf_counter(), build.find(key)
+        remark = "compiled contacts, kept from before"
+        if library is None:
+            try:
+                library = build.build(key, source, OPTIMISATION, using)
+            except build.CompilationError as error:
+                return None, f"interpreted contacts: {error}"
+            remark = f"contacts compiled by {using.name} in {time.perf_counter() - began:.2g} s"
+        forces, rates = (ca.external(name, library._name) for name in ("forces", "rates"))
+        return CompiledElements(self.terms.values, forces, rates, self.rest), remark
+
+
+def repeated_elements(terms: WatchedTerms) -> RepeatedElements | None:
+    """Return the elements of a mechanism that are many of a kind; None if there are too few; found once for it."""
+    found = terms.eom.mechanism.cache.get_or_create("repeated elements", lambda: RepeatedElements(terms))
+    return found if found.pays else None
+
+
+def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str]:
+    """Return the compiled elements of a mechanism, or None, and a remark, which is empty if there are too few."""
+    repeated = repeated_elements(terms)
+    if repeated is None:
+        return None, ""
+    with LOCK:
+        return repeated.library
+
+
+class _Kind:
+    """Elements of a batch, and what is evaluated of each of them in C.
+
+    Attributes
+    ----------
+    apart : Tape or None
+        Positive for an element whose results are all zero.
+    has_forces : bool
+        Whether its forces depend on known quantities alone: not on accelerations and reactions.
+    """
+
+    def __init__(self, terms: WatchedTerms, number: int):
+        self._terms, self.number, self.batch = terms, number, terms.batches[number]
+        batch = self.batch
+        apart = batch.parts[APART]
+        self.apart = self._tape("apart", apart) if apart.numel() else None
+        displacements, forces = batch.parts[DISPLACEMENTS], batch.parts[FORCES]
+        unknown = batch.of_groups("a", "lam")
+        self.has_forces = not (unknown and ca.depends_on(ca.vertcat(displacements, forces), batch.symbols[unknown]))
+        own = batch.of_groups("q")
+        self._coordinates = terms.values.coordinate(batch.places[:, own])
+        self._force = ca.jtimes(displacements, batch.symbols[own], forces, True) if own else ca.SX(0, 1)
+
+    def _tape(self, name: str, expression: ca.SX) -> Tape:
+        batch = self.batch
+        arguments = [batch.symbols, batch.rates, batch.parameters]
+        return tape_of(simplified(ca.Function(f"{name}_{self.number}", arguments, [ca.densify(expression)])))
+
+    @cached_property
+    def size(self) -> int:
+        """Instructions of the forces and the rates of one of them."""
+        return self.results("rates")[0].size + (self.results("forces")[0].size if self.has_forces else 0)
+
+    def results(self, name: str) -> tuple[Tape, np.ndarray]:
+        """Tape of what one of the functions needs of an element, and entries of the result to which it adds (n, k)."""
+        if name not in self._results:
+            self._results[name] = self._found(name)
+        return self._results[name]
+
+    @cached_property
+    def _results(self) -> dict[str, tuple[Tape, np.ndarray]]:
+        return {}
+
+    def _found(self, name: str) -> tuple[Tape, np.ndarray]:
+        terms, k, batch = self._terms, self.number, self.batch
+        arguments = [batch.symbols, batch.rates, batch.parameters]
+        if name == "forces":
+            return self._tape(name, self._force), self._coordinates
+        if name == "rates":
+            return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
+        if name == "gaps":
+            own, count = terms.numbered(GAP)[k], len(terms.owners)
+            places = np.hstack([own, own + count, own + 2 * count])
+            return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), places
+        own = terms.numbered(COURSES)[k]
+        tape = self._tape(name, terms.course_functions[k].call(arguments)[0])
+        return tape, np.hstack([own, own + len(terms.smoothings)])
+
+    def slopes(self) -> tuple[Tape, np.ndarray, np.ndarray]:
+        """Nonzero slopes of the forces by the symbols, and their coordinates and places of symbols (n, k)."""
+        slopes = ca.jacobian(ca.densify(self._force), self.batch.symbols)
+        rows, columns = (np.array(part, int) for part in slopes.sparsity().get_triplet())
+        tape = self._tape("slopes", slopes.nz[:])
+        return tape, self._coordinates[:, rows], self.batch.places[:, columns]
+
+
+# --- C ---------------------------------------------------------------------------------------
+@dataclass
+class _Loops:
+    """Loops over the elements of kinds that add to one result."""
+
+    body: list[str] = field(default_factory=list)
+    work: int = 0
+
+    def add(
+        self, kind: _Kind, tape: Tape, rows: np.ndarray, table: str, *, rates: bool = False, all_of_them: bool = False
+    ) -> None:
+        """Add a loop that evaluates a tape for each element, and adds its results to entries of the result.
+
+        Parameters
+        ----------
+        rows : numpy.ndarray
+            Entries of the result (n, rows).
+        table : str
+            Name of the table in C with these.
+        rates : bool
+            Whether the tape needs rates of the symbols.
+        all_of_them : bool
+            Whether elements that are apart are evaluated too.
+        """
+        if not rows.size:
+            return
+        n, symbols = kind.batch.places.shape
+        k = kind.number
+        self.work = max(self.work, tape.work_in_c, 0 if kind.apart is None else kind.apart.work_in_c)
+        lines = [f"for (int e = 0; e < {n}; ++e) {{", _gathered("s", f"places_{k}", symbols)]
+        taken = "s, 0, "
+        if rates:
+            lines.append(_gathered("r", f"rate_places_{k}", symbols))
+            taken = "s, r, "
+        lines.append(f"const double* in[] = {{{taken}constants_{k} + e * {kind.batch.constants.shape[1]}}};")
+        if kind.apart is not None and not all_of_them:
+            lines += [
+                "double apart;",
+                "double* test[] = {&apart};",
+                f"apart_{k}(in, test, iw, w, mem);",
+                "if (apart > 0) continue;",
+            ]
+        lines += [
+            f"double y[{max(rows.shape[1], 1)}];",
+            "double* out[] = {y};",
+            f"{tape.function.name()}(in, out, iw, w, mem);",
+            f"for (int i = 0; i < {rows.shape[1]}; ++i) result[{table}[e * {rows.shape[1]} + i]] += y[i];",
+            "}",
+        ]
+        self.body += lines
+
+    def function(self, name: str, size: int) -> str:
+        """Text of a function whose result is what the loops add up to."""
+        head = f"int {name}({SIGNATURE}) {{\nconst double* values = arg[0];\n"
+        head += "double* result = res[0];\nif (!result) return 0;\n"
+        head += f"for (int i = 0; i < {size}; ++i) result[i] = 0;\n"
+        return head + "\n".join(self.body) + "\nreturn 0;\n}\n"
+
+
+def _gathered(name: str, places: str, count: int) -> str:
+    return (
+        f"double {name}[{max(count, 1)}];\n"
+        f"for (int i = 0; i < {count}; ++i) {name}[i] = values[{places}[e * {count} + i]];"
+    )
+
+
+def _table(kind: str, name: str, entries: np.ndarray) -> str:
+    content = ", ".join(map(repr, entries.ravel().tolist())) or "0"
+    return f"static const {kind} {name}[] = {{{content}}};\n"
+
+
+def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
+    """Text of what a run needs of all kinds, and the length of the work array: forces and rates.
+
+    With `outputs` what is watched at outputs too: a method that returns each of its steps has many of these.
+    """
+    text = ["#include <math.h>\n"]
+    sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}
+    sizes |= {"gaps": 3 * len(terms.owners), "courses": 2 * len(terms.smoothings)} if outputs else {}
+    loops = {name: _Loops() for name in sizes}
+    for kind in kinds:
+        number, batch = kind.number, kind.batch
+        text.append(_table("int", f"places_{number}", batch.places))
+        text.append(_table("int", f"rate_places_{number}", batch.rate_places))
+        text.append(_table("double", f"constants_{number}", batch.constants))
+        text += [] if kind.apart is None else [kind.apart.as_c]
+        for name in sizes:
+            if name == "forces" and not kind.has_forces:
+                continue
+            tape, rows = kind.results(name)
+            text += [tape.as_c, _table("int", f"{name}_places_{number}", rows)]
+            is_gap = name == "gaps"  # they are wanted of those that are apart too
+            loops[name].add(
+                kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
+            )
+    work = max(loop.work for loop in loops.values())
+    for name, size in sizes.items():
+        text.append(loops[name].function(name, size))
+        text.append(_interface(name, [_dense(terms.values.size)], [_dense(size)], work))
+    return "\n".join(text), work
+
+
+def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
+    """The library of an implicit method: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
+    n, size = terms.eom.q.numel(), terms.values.size
+    text, slopes = [_common(terms, kinds, outputs=False)[0]], _Loops()
+    acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
+    entries = [columns * n + rows for _, _, rows, columns in acting]
+    pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
+    for (kind, tape, *_), own in zip(acting, entries, strict=True):
+        table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, own)
+        # they are long, and evaluated seldom
+        text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
+        text.append(_table("int", table, into))
+        slopes.add(kind, tape, into, table)
+    columns, rows = np.divmod(pattern, n)
+    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
+    text.append(slopes.function("jac_forces", pattern.size))
+    text.append(_interface("jac_forces", [_dense(size), _dense(n)], [_sparse(sparsity)], slopes.work))
+    return "\n".join(text)
+
+
+def _dense(size: int) -> list[int]:
+    return [size, 1, 1]
+
+
+def _sparse(pattern: ca.Sparsity) -> list[int]:
+    return [pattern.size1(), pattern.size2(), *pattern.colind(), *pattern.row()]
+
+
+def _interface(name: str, inputs: Sequence[list[int]], outputs: Sequence[list[int]], work: int) -> str:
+    """What CasADi asks of a function in a library beside itself."""
+    text = []
+    for what, patterns in (("in", inputs), ("out", outputs)):
+        tables = []
+        for k, pattern in enumerate(patterns):
+            tables.append(f"{name}_{what}_{k}")
+            text.append(_table("long long int", tables[-1], np.array(pattern)))
+        choice = "".join(f"if (i == {k}) return {table}; " for k, table in enumerate(tables))
+        text.append(f"long long int {name}_n_{what}(void) {{ return {len(patterns)}; }}\n")
+        text.append(f"const long long int* {name}_sparsity_{what}(long long int i) {{ {choice}return 0; }}\n")
+    sizes = f"*arg = {len(inputs)}; *res = {len(outputs)}; *iw = 0; *w = {work};"
+    parameters = "long long int* arg, long long int* res, long long int* iw, long long int* w"
+    text.append(f"int {name}_work({parameters}) {{ {sizes} return 0; }}\n")
+    return "".join(text)
