@@ -11,7 +11,7 @@ import numpy as np
 from ..checks.branch import branch_jump, refuse_branch_jump
 from ..checks.failure import OptimizationError
 from ..nlp.statistics import Stage
-from .local_error import coarseness
+from .local_error import projection_steps
 from .refine import refine_if_coarse
 
 if TYPE_CHECKING:
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from ..nlp.solver import Solver
     from ..solution import Solution
 
-#: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which a solution is
-#: none, whatever mesh was asked for.
-NO_MOTION = 0.3
+#: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
+#: solution is no motion, whatever mesh was asked for.
+LARGEST_PROJECTION = 0.1
 #: Pieces into which intervals are split for another guess.
 PIECES = 2
 #: Largest number of iterations from another guess.
@@ -36,7 +36,7 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     solver : Solver
         Problem that was solved.
     solution : Solution
-        Solution that may jump to another branch of the linkage within an interval, or miss its next mesh point by far.
+        Solution that may jump to another branch of the linkage within an interval, or be moved far onto the constraints.
     guesses : iterable of callable
         Make guesses, which are tried in turn on a finer mesh if the solution jumps.
 
@@ -46,7 +46,7 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
         If all solutions jump to another branch.
     """
     jump, s = branch_jump(solution), solution.statistics
-    if jump is None and _largest_error(solution) <= NO_MOTION:
+    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION:
         return solution
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
     stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
@@ -97,5 +97,11 @@ def _from_guesses(
     return None
 
 
-def _largest_error(solution: Solution) -> float:
-    return max((float(np.max(coarseness(part), initial=0.0)) for part in solution.phases), default=0.0)
+def _largest_projection(solution: Solution) -> float:
+    """Largest step onto the constraints in positions, in rad or sizes of the mechanism."""
+    largest = 0.0
+    for part in solution.phases:
+        if part.mesh.count:
+            sizes = part.program.scales.q
+            largest = max(largest, float(np.max(projection_steps(part)[:, : sizes.size] / sizes, initial=0.0)))
+    return largest
