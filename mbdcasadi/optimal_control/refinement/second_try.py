@@ -36,7 +36,7 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     solver : Solver
         Problem that was solved.
     solution : Solution
-        Solution that may jump to another branch of the linkage within an interval, or be moved far onto the constraints.
+        Solution that may jump to another branch within an interval, or be moved far onto the constraints.
     guesses : iterable of callable
         Make guesses, which are tried in turn on a finer mesh if the solution jumps.
 
