@@ -260,6 +260,26 @@ def andrews_squeezer(duration: float = 0.03) -> Model:
     )
 
 
+def four_bars(loops: int, duration: float = 10.0) -> Model:
+    """Windows in a row: upright bars of 1 m and 1 kg on the ground, joined at their tops by equal ones.
+
+    In the pose in which all bars lie on a line the mechanism could fold. The first bar begins at 1 rad/s.
+
+    References
+    ----------
+    IFToMM library of computational benchmarks, A02, N-four-bar mechanism.
+    """
+    bodies, pins = [], []
+    for k in range(loops + 1):
+        bodies.append(_bar(f"upright {k}", 1.0, np.array([float(k), 0.0]), np.array([float(k), 1.0])))
+        pins.append(Pin(f"ground {k}", None, (float(k), 0.0), k, (-0.5, 0)))
+    for k in range(loops):
+        place = len(bodies)
+        bodies.append(_bar(f"top {k}", 1.0, np.array([float(k), 1.0]), np.array([k + 1.0, 1.0])))
+        pins += [Pin(f"left {k}", k, (0.5, 0), place, (-0.5, 0)), Pin(f"right {k}", k + 1, (0.5, 0), place, (0.5, 0))]
+    return Model(f"{loops} four-bars", tuple(bodies), tuple(pins), duration, speeds={0: -1.0}, outputs=100)
+
+
 #: Every model by its name on the command line.
 MODELS: dict[str, Callable[[], Model]] = {
     "four_bar": four_bar,
@@ -269,4 +289,5 @@ MODELS: dict[str, Callable[[], Model]] = {
     "chain100": lambda: chain(100),
     "chain500": lambda: chain(500, duration=0.2),
     "squeezer": andrews_squeezer,
+    "four_bars40": lambda: four_bars(40),
 }

@@ -2,6 +2,8 @@
 
     python benchmarks/simulation.py                       # the default models
     python benchmarks/simulation.py four_bar chain40 --repeats 5
+    python benchmarks/simulation.py --own --processor     # our own methods beside SciPy's, on a machine that does more
+    python benchmarks/simulation.py four_bar chain100 --first     # first runs, in processes of their own
     python benchmarks/simulation.py --readme              # and put the tables into README.md
 
 For each model and method the tolerance (or step size) is tightened until the
@@ -16,7 +18,10 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import time
+import os
+import subprocess
+import sys
+import tempfile
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +32,7 @@ from machine import describe, into_readme, machine, one_thread
 one_thread()
 
 from models import MODELS, Model  # noqa: E402  (after the threads are set)
-from peers import Method, Problem, Run, all_methods, integrators_watched  # noqa: E402
+from peers import Method, Problem, Run, all_methods, clock, integrators_watched, take_processor_time  # noqa: E402
 
 import mbdcasadi as mbd  # noqa: E402
 
@@ -84,11 +89,11 @@ def bracket(problem: Problem, method: Method) -> dict[float, list[Run]]:
 
 def attempt(problem: Problem, method: Method, setting: float) -> Run:
     """One run; an error of infinity where the method stops."""
-    began = time.perf_counter()
+    began = clock()
     try:
         return method.run(problem, setting)
     except (mbd.MechanismError, RuntimeError, ValueError):
-        return Run(time.perf_counter() - began, 0.0, math.inf)
+        return Run(clock() - began, 0.0, math.inf)
 
 
 # --- timing ------------------------------------------------------------------------------------------
@@ -144,10 +149,10 @@ def build(model: Model, repeats: int) -> Build:
     """Least times of building a model again; the first run is that of two outputs over a thousandth of the span."""
     best: list[float] = []
     for _ in range(repeats):
-        marks = [time.perf_counter()]
+        marks = [clock()]
 
         def mark(marks: list[float] = marks) -> None:
-            marks.append(time.perf_counter())
+            marks.append(clock())
 
         mechanism = model.mechanism()
         mark()
@@ -164,6 +169,86 @@ def build(model: Model, repeats: int) -> Build:
     return Build(*best)
 
 
+# --- first runs ----------------------------------------------------------------------------------------
+#: A script as a user has it: import, model, first run, and what later ones take.
+_SCRIPT = """
+import sys, time
+began = [time.perf_counter(), time.process_time()]
+sys.path.insert(0, sys.argv[1])
+import mbdcasadi as mbd
+marks = [time.perf_counter(), time.process_time()]
+from models import MODELS
+name, method, jit, runs = sys.argv[2], sys.argv[3], sys.argv[4] == "jit", int(sys.argv[5])
+model = MODELS[name]()
+took = []
+mechanism = model.mechanism()
+for k in range(runs + 1):
+    at = [time.perf_counter(), time.process_time()] if k else marks
+    times = model.times[model.times <= 1.0]
+    mbd.simulate(mechanism, times, initial=model.start(mechanism), method=method, jit=jit)
+    took.append([time.perf_counter() - at[0], time.process_time() - at[1]])
+print(marks[0] - began[0], marks[1] - began[1], *took[0], *map(min, zip(*took[1:])))
+"""
+
+
+@dataclass
+class First:
+    """Seconds of the import, of the first run with its model, and of a later one; on the clock and of processors."""
+
+    name: str
+    imports: tuple[float, float]
+    first: tuple[float, float]
+    later: tuple[float, float]
+
+
+def first_runs(names: list[str], repeats: int, later: int) -> list[First]:
+    """Times of scripts in processes of their own, one simulated second at the default tolerance; least ones."""
+    ways = [("idas", "idas", "", {}), ("dop853, no compiler", "dop853", "", {"CC": "no-such-compiler"})]
+    ways += [("dop853, interpreted", "dop853", "", {}), ("dop853, compiled anew", "dop853", "jit", {})]
+    found = []
+    for name in names:
+        for way, method, jit, environment in ways:
+            runs = []
+            for _ in range(repeats):
+                with tempfile.TemporaryDirectory() as folder:
+                    mbd.simulate(_pendulum(), duration=0.1, method="dop853")  # the engine is built once on a machine
+                    cache = {"MBDCASADI_CACHE": _with_engine(Path(folder))} if jit else {}
+                    command = [sys.executable, "-c", _SCRIPT, str(Path(__file__).parent), name, method, jit, str(later)]
+                    done = subprocess.run(
+                        command, env=os.environ | environment | cache, capture_output=True, text=True, check=True
+                    )
+                runs.append([float(x) for x in done.stdout.split()])
+            best = [min(column) for column in zip(*runs, strict=True)]
+            pairs = [(best[k], best[k + 1]) for k in (0, 2, 4)]
+            found.append(First(f"{name}, {way}", *pairs))
+    return found
+
+
+def _pendulum() -> mbd.Mechanism:
+    rod = mbd.Body("rod", mass=1, inertia=1)
+    return mbd.Mechanism(bodies=[rod], joints=[mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))])
+
+
+def _with_engine(folder: Path) -> str:
+    """A folder of compiled code that holds the engine alone."""
+    from shutil import copy
+
+    from mbdcasadi.integrators.dop853.build import cache_folder
+
+    for library in cache_folder().glob("engine-*"):
+        copy(library, folder)
+    return str(folder)
+
+
+def first_table(rows: list[First]) -> str:
+    """Markdown table of the first runs, milliseconds on the clock and of processors."""
+    lines = ["| | import, ms | first run with its model, ms | later runs, ms |", "|---|---:|---:|---:|"]
+    for row in rows:
+        cells = [f"{_short(1e3 * a)} ({_short(1e3 * b)})" for a, b in (row.imports, row.first, row.later)]
+        lines.append(f"| {row.name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
 # --- the tables ----------------------------------------------------------------------------------------
 def summary_table(compared: dict[str, list[Timing]], durations: dict[str, float]) -> str:
     """Markdown table of all models: the default in milliseconds, the other methods as ratios to it."""
@@ -177,6 +262,20 @@ def summary_table(compared: dict[str, list[Timing]], durations: dict[str, float]
             cells.append(_short(value) if math.isfinite(value) else "–")
         label = f"**{name}**, ms per simulated second" if k == 0 else f"{name}, ratio"
         lines.append(f"| {label} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def scipy_table(compared: dict[str, list[Timing]]) -> str:
+    """Markdown table of our methods at equal error, as ratios to SciPy's DOP853, which computes states alone."""
+    lines = ["| | " + " | ".join(compared) + " |", "|---|" + "---:|" * len(compared)]
+    own = [t.method for timings in compared.values() for t in timings if t.method.startswith("mbdcasadi")]
+    for name in dict.fromkeys(own):
+        cells = []
+        for timings in compared.values():
+            at_goal = {timing.method: timing.at_goal for timing in timings}
+            ratio = at_goal.get(name, math.inf) / at_goal.get("SciPy DOP853", math.inf)
+            cells.append(_short(ratio) if math.isfinite(ratio) else "–")
+        lines.append(f"| {name.removeprefix('mbdcasadi, ')} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
@@ -239,19 +338,28 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("models", nargs="*", default=list(DEFAULT), help=f"of {', '.join(MODELS)}")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each measure, of which the least counts")
     parser.add_argument("--no-jit", action="store_true", help="leave out what takes the C compiler")
+    parser.add_argument("--own", action="store_true", help="our own methods beside SciPy's DOP853 alone")
+    parser.add_argument("--processor", action="store_true", help="seconds of processors, on a machine that does more")
+    parser.add_argument("--first", action="store_true", help="first runs in processes of their own, and nothing else")
     parser.add_argument("--readme", action="store_true", help="put the tables into README.md")
     parser.add_argument("--output", type=Path, default=RESULTS / "simulation.json", help="JSON file")
     chosen = parser.parse_args(arguments)
     unknown = [name for name in chosen.models if name not in MODELS]
     if unknown:
         parser.error(f"unknown model {', '.join(unknown)}; known are {', '.join(MODELS)}")
+    if chosen.processor:
+        take_processor_time()
+    if chosen.first:
+        print(f"{describe()}\n\n{first_table(first_runs(chosen.models, chosen.repeats, 100))}")
+        return
     said: list[str] = []
 
     def report(text: str) -> None:
         said.append(text)
         print(text + "\n", flush=True)
 
-    report(f"{describe()}; the least of {chosen.repeats} repeats.")
+    seconds = "seconds of processors" if chosen.processor else "seconds on the clock"
+    report(f"{describe()}; the least of {chosen.repeats} repeats, {seconds}.")
     builds: dict[str, Build] = {}
     compared: dict[str, list[Timing]] = {}
     durations: dict[str, float] = {}
@@ -260,7 +368,10 @@ def main(arguments: list[str] | None = None) -> None:
         model = MODELS[name]()
         builds[model.name] = build(model, chosen.repeats)
         problem = Problem(model)
-        timings = compare(problem, all_methods(jit=not chosen.no_jit), chosen.repeats)
+        methods = all_methods(jit=not chosen.no_jit)
+        if chosen.own:
+            methods = [m for m in methods if m.name.startswith("mbdcasadi") or m.name == "SciPy DOP853"]
+        timings = compare(problem, methods, chosen.repeats)
         compared[model.name], durations[model.name] = timings, model.duration
         report(comparison_table(problem, timings))
         results[name] = {
@@ -270,6 +381,7 @@ def main(arguments: list[str] | None = None) -> None:
             "build": asdict(builds[model.name]),
             "timings": [asdict(timing) for timing in timings],
         }
+    report(scipy_table(compared))
     report(summary_table(compared, durations))
     report(build_table(builds))
     if chosen.readme:

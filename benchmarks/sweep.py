@@ -1,4 +1,4 @@
-"""Ten thousand runs of a four-bar: a sweep with two processes, beside loops over peers.
+"""Ten thousand runs of a four-bar: sweeps in C by threads and by processes, beside loops over peers.
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --runs 2000 --readme
@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -169,6 +170,11 @@ def measure(runs: int) -> list[Row]:
         rows.append(Row(name, part.size, seconds, used, error))
         print(f"{name}: {rows[-1].each:.3g} ms a run, error {error:.1e}", flush=True)
 
+    by_sweep(linkage(), speeds[checked], 1, method="dop853")  # the engine is built once on a machine
+    for tolerance in (1e-7, 1e-8):
+        given = {"method": "dop853", "reltol": tolerance, "abstol": tolerance}
+        name = f"sweep, dop853 at {tolerance:.0e}, threads"
+        timed(name, runs, lambda s, given=given: by_sweep(linkage(), s, 1, **given))
     for method in ("erk", "idas"):
         for workers in (1, 2):
             where = "serial" if workers == 1 else "two processes"
@@ -176,6 +182,9 @@ def measure(runs: int) -> list[Row]:
     timed("loop over simulate, erk", runs // 100, lambda s: by_simulate(linkage(), s, "erk"))
     timed("loop over simulate, idas", runs // 100, lambda s: by_simulate(linkage(), s, "idas"))
     timed("loop over SciPy DOP853", runs // 50, lambda s: by_scipy(linkage(), s))
+    if find_spec("exudyn") is None:
+        print("Exudyn is not installed, and left out")
+        return rows
     for workers in (1, 2):
         where = "serial" if workers == 1 else "two processes"
         timed(f"Exudyn ParameterVariation, {where}", runs // 100, lambda s, w=workers: by_exudyn(linkage(), s, w))

@@ -284,7 +284,12 @@ def draw(name: str) -> Figure:
     return figure
 
 
+def save(name: str, folder: Path) -> None:
+    """Write the picture of a name."""
+    draw(name).savefig(folder / f"{name}.png", dpi=DPI, bbox_inches="tight", pad_inches=0.05)
+
+
 if __name__ == "__main__":
     TARGET.mkdir(parents=True, exist_ok=True)
     for name in sys.argv[1:] or [*SCENES, "friction_laws"]:
-        draw(name).savefig(TARGET / f"{name}.png", dpi=DPI, bbox_inches="tight", pad_inches=0.05)
+        save(name, TARGET)

@@ -39,7 +39,16 @@ GROUPS = {
     "Statics, vibration, tolerances": ("buckling", "modes", "tolerances", "identify_friction"),
     "Optimal control": ("cart_pole", "four_bar_torque", "least_time", "five_bar_robot", "parking", "shuffleboard"),
     "Design and control": ("periodic_linkage", "slider_crank_balance", "cart_pole_control"),
-    "Motions in phases": ("compass_walker",),
+    "Motions in phases": (
+        "rimless_wheel",
+        "compass_walker",
+        "five_link_biped",
+        "hopper",
+        "trebuchet",
+        "throwing_arm",
+        "gripper",
+        "geneva_drive",
+    ),
 }
 
 

@@ -26,6 +26,7 @@ LAYERS: tuple[dict[str, str], ...] = (
         "statics": "equilibria, paths",
         "linear": "linear models, modes",
         "sensitivity": "derivatives of motions",
+        "fmu": "functional mock-up units",
     },
     {"simulation": "runs, events, impacts, stick and slip"},
     {"kinematics": "driven motion, check"},

@@ -6,6 +6,7 @@ simulated step is enough for optimal control over two phases to find the gait; i
 multipliers say how fast a push is forgotten.
 """
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,9 @@ gait = mbd.OptimalControlProblem(
     ],
     free_parameters=[step],
 )
-solution = mbd.optimize(gait, intervals=20, guess=rough)
+with warnings.catch_warnings():
+    warnings.filterwarnings("ignore", ".*beyond zero before", mbd.MechanismWarning)
+    solution = mbd.optimize(gait, intervals=20, guess=rough)
 stability, check = solution.stability(), solution.verify()
 print(f"a step of {solution.parameters[step]:.6f} m in {solution.duration:.6f} s")
 print(f"replayed by IDAS the foot lands within {check.time_error:.0e} s of the plan")
@@ -68,14 +71,14 @@ figure = Figure(figsize=(7, 6), layout="constrained")
 legs, angles = figure.subplots(2, 1)
 times = np.linspace(0, solution.duration, 9)
 motion = solution.trajectory.at(times)
-for body, colour in ((one, "#2a6f97"), (two, "#c1553b")):
+for body, colour in ((one, "#1f5fa8"), (two, "#d1495b")):
     ends = np.stack([motion[body.at(0, y).position] for y in (-A, B)])
     legs.plot(ends[:, :, 0], ends[:, :, 1], color=colour, alpha=0.7)
 legs.axhline(0, color="grey", linewidth=0.8)
 legs.set_aspect("equal")
 legs.set_ylabel("height over the slope, m")
 fine = solution.trajectory
-for body, colour in ((one, "#2a6f97"), (two, "#c1553b")):
+for body, colour in ((one, "#1f5fa8"), (two, "#d1495b")):
     angles.plot(fine[body.phi], fine[body.omega], color=colour, label=body.name)
 angles.set_xlabel("angle, rad")
 angles.set_ylabel("rate, rad/s")

@@ -65,13 +65,13 @@ print(f"replayed by IDAS the puck stops {1000 * (solution.verify().trajectory[pu
 
 figure = Figure(figsize=(7, 6), layout="constrained")
 places, forces = figure.subplots(2, 1, sharex=True)
-places.plot(times, fine[puck.x] - RADIUS, label="puck, rear")
-places.plot(times, fine[cue.x], label="cue")
+places.plot(times, fine[puck.x] - RADIUS, label="puck, rear", color="#1f5fa8")
+places.plot(times, fine[cue.x], label="cue", color="#d1495b")
 places.axhline(LINE - RADIUS, color="grey", linestyle=":", label="foul line")
 places.set_ylabel("place, m")
-forces.plot(times, fine[push], label="push")
-forces.plot(times, fine[tip.normal_force], label="contact")
-forces.plot(times, fine[rub.force], label="friction")
+forces.plot(times, fine[push], label="push", color="#1f5fa8")
+forces.plot(times, fine[tip.normal_force], label="contact", color="#d1495b")
+forces.plot(times, fine[rub.force], label="friction", color="#2e8b6f")
 forces.set_ylabel("force, N")
 forces.set_xlabel("t, s")
 for axes in (places, forces):

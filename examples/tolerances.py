@@ -43,9 +43,9 @@ def run() -> None:
     found = mbd.sensitivities(engine, times, outputs, wrt=lengths, initial=start)
     figure = Figure(figsize=(7.0, 6.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
-    for length in lengths:
+    for length, colour in zip(lengths, ("#1f5fa8", "#d1495b", "#2e8b6f"), strict=True):
         # per millimetre
-        above.plot(times, found["load", length] * 1e-3, label=length.label)
+        above.plot(times, found["load", length] * 1e-3, color=colour, label=length.label)
     above.set_ylabel("bearing load by length, N/mm")
     above.legend(frameon=False)
 

@@ -8,7 +8,9 @@ The notation is that of E. J. Haug, *Computer Aided Kinematics and Dynamics of
 Mechanical Systems*, Allyn & Bacon 1989. Units are SI, angles are in radians.
 """
 
-from . import library
+import typing as _typing
+from importlib import import_module as _import_module
+
 from .arguments.inputs import SampledController
 from .assembly.assemble import assemble
 from .assembly.impact import impact
@@ -25,17 +27,10 @@ from .errors import (
     SimulationError,
     SingularityError,
 )
-from .files.acf import read_acf
-from .files.adm import read_adm
-from .identification.data import Experiment, IdentificationError
-from .identification.fit import Fit
-from .identification.identify import identify
 from .integrators import DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
 from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics
-from .linear.linearize import linearize
-from .linear.model import LinearModel
 from .model.bodies import Body, Marker, ground
 from .model.conditions import bounded
 from .model.drivers import Driver
@@ -77,32 +72,100 @@ from .model.rates import time_derivative
 from .model.shaking import ShakingForce, shaking_force
 from .model.symbols import Coordinate, Input, Parameter, StateVariable, t
 from .model.validity import Smoothing, ValidityCondition
-from .optimal_control.checks.failure import OptimizationError
-from .optimal_control.optimize import optimize
-from .optimal_control.phase import Phase, Waypoint
-from .optimal_control.placeholders import at_end, at_start, integral
-from .optimal_control.problem import OptimalControlProblem
-from .optimal_control.solution import Solution
-from .optimal_control.stability import Stability
-from .optimal_control.storage import read_solution
-from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
-from .optimal_control.transcription.points import CollocationPoint
-from .results.export import read_trajectory
 from .results.state import State
 from .results.trajectory import Trajectory
+from .results.trajectory_files import read_trajectory
 from .sensitivity.cost import CostFunction, cost_function
 from .sensitivity.sensitivities import Sensitivities, sensitivities
 from .simulation.simulate import simulate
-from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
-from .statics.path import EquilibriumPath, equilibrium_path
-from .sweeping.cases import full_factorial, latin_hypercube
-from .sweeping.result import Sweep
-from .sweeping.sweep import sweep
-from .visual.animation import Animation, animate
-from .visual.drawing.draw import draw
-from .visual.plots.charts import plot_energy, plot_path, plot_phase
-from .visual.plots.identification_plots import plot_residuals
-from .visual.plots.modes import plot_modes
-from .visual.plots.plot import plot
-from .visual.plots.solution_plots import plot_solution
-from .visual.symbols import Glyph, glyph
+
+if _typing.TYPE_CHECKING:
+    from . import library
+    from .files.acf import read_acf
+    from .files.adm import read_adm
+    from .files.mjcf import read_mjcf
+    from .files.urdf import read_urdf
+    from .fmu.export import export_fmu
+    from .identification.data import Experiment, IdentificationError
+    from .identification.fit import Fit
+    from .identification.identify import identify
+    from .linear.linearize import linearize
+    from .linear.model import LinearModel
+    from .optimal_control.checks.failure import OptimizationError
+    from .optimal_control.optimize import optimize
+    from .optimal_control.phase import Phase, Waypoint
+    from .optimal_control.placeholders import at_end, at_start, integral
+    from .optimal_control.problem import OptimalControlProblem
+    from .optimal_control.return_map import stability
+    from .optimal_control.solution import Solution
+    from .optimal_control.stability import Stability
+    from .optimal_control.storage import read_solution
+    from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
+    from .optimal_control.transcription.points import CollocationPoint
+    from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
+    from .statics.path import EquilibriumPath, equilibrium_path
+    from .sweeping.cases import full_factorial, latin_hypercube
+    from .sweeping.result import Sweep
+    from .sweeping.sweep import sweep
+    from .visual.animation import Animation, animate
+    from .visual.drawing.draw import draw
+    from .visual.plots.charts import plot_energy, plot_path, plot_phase
+    from .visual.plots.identification_plots import plot_residuals
+    from .visual.plots.modes import plot_modes
+    from .visual.plots.plot import plot
+    from .visual.plots.solution_plots import plot_solution
+    from .visual.symbols import Glyph, glyph
+
+#: Modules that are imported when one of their names is first asked for, and these names.
+_LATER = {
+    "": "library",
+    "files.acf": "read_acf",
+    "files.adm": "read_adm",
+    "files.mjcf": "read_mjcf",
+    "files.urdf": "read_urdf",
+    "fmu.export": "export_fmu",
+    "identification.data": "Experiment IdentificationError",
+    "identification.fit": "Fit",
+    "identification.identify": "identify",
+    "linear.linearize": "linearize",
+    "linear.model": "LinearModel",
+    "optimal_control.checks.failure": "OptimizationError",
+    "optimal_control.optimize": "optimize",
+    "optimal_control.phase": "Phase Waypoint",
+    "optimal_control.placeholders": "at_end at_start integral",
+    "optimal_control.problem": "OptimalControlProblem",
+    "optimal_control.return_map": "stability",
+    "optimal_control.solution": "Solution",
+    "optimal_control.stability": "Stability",
+    "optimal_control.storage": "read_solution",
+    "optimal_control.transcription": "GaussLegendre HermiteSimpson Transcription",
+    "optimal_control.transcription.points": "CollocationPoint",
+    "statics.equilibrium": "Equilibrium EquilibriumError equilibrium",
+    "statics.path": "EquilibriumPath equilibrium_path",
+    "sweeping.cases": "full_factorial latin_hypercube",
+    "sweeping.result": "Sweep",
+    "sweeping.sweep": "sweep",
+    "visual.animation": "Animation animate",
+    "visual.drawing.draw": "draw",
+    "visual.plots.charts": "plot_energy plot_path plot_phase",
+    "visual.plots.identification_plots": "plot_residuals",
+    "visual.plots.modes": "plot_modes",
+    "visual.plots.plot": "plot",
+    "visual.plots.solution_plots": "plot_solution",
+    "visual.symbols": "Glyph glyph",
+}
+_PLACES = {name: module for module, names in _LATER.items() for name in names.split()}
+
+
+def __getattr__(name: str) -> _typing.Any:
+    """Import what is asked for first: the rooms that a simulation does not need take half of the time to import."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module = _PLACES[name]
+    value = getattr(_import_module(f".{module}", __name__), name) if module else _import_module(f".{name}", __name__)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PLACES})

@@ -1,4 +1,4 @@
-"""The command line: ``python -m mbdcasadi run MODEL.adm ANALYSIS.acf`` and ``check MODEL.adm``."""
+"""The command line: ``python -m mbdcasadi run MODEL.adm ANALYSIS.acf``, ``check MODEL.adm`` and ``export-fmu``."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ import mbdcasadi as mbd
 from .files import read_model
 from .files.acf import Analysis
 from .numerics.writing import whole_file, writable
+from .results.columns import default_expressions
 from .results.summary import summary
 
 #: Exit status of a wrong model or a run that stops, and of Ctrl-C.
 WRONG, STOPPED = 2, 130
+#: Units of the outputs of an exported model, by how their names end.
+UNITS = {"ax": "m/s2", "ay": "m/s2", "alpha": "rad/s2", "fx": "N", "fy": "N", "torque": "N.m"}
 #: Part of messages that is of use in Python alone.
 PARTIAL = "; what was computed is in .partial"
 
@@ -54,6 +57,20 @@ def _parser() -> argparse.ArgumentParser:
     check = commands.add_parser("check", help="check a model", description="Check a model: freedom, redundancy, names.")
     check.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
     check.set_defaults(command=_check)
+    unit = commands.add_parser(
+        "export-fmu",
+        help="write a model as a functional mock-up unit",
+        description="Write a model as a functional mock-up unit, with the motion and all loads as outputs.",
+    )
+    unit.add_argument("model", metavar="MODEL.adm", type=Path, help="the mechanism")
+    unit.add_argument("analysis", metavar="ANALYSIS.acf", type=Path, help="end and step of the default experiment")
+    unit.add_argument("unit", metavar="OUT.fmu", type=Path, help="the file to write")
+    unit.add_argument("--version", metavar="N", type=int, default=3, help="FMI version, 2 or 3 (default 3)")
+    unit.add_argument(
+        "--kind", metavar="KIND", default="both", help="co-simulation, model-exchange or both (default both)"
+    )
+    unit.add_argument("--sources-only", action="store_true", help="write no binary for this machine")
+    unit.set_defaults(command=_export_unit)
     return parser
 
 
@@ -186,6 +203,32 @@ def _check(options: argparse.Namespace) -> None:
     print(report)
     for note in notes:
         print(f"note: {note}")
+
+
+# --- export-fmu --------------------------------------------------------------------------
+def _export_unit(options: argparse.Namespace) -> None:
+    _check_outputs({"unit": options.unit}, (options.model, options.analysis))
+    with _notes() as notes:
+        mechanism = read_model(options.model)
+        analysis = mbd.read_acf(options.analysis)
+        inputs = {symbol.label for symbol in mechanism.inputs}
+        named = default_expressions(mechanism, loads=True)
+        outputs = {name: expression for name, expression in named.items() if name not in inputs}
+        endings = {name: name.rsplit(".", 1)[-1] for name in outputs}
+        mbd.export_fmu(
+            mechanism,
+            options.unit,
+            outputs=outputs,
+            units={name: UNITS[ending] for name, ending in endings.items() if ending in UNITS},
+            kind=options.kind,
+            version=options.version,
+            stop=analysis.end,
+            step=analysis.end / analysis.output_steps,
+            binary=False if options.sources_only else None,
+        )
+    for note in notes:
+        print(f"note: {note}")
+    print(f"{'written':20}{options.unit}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import mbdcasadi as mbd
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -31,6 +33,26 @@ _ERROR = re.compile(r"^(\w+Error|Interrupted): ", re.MULTILINE)
 _NUMBER = re.compile(r"[-+]?\d+(?:\.(\d*))?(?:e([-+]?\d+))?")
 #: the same as one group
 _CAPTURED = r"([-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?)"
+
+
+#: Sides of the grid on which pictures are compared, and the differences up to which they are the same, since fonts and
+#: rounding differ from machine to machine: of the grey (0 … 255) of a cell, of that on the mean, of the proportions.
+GRID, CELL_DIFFERENCE, MEAN_DIFFERENCE, SIZE_DIFFERENCE = 32, 60.0, 4.0, 0.03
+
+
+def stale(shown: Path, drawn: Path) -> str | None:
+    """Say how a picture of the documentation differs from what its code draws; None if it does not."""
+    from PIL import Image
+
+    pictures = [Image.open(path).convert("L") for path in (shown, drawn)]
+    (wide, high), (new_wide, new_high) = (picture.size for picture in pictures)
+    if abs(wide / high / (new_wide / new_high) - 1) > SIZE_DIFFERENCE:
+        return f"{shown.name} has {wide} x {high} pixels, and is drawn with {new_wide} x {new_high}"
+    old, new = (np.asarray(picture.resize((GRID, GRID), Image.Resampling.BOX), dtype=float) for picture in pictures)
+    apart = np.abs(old - new)
+    if apart.max() > CELL_DIFFERENCE or apart.mean() > MEAN_DIFFERENCE:
+        return f"{shown.name} is not what its code draws: grey {apart.max():.0f} off, {apart.mean():.1f} on average"
+    return None
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import types
 import warnings
 
 import pytest
-from documentation_blocks import DOCS, FIGURES, PAGES, ROOT, Block, agrees, blocks_of, printed_by, run_page
+from documentation_blocks import DOCS, FIGURES, PAGES, ROOT, Block, agrees, blocks_of, printed_by, run_page, stale
 
 import mbdcasadi as mbd
 
@@ -23,6 +23,8 @@ def test_code_prints_what_the_page_shows(page, tmp_path, monkeypatch):
     assert drawn <= shown or page.name == "README.md", (
         f"drawn by the code and not shown on the page: {sorted(drawn - shown)}"
     )
+    outdated = [text for name in sorted(drawn & shown) if (text := stale(FIGURES / name, tmp_path / name))]
+    assert not outdated, f"{outdated}: regenerate them by tests/documentation_blocks.py"
     if page.parent == DOCS:
         assert shown <= drawn, f"shown on the page and not drawn by its code: {sorted(shown - drawn)}"
 
@@ -42,19 +44,23 @@ def test_errors_appear_as_text(tmp_path):
         printed_by(silent, {"mbd": mbd})
 
 
+def public():
+    """Everything that the package offers, by name."""
+    return {name: getattr(mbd, name) for name in dir(mbd)}
+
+
 def test_everything_public_is_in_the_reference():
     listed = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "reference").glob("*.rst"))
     words = set(re.findall(r"\w+", listed))
-    public = {name for name, value in vars(mbd).items() if not name.startswith("_")}
-    modules = {name for name in public if isinstance(getattr(mbd, name), types.ModuleType)}
-    assert public - modules <= words, sorted(public - modules - words)
+    names = {n for n, v in public().items() if not n.startswith("_") and not isinstance(v, types.ModuleType)}
+    assert names <= words, sorted(names - words)
     ready = {name for name in mbd.library.__all__ if isinstance(getattr(mbd.library, name), types.FunctionType)}
     assert ready <= words, sorted(ready - words)
 
 
 def test_every_element_is_in_the_catalogue():
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "catalogue").glob("*.md"))
-    kinds = {n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, mbd.Element | mbd.FrictionLaw)}
+    kinds = {n for n, v in public().items() if isinstance(v, type) and issubclass(v, mbd.Element | mbd.FrictionLaw)}
     kinds -= {"Element", "ConstraintElement", "Joint", "FrictionLaw"}  # to derive from
     missing = {name for name in kinds if f"mbdcasadi.{name}`" not in text}
     assert not missing, sorted(missing)
@@ -62,7 +68,7 @@ def test_every_element_is_in_the_catalogue():
 
 def test_errors_and_warnings_are_explained():
     text = (DOCS / "errors.md").read_text(encoding="utf-8")
-    kinds = [n for n, v in vars(mbd).items() if isinstance(v, type) and issubclass(v, BaseException)]
+    kinds = [n for n, v in public().items() if isinstance(v, type) and issubclass(v, BaseException)]
     assert all(f"`{name}`" in text or f"mbdcasadi.{name}`" in text for name in kinds)
 
 
@@ -82,15 +88,29 @@ def test_every_example_is_in_the_gallery():
     assert all(gallery.question(name)[0] for name in EXAMPLES)
 
 
-def test_pictures_of_the_catalogue():
+def test_pictures_of_the_catalogue(tmp_path):
     figures = load("catalogue_figures")
+    outdated = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", mbd.MechanismWarning)
         for name in figures.SCENES:
-            assert figures.draw(name).axes
+            figures.save(name, tmp_path)
+            outdated.append(stale(figures.TARGET / f"{name}.png", tmp_path / f"{name}.png"))
+    assert not any(outdated), f"{list(filter(None, outdated))}: regenerate them by docs/catalogue_figures.py"
     text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "catalogue").glob("*.md"))
     shown = set(re.findall(r"figures/catalogue/(\w+)\.png", text))
     assert shown == {*figures.SCENES, "friction_laws"} == {path.stem for path in (FIGURES / "catalogue").glob("*.png")}
+
+
+def test_a_stale_figure_is_found(tmp_path):
+    """Another pose of the same mechanism, and the same drawing at another resolution."""
+    link = mbd.Body("link", 1, 0.1, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), link.at(-0.5, 0))
+    mechanism = mbd.Mechanism([link], [pin])
+    for name, angle, dpi in (("a", 0.3, 80), ("b", 0.3, 110), ("c", 0.45, 80), ("d", -1.0, 80)):
+        mbd.draw(mbd.assemble(mechanism, [pin.angle == angle])).figure.savefig(tmp_path / f"{name}.png", dpi=dpi)
+    assert stale(tmp_path / "a.png", tmp_path / "b.png") is None
+    assert stale(tmp_path / "a.png", tmp_path / "c.png") and stale(tmp_path / "a.png", tmp_path / "d.png")
 
 
 def test_commands_of_the_pages_are_the_package_s_own():

@@ -107,6 +107,77 @@ def test_compass_walker(found):
 
 
 @pytest.mark.slow
+def test_rimless_wheel(found):
+    """All runs come to the speed by hand, and the multiplier is the square of the share that an impact leaves."""
+    assert found["stability"].multipliers[0] == pytest.approx(found["share"] ** 2, abs=1e-7)
+    for run in found["runs"].values():
+        assert -run.events[-1].after[found["wheel"].omega] == pytest.approx(found["steady"], abs=0.02)
+    drop = 2 * found["LEG"] * np.sin(found["HALF"]) * np.sin(found["SLOPE"])
+    assert found["loss"] == pytest.approx(found["MASS"] * found["G"] * drop, abs=1e-7)
+
+
+@pytest.mark.slow
+def test_five_link_biped(found):
+    """Cost and impulse of collocation in absolute angles, and a landing that IDAS finds."""
+    assert found["solution"].cost == pytest.approx(469.50197507, abs=1e-3)
+    impulse = found["event"].after[found["lands"].impulse_on(found["other_tibia"]).force]
+    np.testing.assert_allclose(impulse, [-13.58603, 26.54152], atol=1e-3)
+    assert found["check"].time_error < 1e-4 and found["after"] < found["before"]
+
+
+@pytest.mark.slow
+def test_hopper(found):
+    """The cost of collocation in minimal coordinates, and a foot that is pressed onto the ground."""
+    assert found["solution"].cost == pytest.approx(3696.471396, abs=5e-3)
+    assert found["pressed"].min() > 0 and found["check"].time_error < 1e-5
+    impulse = found["landing"].after[found["stands"].impulse_on(found["foot"]).force]
+    assert impulse[1] == pytest.approx(-found["FOOT"] * found["landing"].state[found["foot"].vy], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_trebuchet(found):
+    """The range by SciPy in three angles; along its derivative the ball goes farther, by what the derivative says."""
+    first, better = (shot.final[found["ball"].x] for shot in found["shots"])
+    assert first == pytest.approx(328.458509, abs=1e-4) and found["found"][0][2] == pytest.approx(first, abs=1e-4)
+    assert better > first + 15
+    assert [event.name for event in found["shots"][0].events] == ["lifts off", "release", "lands"]
+
+
+@pytest.mark.slow
+def test_throwing_arm(found):
+    """The cost of collocation in two angles; more time takes less effort; both hit the mark."""
+    quick, slow = found["solutions"].values()
+    assert quick.cost == pytest.approx(11.37798126, abs=1e-3) and slow.cost < quick.cost
+    for solution in (quick, slow):
+        assert solution.trajectory.final[found["ball"].x] == pytest.approx(found["MARK"][0], abs=1e-6)
+        assert solution.verify().final_error < 1e-3
+
+
+@pytest.mark.slow
+def test_gripper(found):
+    """The least time by hand; a lighter blow takes more time and is not exceeded; momentum is shared."""
+    solutions = found["solutions"]
+    assert solutions[None].duration == pytest.approx(found["exact"], abs=3e-4)
+    times = [solution.duration for solution in solutions.values()]
+    assert times == sorted(times)
+    for limit, solution in solutions.items():
+        before, after = (solution.phases[k].trajectory.state(-1 + k)[found["arm"].omega] for k in (0, 1))
+        assert after == pytest.approx(found["first"] / found["second"] * before, abs=1e-6)
+        blow = solution.trajectory.events[0].after[found["blow"]]
+        assert limit is None or blow == pytest.approx(limit, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_geneva_drive(found):
+    """The wheel turns by the formula, in quarters, and no velocity jumps."""
+    assert found["error"] < 1e-10
+    for event in found["motion"].events:
+        assert abs(event.after[found["wheel"].omega] - event.state[found["wheel"].omega]) < 1e-9
+    left = [event.after[found["wheel"].phi] for event in found["motion"].events if event.name == "pin leaves"]
+    np.testing.assert_allclose(np.diff(left), -np.pi / 2, atol=1e-9)
+
+
+@pytest.mark.slow
 def test_five_bar_robot(found):
     free, around, quick = found["solutions"].values()
     assert largest_error(free, around, quick) < 1e-6

@@ -13,7 +13,8 @@ from ..equations import Equations
 from ..errors import ExpressionError, ModelError, SimulationError
 from ..model.immutable import Immutable
 from ..model.symbols import describe, number, role_of, symbols_of
-from ..numerics.real import real_array
+from ..numerics.evaluation import Evaluator
+from ..numerics.real import distinct, real_array
 from .piecewise_polynomial import PiecewisePolynomial
 from .values import pairs_of, position_in
 
@@ -92,7 +93,9 @@ class Signals:
     def breaks(self) -> np.ndarray:
         """Times at which what holds by intervals changes: samples and ends of polynomials."""
         parts = [p.breaks for p in self.polynomials.values()]
-        return np.unique(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
+        if not self.samples and not parts:
+            return np.zeros(0)
+        return distinct(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
 
     def channel_from(self, begins: np.ndarray) -> np.ndarray | None:
         """Values of the channel that hold from some times on (rows, k); None if nothing changes by interval."""
@@ -138,28 +141,29 @@ class Signals:
         levels : numpy.ndarray, optional
             Values of the levels; those that were given if left out.
         channel : numpy.ndarray, optional
-            What holds in the interval of each state (rows, k); what holds from its time on if left out.
+            Values in the interval of each state (rows, k); by default those from its time on.
         """
-        function = eom.mechanism.cache.get_or_create(
+        times = np.atleast_1d(np.asarray(t, float))
+        if not self.structure:
+            return np.zeros((times.size, 0))
+        evaluator = eom.mechanism.cache.get_or_create(
             ("inputs", self.structure),
             lambda: (
-                ca.Function(
-                    "inputs",
-                    [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel],
-                    [ca.densify(self.parametrised)],
+                Evaluator(
+                    ca.Function(
+                        "inputs",
+                        [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel],
+                        [ca.densify(self.parametrised)],
+                    )
                 ),
                 self.parametrised,  # kept beside its function: a hash is unique only while the node lives
             ),
         )[0]
-        times = np.atleast_1d(np.asarray(t, float))
         level_values = self.level_values if levels is None else levels
         if channel is None:
             channel = self.channel_from(times)
-        columns = np.zeros((0, times.size)) if channel is None else channel
-        values = function(
-            times[None, :], np.atleast_2d(q).T, np.atleast_2d(v).T, np.atleast_2d(z).T, p, level_values, columns
-        )
-        return np.broadcast_to(values.full().T, (times.size, self.expressions.numel()))
+        rows = np.zeros(0) if channel is None else channel.T
+        return evaluator.rows(times[:, None], q, v, z, p, level_values, rows)[0]
 
 
 @dataclass
@@ -267,6 +271,8 @@ def read_signals(
         Values that the analysis itself sets, over all others.
     """
     mechanism = eom.mechanism
+    if not mechanism.inputs and inputs is None:
+        return mechanism.cache.get_or_create("no inputs", lambda: _Reader(eom, None).signals(None))
     values: list[Any] = [u.value for u in mechanism.inputs]
     for key, value in (carried or {}).items():
         values[position_in(mechanism.inputs, key, "initial=")] = value

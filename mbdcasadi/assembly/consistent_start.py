@@ -30,7 +30,9 @@ from .velocity import VelocityProblem
 CONSISTENCY_TOLERANCE = 1e-6
 
 
-def consistent_start(numeric: NumericEquations, initial: Any, time: float, signals: Signals) -> State:
+def consistent_start(
+    numeric: NumericEquations, initial: Any, time: float, signals: Signals, near: np.ndarray | None = None
+) -> State:
     """Find the consistent state at which an analysis starts.
 
     Parameters
@@ -43,6 +45,8 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
         s.
     signals : Signals
         The inputs.
+    near : numpy.ndarray, optional
+        Estimate of the pose (n,), in place of that of the bodies.
 
     Raises
     ------
@@ -63,7 +67,7 @@ def consistent_start(numeric: NumericEquations, initial: Any, time: float, signa
     at_position, at_velocity, at_states = levels_of(numeric, read_conditions(initial))
     q0, v0, z0 = eom.estimate
     z = _first_order_states(numeric, at_states, time, z0)
-    q = PoseProblem(numeric, at_position, time, z).solve(q0)
+    q = PoseProblem(numeric, at_position, time, z).solve(q0 if near is None else near)
     v = VelocityProblem(numeric, at_velocity, time, q, z).solve(v0)
     return complete_state(numeric, signals, time, q, v, z)
 
@@ -89,7 +93,7 @@ def refuse_inconsistent(numeric: NumericEquations, state: State, time: float, q:
 
 
 def _remedy(state: State, eom: Equations, *, closed: bool) -> str:
-    """What makes a state consistent: an impact if bodies move apart at joints that their mechanism does not have."""
+    """Remedy for an inconsistent state, in words: an impact if bodies part at joints that are new to them."""
     if not closed or state.mechanism is eom.mechanism:
         return "use assemble to make it consistent"
     return (
@@ -107,7 +111,7 @@ def position_limits(numeric: NumericEquations, angular: np.ndarray | None = None
     numeric : NumericEquations
         Equations of the mechanism.
     angular : numpy.ndarray of bool, optional
-        Which of other rows are angles.
+        True for those of the other rows that are angles.
     """
     length = numeric.scale.length
     rows = numeric.eom.angular_rows[numeric.eom.position_rows] if angular is None else angular

@@ -13,12 +13,15 @@ from ..arguments.values import duration_grid, pairs_of, parameter_vector, time_g
 from ..equations import Equations, equations
 from ..equations.numeric import NumericEquations
 from ..errors import ModelError, SimulationError, warn
+from ..model.cache import Cache
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, number
 from ..results.state import State
 from .consistent_start import carried_by, consistent_start
 
-#: What is not given: None is no time.
+#: Values of the parameters at which the equations of a mechanism are kept.
+RECENT_PARAMETERS = 4
+#: Mark of an argument that is not given: None is no time.
 _UNSET: Any = object()
 
 
@@ -48,9 +51,9 @@ class Setup:
     fixed : mapping of Parameter or Input to float, optional
         Values that the analysis itself sets, over all others.
     takes_controller : bool, default False
-        Whether the analysis calls a sampled controller.
+        True if the analysis calls a sampled controller.
     takes_duration : bool, default True
-        Whether the analysis takes a duration in place of times.
+        True if the analysis takes a duration in place of times.
 
     Attributes
     ----------
@@ -126,11 +129,11 @@ class Setup:
     @cached_property
     def numeric(self) -> NumericEquations:
         """Equations at the values of the parameters."""
-        return NumericEquations(self.eom, self.p)
+        return kept_numeric(self.eom, self.p)
 
     def numeric_of(self, variant: Mechanism) -> NumericEquations:
         """Equations of another mechanism with the same parameters, at their values."""
-        return self.numeric if variant is self.mechanism else NumericEquations(equations(variant), self.p)
+        return self.numeric if variant is self.mechanism else kept_numeric(equations(variant), self.p)
 
     @cached_property
     def start(self) -> State:
@@ -141,6 +144,12 @@ class Setup:
     def has_redundant_rows(self) -> bool:
         """True if constraint rows depend on each other at the start."""
         return self.numeric.has_redundant_rows(self.start.t, self.start.q)
+
+
+def kept_numeric(eom: Equations, p: np.ndarray) -> NumericEquations:
+    """Return the equations at values of the parameters; the last ones of a mechanism are kept."""
+    recent = eom.mechanism.cache.get_or_create("numeric equations", lambda: Cache(RECENT_PARAMETERS))
+    return recent.get_or_create(p.tobytes(), lambda: NumericEquations(eom, p.copy()), bounded=True)
 
 
 def _report_exceeded_limits(mechanism: Mechanism, p: np.ndarray, analysis: str) -> None:

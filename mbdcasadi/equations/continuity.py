@@ -50,7 +50,7 @@ def continuous_switches(
     switches : sequence of Switch
         These switches.
     symbols : casadi.SX
-        What varies (k,).
+        Quantities that vary (k,).
     centre, size : numpy.ndarray
         Typical values, and sizes of their changes (k,).
     known : casadi.SX

@@ -56,7 +56,7 @@ class Equations:
     Attributes
     ----------
     mechanism : Mechanism
-        What they were derived from.
+        Mechanism from which they were derived.
     t, q, v, a, z, lam, u, p : casadi.SX
         Time; coordinates ``[x, y, phi]`` by body and then those without inertia
         (n,); their rates; first-order states (k,); multipliers (m,); inputs; parameters.
@@ -80,7 +80,7 @@ class Equations:
     coordinate_names, row_names : tuple of str
         Names of the entries of `q` and of the rows (joints in order, then drivers).
     position_rows : numpy.ndarray of int
-        Which rows are position constraints; all of them, unless there are velocity-level rows.
+        Indices of the rows that are position constraints; all of them, unless there are velocity-level rows.
 
     References
     ----------
@@ -144,6 +144,11 @@ class Equations:
     def symbols(self) -> tuple[ca.SX, ...]:
         """``(t, q, v, a, z, lam, u, p)``, the arguments of every compiled expression."""
         return self.t, self.q, self.v, self.a, self.z, self.lam, self.u, self.p
+
+    @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of coordinates, velocities, accelerations, first-order states, multipliers and inputs."""
+        return tuple(symbols.numel() for symbols in (self.q, self.v, self.a, self.z, self.lam, self.u))
 
     @cached_property
     def _known(self) -> set[int]:

@@ -69,7 +69,7 @@ class ExplicitRow:
     place : int
         Of the row in ``Phi``.
     coordinate : int
-        What it gives.
+        Expression of its value.
     factor : float
         Of the coordinate, with those given before substituted.
     given, moved : list of int

@@ -134,6 +134,11 @@ class ExplicitTime:
         """Positions of the parameters that occur in what depends on time."""
         return frozenset(int(k) for group in self._groups.values() for k in group.used)
 
+    @property
+    def switches(self) -> ca.SX:
+        """Functions of time and parameters at whose zeros something switches (k,)."""
+        return ca.vertcat(ca.SX(0, 1), *[group.switches for group in self._groups.values()])
+
     def breaks(self, p: np.ndarray, start: float, end: float) -> tuple[TimeBreaks, np.ndarray]:
         """Return the instants at which anything switches in time, and at which accelerations jump.
 

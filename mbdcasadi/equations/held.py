@@ -25,7 +25,7 @@ class JumpingPart:
     Attributes
     ----------
     kind : {"rows", "rate", "force", "input", "integrand"}
-        How it enters the equations.
+        Role in the equations.
     place : int or tuple of int
         Its rows, or its position among those of its kind.
     expressions : tuple of casadi.SX
@@ -121,7 +121,7 @@ class HeldEquations(Equations):
     Attributes
     ----------
     switches : tuple of Switch
-        What is held.
+        Switches that are held.
     held : dict of (str, int or tuple of int) to tuple of casadi.SX
         Expressions of the parts by kind and place.
     """
@@ -164,7 +164,7 @@ class HeldEquations(Equations):
                 self.nu[rows], self.gamma[rows] = held[2], held[3]
 
 
-#: What the equations have in common with those in which nothing is held.
+#: Terms that the equations share with those in which nothing is held.
 _SHARED = (
     "t", "q", "v", "a", "z", "u", "lam", "mass_diagonal", "M", "coordinate_names", "row_names", "row_elements",
     "position_rows", "velocity_rows", "potential", "kinetic",

@@ -13,7 +13,14 @@ from ..errors import ModelError, SingularityError
 from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
-from ..numerics.rank import RankAnalysis, analyse_rank, sparse_rank
+from ..numerics.rank import (
+    INDEPENDENT,
+    RankAnalysis,
+    analyse_rank,
+    sparse_rank,
+    surely_independent,
+    surely_independent_sparse,
+)
 from ..numerics.tolerances import EPSILON, RANK
 from .augmentation import effective_masses
 from .derivation import Equations
@@ -60,6 +67,9 @@ class NumericEquations:
         self.p = np.asarray(p, float)
         eom.mechanism.check_values(self.p)
         self.mass = eom.masses(self.p)
+        # of the pose that was looked at last: analyses begin with several questions about one pose
+        self._last_rank: tuple[tuple[float, bytes], RankAnalysis] | None = None
+        self._last_regular: tuple[tuple[float, bytes], bool] | None = None
 
     @cached_property
     def weights(self) -> np.ndarray:
@@ -186,7 +196,22 @@ class NumericEquations:
 
     def rank(self, t: float, q: np.ndarray) -> RankAnalysis:
         """Rank of ``Phi_q`` with its columns and rows scaled to size one."""
-        return analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q))
+        pose = float(t), np.asarray(q, float).tobytes()
+        last = self._last_rank
+        if last is None or last[0] != pose:
+            last = self._last_rank = pose, analyse_rank(self.scaled_jacobian(t, q), self._rank_tolerance(q))
+        return last[1]
+
+    def is_regular(self, t: float, q: np.ndarray) -> bool:
+        """Return True if the rows are independent by far at a pose; False if the pose is singular or may be."""
+        pose = float(t), np.asarray(q, float).tobytes()
+        last = self._last_regular
+        if last is None or last[0] != pose:
+            if self._is_large:
+                last = self._last_regular = pose, surely_independent_sparse(self._sparse_jacobian(t, q))
+            else:
+                last = self._last_regular = pose, surely_independent(self.scaled_jacobian(t, q))
+        return last[1]
 
     def scaled_jacobian(self, t: float, q: np.ndarray) -> np.ndarray:
         """``Phi_q`` with columns that compare and rows of length one (m, n)."""
@@ -203,12 +228,21 @@ class NumericEquations:
 
     def has_redundant_rows(self, t: float, q: np.ndarray) -> bool:
         """Return True if rows depend on each other at a pose; by sparse factorisation if the mechanism is large."""
-        eom = self.eom
-        if eom.lam.numel() * eom.q.numel() <= LARGE:
-            return self.rank(t, q).rank < eom.lam.numel()
+        tolerance = self._rank_tolerance(q)
+        if tolerance < INDEPENDENT and self.is_regular(t, q):
+            return False
+        rank = sparse_rank(self._sparse_jacobian(t, q), tolerance) if self._is_large else self.rank(t, q).rank
+        return rank < self.eom.lam.numel()
+
+    @property
+    def _is_large(self) -> bool:
+        return self.eom.lam.numel() * self.eom.q.numel() > LARGE
+
+    def _sparse_jacobian(self, t: float, q: np.ndarray) -> ca.DM:
+        """:meth:`scaled_jacobian` with its zeros left out."""
         jacobian = self.velocity_function(t, q, self.p)[0] @ ca.diag(ca.DM(self.column_scale))
-        size = self.scale.row_size(jacobian.full() / self.column_scale)
-        return sparse_rank(ca.diag(ca.DM(1 / size)) @ jacobian, self._rank_tolerance(q)) < eom.lam.numel()
+        size = np.sqrt(ca.sum2(jacobian**2).full().ravel())
+        return ca.diag(ca.DM(1 / self.scale.known_size(size))) @ jacobian
 
     # --- accelerations and multipliers ---------------------------------------------------
     def forward_dynamics(self, *, redundant: bool, refinements: int = REPORT_REFINEMENTS) -> ca.Function:
@@ -294,7 +328,8 @@ class NumericEquations:
             worst = np.argsort(-np.abs(np.where(np.isfinite(missed), missed, np.inf)))[:3]
             raise SingularityError(
                 f"no acceleration meets the constraints at t = {t:.6g} s: the pose is singular for the rows "
-                f"{', '.join(names[k] for k in worst)}, or a force is not finite there",
+                f"{', '.join(names[k] for k in worst)} (if several motions go from it, the velocities must be along "
+                "one of them), or a force is not finite there",
                 time=t,
             )
         return a, lam
@@ -308,9 +343,22 @@ class NumericEquations:
         return size
 
     def _solved(self, *state: Any, redundant: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Accelerations and multipliers; not finite if Newton's method meets a singular matrix."""
-        a, lam = call_each(self.forward_dynamics(redundant=redundant), *state, self.p)
-        return a.ravel(), lam.ravel()
+        """Accelerations and multipliers of one state."""
+        a, lam = self.accelerations_of_rows(*(np.atleast_2d(part) for part in state), redundant=redundant)
+        return a[0], lam[0]
+
+    def accelerations_of_rows(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray, *, redundant: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations (k, n) and multipliers (k, m) at states by row, times (k, 1); NaN where it fails."""
+        function = self.forward_dynamics(redundant=redundant)
+        if not function.is_a("SXFunction"):  # Newton's method may meet a singular matrix
+            a, lam = call_each(function, t.T, q.T, v.T, z.T, u.T, self.p)
+            return a.T, lam.T
+        key = ("forward dynamics by row", self.light_key, redundant)
+        evaluator = self.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+        a, lam = evaluator.rows(t, q, v, z, u, self.p)
+        return a, lam
 
 
 def _quoted(names: list[str]) -> str:

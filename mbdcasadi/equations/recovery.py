@@ -12,7 +12,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..numerics.console import call_each
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations
@@ -55,40 +55,49 @@ class Recovery:
         eom = self.numeric.eom
         return eom.mechanism.cache.get_or_create("velocity step", lambda: _velocity_step(eom))
 
+    @cached_property
+    def _position_rows(self) -> Evaluator:
+        return self._evaluator("position step by row", self.position_step)
+
+    @cached_property
+    def _velocity_rows(self) -> Evaluator:
+        return self._evaluator("velocity step by row", self.velocity_step)
+
+    def _evaluator(self, key: str, function: ca.Function) -> Evaluator:
+        return self.numeric.eom.mechanism.cache.get_or_create(key, lambda: Evaluator(function))
+
     def positions(self, t: np.ndarray, q: np.ndarray, iterations: int = 10) -> np.ndarray:
         """Bring coordinates (k, n) onto ``Phi = 0``."""
         if not self.numeric.eom.Phi.numel() or not t.size:
             return q
         p, weights = self.numeric.p, self.numeric.projection_weights
         self.left_over = 0.0
-        columns, before = q.T, np.inf
+        before = np.inf
         for _ in range(iterations):
-            moved, size, quality = self.position_step(t[None, :], columns, p, weights)
-            self.regularity = quality.full().ravel()
-            worst = largest(size.full())
+            moved, size, quality = self._position_rows.rows(t[:, None], q, p, weights)
+            self.regularity = quality.ravel()
+            worst = largest(size)
             if not np.isfinite(worst) or worst >= before / 2:
                 self.left_over = self.left_over or worst
                 break
             self.left_over = worst
-            columns, before = moved.full(), worst
-            if worst <= ROUNDING * (1 + largest(columns)):
+            q, before = moved, worst
+            if worst <= ROUNDING * (1 + largest(q)):
                 break
-        return columns.T
+        return q
 
     def velocities(self, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Bring velocities (k, n) onto ``Phi_q v = nu``."""
         if not self.numeric.eom.lam.numel() or not t.size:
             return v
         weights = self.numeric.projection_weights
-        return self.velocity_step(t[None, :], q.T, v.T, self.numeric.p, weights).full().T
+        return self._velocity_rows.rows(t[:, None], q, v, self.numeric.p, weights)[0]
 
     def accelerations(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, z: np.ndarray, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Accelerations (k, n) and multipliers (k, m)."""
-        function = self.numeric.forward_dynamics(redundant=self.redundant)
-        a, lam = call_each(function, t[None, :], q.T, v.T, z.T, u.T, self.numeric.p)
-        return a.T, lam.T
+        return self.numeric.accelerations_of_rows(t[:, None], q, v, z, u, redundant=self.redundant)
 
     def refine(self, rule: InputRule | None = None) -> Callable[..., tuple[np.ndarray, ...]]:
         """Return the function by which a trajectory interpolates; see ``Trajectory.at``."""

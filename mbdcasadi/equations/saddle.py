@@ -50,7 +50,7 @@ class SaddlePoint:
     force, gamma : casadi.SX
         Right sides (n,), (m,).
     angular : numpy.ndarray
-        Which rows are in rad (m,).
+        True for rows in rad (m,).
     """
 
     def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX, angular: np.ndarray):

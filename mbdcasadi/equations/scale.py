@@ -57,7 +57,10 @@ class Scale:
 
     def row_size(self, jacobian: np.ndarray) -> np.ndarray:
         """Lengths of the rows of ``Phi_q`` with scaled columns (m,); the usual length for one that has vanished."""
-        size = np.linalg.norm(jacobian * self.columns, axis=1)
+        return self.known_size(np.linalg.norm(jacobian * self.columns, axis=1))
+
+    def known_size(self, size: np.ndarray) -> np.ndarray:
+        """Lengths of rows (m,), with the usual length for one that has vanished."""
         return np.where(size > VANISHED * self.usual_rows, size, self.usual_rows)
 
     def scaled(self, jacobian: np.ndarray) -> np.ndarray:

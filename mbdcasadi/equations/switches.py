@@ -35,11 +35,11 @@ class Switch:
         Symbol of the side: 1 where the quantity is positive, else 0; of a `whole` one the largest whole number that
         is not above the quantity.
     quantity : casadi.SX
-        What passes zero, or whole numbers, with the switches inside it held.
+        Expression that passes zero, or whole numbers, with the switches inside it held.
     natural : casadi.SX
         The same with nothing held.
     whole : bool
-        Whether whole numbers count.
+        True if whole numbers count.
     description : str
         The element, state or input to which it belongs, in words.
     """
@@ -83,7 +83,7 @@ def hold(
     held : list of casadi.SX
         The expressions, smooth for given sides.
     switches : list of Switch
-        What was held; one that is inside another comes before it.
+        Switches that were held; one that is inside another comes before it.
 
     Examples
     --------

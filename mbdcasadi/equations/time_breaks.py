@@ -18,27 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-#: Functions that switch when their operands compare: ``a - b`` is zero.
-_COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
-#: Functions that switch, or have no derivative, when their operand is zero.
-_AT_ZERO = (ca.OP_FABS, ca.OP_SIGN, ca.OP_SQRT, ca.OP_LOG, ca.OP_INV)
-#: Functions that switch when their operand is an integer.
-_AT_INTEGERS = (ca.OP_FLOOR, ca.OP_CEIL)
-#: Operations that switch. The values of comparisons are compared in their turn by and, or, not and if_else.
-_SWITCHING = (
-    *_COMPARE, *_AT_ZERO, *_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
-    ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
-)  # fmt: skip
-#: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
-_TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
+from .switch_functions import depending_on_time, distinct, divisors_among, time_switches
+from .switch_times import SwitchTimes
 
-#: Operations that switch with the motion.
-_IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
-#: Operations by whose values geometry divides: the lengths of springs, and powers of these.
-_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
-
-#: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
-FEWEST_SAMPLES, MOST_SAMPLES = 512, 2**18
 #: Instants closer than this many units in the last place are one.
 SAME_INSTANT = 32
 #: Offset from an instant at which its sides are evaluated, relative to the distance of the next one.
@@ -49,8 +31,6 @@ AWAY_FROM_CORNERS = 1e-3
 JUMP_TOLERANCES = (1e-11, 1e-8, 1e-7)
 #: A transient counts as short below this share of the interval.
 SHORT_TRANSIENT = 1 / 20
-#: Steps in which a bracketed root is found to the last bit: by halving alone in the worst case.
-_MOST_STEPS = 60
 
 
 @dataclass(frozen=True)
@@ -137,13 +117,15 @@ class TimeFunctions:
         timed = np.flatnonzero(ca.which_depends(column, t, 1, True)) if column.numel() else np.zeros(0, int)
         #: maximal subexpressions in time and known symbols alone
         self.parts = column[timed.tolist()] if timed.size else ca.SX(0, 1)
-        zeros, integers, transients = _switches(self.parts, t, p) if timed.size else ([], [], [])
+        zeros, integers, transients = time_switches(self.parts, t, p) if timed.size else ([], [], [])
         # a quotient whose numerator depends on other symbols is no part, but has its poles in time
-        divisors = _timed(_divisors(rest, names, parts), t) if timed.size else []
-        zeros, transients = _distinct([*zeros, *divisors]), _distinct([*transients, *divisors])
-        self._zeros = _Switches(zeros, t, p, integer=False)
-        self._integers = _Switches(integers, t, p, integer=True)
-        self._transients = _Switches(transients, t, p, integer=False)
+        divisors = depending_on_time(divisors_among(rest, names, parts), t) if timed.size else []
+        zeros, transients = distinct([*zeros, *divisors]), distinct([*transients, *divisors])
+        #: functions of time and known symbols at whose zeros something switches (j,)
+        self.switches = ca.vertcat(ca.SX(0, 1), *zeros, *[ca.sin(np.pi * whole) for whole in integers])
+        self._zeros = SwitchTimes(zeros, t, p, integer=False)
+        self._integers = SwitchTimes(integers, t, p, integer=True)
+        self._transients = SwitchTimes(transients, t, p, integer=False)
         #: positions of the known symbols that occur in these
         self.used = np.flatnonzero(ca.which_depends(self.parts, p)) if timed.size and p.numel() else np.zeros(0, int)
         self._last: tuple[Any, TimeBreaks] | None = None
@@ -264,330 +246,6 @@ def _at_instant(near: np.ndarray, far: np.ndarray, h: np.ndarray) -> np.ndarray:
     second = 2 * near[2] - far[2]
     slope = near[1] - h * (near[2] + second) / 2
     return np.array([near[0] - h * (near[1] + slope) / 2, slope, second])
-
-
-class _Switches:
-    """Functions ``g(t, p)`` whose roots are instants of switching; whose integer values, if `integer`."""
-
-    def __init__(self, functions: Sequence[ca.SX], t: ca.SX, p: ca.SX, *, integer: bool):
-        self.count = len(functions)
-        self.integer = integer
-        self.depth = 0
-        if not functions:
-            return
-        column = ca.densify(ca.vertcat(*functions))
-        level = _depths(column, t, p)
-        self.depth = int(np.max(level))
-        slope = ca.densify(ca.jacobian(column, t))
-        curvature = ca.jacobian(slope, t)
-        bent = set(np.flatnonzero(ca.which_depends(column, t, 2, True)).tolist())
-        affine = np.array([k not in bent or ca.SX(curvature[k]).is_zero() for k in range(self.count)])
-        self._groups = {
-            (d, straight): ca.Function("switches", [t, p], [column[chosen], slope[chosen]])
-            for d in range(self.depth + 1)
-            for straight in (True, False)
-            if (chosen := np.flatnonzero((level == d) & (affine == straight)).tolist())
-        }
-        self._curved = ca.Function("transients", [t, p], [column, slope, ca.densify(curvature)])
-
-    def roots(self, level: int, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
-        """Roots of the functions of one depth of nesting; between two borders those of lower depth do not switch."""
-        roots = [np.zeros(0)]
-        for straight, search in ((True, self._affine_roots), (False, self._sampled_roots)):
-            if self.count and (level, straight) in self._groups:
-                roots.append(search(self._groups[level, straight], p, borders))
-        return np.concatenate(roots)
-
-    def _affine_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
-        """Roots of functions that are affine between borders."""
-        low, high = borders[:-1], borders[1:]
-        middle = (low + high) / 2
-        value, slope = (x.full() for x in function(middle[None, :], p))
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            root = middle - value / slope
-            if not self.integer:
-                inside = (root >= low) & (root <= high)
-                root = root[inside]
-                return root[np.isfinite(root)]
-            half = np.abs(slope) * (high - low) / 2
-            lowest, highest = np.ceil(value - half), np.floor(value + half)
-        roots = []
-        moving = np.isfinite(value) & np.isfinite(slope) & (slope != 0) & (highest >= lowest)
-        for g, k in np.argwhere(moving):
-            integers = np.arange(lowest[g, k], highest[g, k] + 1)
-            roots.append(middle[k] + (integers - value[g, k]) / slope[g, k])
-        return np.concatenate([np.zeros(0), *roots])
-
-    def _sampled_roots(self, function: ca.Function, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
-        """Roots of other functions: samples are made denser until no more of them appear."""
-        count, known = FEWEST_SAMPLES, [-1, -2]
-        while True:
-            points = _samples(borders, count)
-            value, slope = (x.full() for x in function(points[None, :], p))
-            rows = [_Sampled(function, g, p, points, value[g], slope[g], self.integer) for g in range(len(value))]
-            known.append(sum(row.count for row in rows))
-            if known[-1] == known[-2] == known[-3] or count >= MOST_SAMPLES:
-                return np.concatenate([row.roots() for row in rows])
-            count *= 2
-
-    def transients(self, p: np.ndarray, borders: np.ndarray) -> np.ndarray:
-        """Instants at which a function is zero, largest or smallest, and how long it takes to change by one (k, 2)."""
-        if not self.count:
-            return np.zeros((0, 2))
-        points = _samples(borders, FEWEST_SAMPLES)
-        value, slope, bend = (x.full() for x in self._curved(points[None, :], p))
-        transients = [np.zeros((0, 2))]
-        for g in range(self.count):
-            for level, samples, rates in ((0, value[g], slope[g]), (1, slope[g], bend[g])):
-                places = _Sampled(self._curved, g, p, points, samples, rates, level=level).crossings()
-                if places.size:
-                    rate = np.abs(self._curved(places[None, :], p)[level + 1].full()[g])
-                    with np.errstate(divide="ignore"):
-                        transients.append(np.column_stack([places, ((level + 1) / rate) ** (1 / (level + 1))]))
-        return np.vstack(transients)
-
-
-class _Sampled:
-    """One row of a compiled column of functions and their derivatives, sampled over time.
-
-    Parameters
-    ----------
-    function : casadi.Function
-        ``(t, p) -> (values, first derivatives, …)``.
-    row : int
-        Which of the functions.
-    p : numpy.ndarray
-        Values of the known symbols.
-    points, value, slope : numpy.ndarray
-        Samples (k,).
-    integer : bool
-        True to look for integer values instead of zeros.
-    level : int
-        Derivative of the function that is meant.
-    """
-
-    def __init__(
-        self,
-        function: ca.Function,
-        row: int,
-        p: np.ndarray,
-        points: np.ndarray,
-        value: np.ndarray,
-        slope: np.ndarray,
-        integer: bool = False,
-        level: int = 0,
-    ):
-        self._function, self._row, self._p, self._level = function, row, p, level
-        self._points, self._value, self._integer = points, value, integer
-        with np.errstate(invalid="ignore", over="ignore"):
-            if integer:
-                self._passed = np.flatnonzero(np.abs(np.diff(np.floor(value))) > 0)
-                self._dips = np.zeros(0, int)
-            else:
-                sign = np.sign(value)
-                self._passed = np.flatnonzero(sign[:-1] * sign[1:] < 0)
-                dips = (sign[:-1] * sign[1:] > 0) & (slope[:-1] * value[:-1] < 0) & (slope[1:] * value[1:] > 0)
-                self._dips = np.flatnonzero(dips)
-
-    @property
-    def count(self) -> int:
-        """Number of roots that the samples show."""
-        return self._passed.size + self._dips.size
-
-    def roots(self) -> np.ndarray:
-        """Roots at which the sign changes, and at which zero is only touched."""
-        return np.concatenate([self.crossings(), self._touching()])
-
-    def crossings(self) -> np.ndarray:
-        """Points at which the value changes its sign, or passes integers."""
-        points, value, k = self._points, self._value, self._passed
-        if not self._integer:
-            inside = slice(1, -1)
-            exact = points[inside][value[inside] == 0] if np.any(value) else np.zeros(0)
-            return np.r_[exact, self._root(points[k], points[k + 1], value[k])]
-        steps = np.floor(value)
-        ends = [np.sort(steps[[i, i + 1]]) for i in k]
-        integers = [np.arange(first + 1, last + 1) for first, last in ends]
-        owner = np.repeat(k, [each.size for each in integers])
-        target = np.concatenate([np.zeros(0), *integers])
-        return self._root(points[owner], points[owner + 1], value[owner] - target, target)
-
-    def _touching(self) -> np.ndarray:
-        """Points at which the value reaches zero between two samples without a change of sign at these."""
-        points, value, k = self._points, self._value, self._dips
-        if not k.size:
-            return np.zeros(0)
-        low, high = points[k], points[k + 1]
-        at_low, at_high = (self._evaluated(ends)[self._level + 1] for ends in (low, high))
-        places = self._root(low, high, at_low, level=self._level + 1)
-        there = self._evaluated(places)[self._level]
-        curvature = np.abs(at_high - at_low) / (high - low)
-        touched = np.abs(there) <= 1e-12 * curvature * (points[-1] - points[0]) ** 2
-        through = ~touched & (there * value[k] < 0)
-        before = self._root(low[through], places[through], value[k][through])
-        behind = self._root(places[through], high[through], there[through])
-        return np.r_[places[touched], before, behind]
-
-    def _evaluated(self, points: np.ndarray) -> list[np.ndarray]:
-        return [x.full()[self._row] for x in self._function(points[None, :], self._p)]
-
-    def _root(
-        self,
-        low: np.ndarray,
-        high: np.ndarray,
-        at_low: np.ndarray,
-        target: np.ndarray | float = 0.0,
-        level: int | None = None,
-    ) -> np.ndarray:
-        """Roots in brackets, all at once, by Newton steps that stay inside, and halving (k,)."""
-        level = self._level if level is None else level
-        low, high, x = low.copy(), high.copy(), (low + high) / 2
-        for _ in range(_MOST_STEPS if low.size else 0):
-            values = self._evaluated(x)
-            value = values[level] - target
-            same = np.sign(value) == np.sign(at_low)
-            low, high = np.where(same, x, low), np.where(same, high, x)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                step = value / values[level + 1] if len(values) > level + 1 else np.full(x.size, np.nan)
-                aimed = x - step
-            inside = (aimed > low) & (aimed < high)
-            done = (value == 0) | (high - low <= 2 * np.spacing(np.abs(high)))
-            done |= inside & (np.abs(step) <= np.spacing(np.abs(x)))
-            if np.all(done):
-                break
-            x = np.where(done, x, np.where(inside, aimed, (low + high) / 2))
-        return x
-
-
-def _switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """Functions that switch at zero, that switch at integers, and that bring a transient about."""
-    function = ca.Function("parts", [t, p], [parts])
-    nodes = function.instructions_sx()
-    wanted = set(_SWITCHING) | set(_TRANSIENT)
-    zeros, integers, transients = [], [], []
-    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        if op not in wanted:
-            continue
-        node = nodes[k]
-        a = node.dep(0)
-        b = node.dep(1) if node.n_dep() > 1 else a
-        if op in _COMPARE:
-            zeros.append(a - b)
-        elif op in _AT_ZERO:
-            zeros.append(a)
-        elif op in _AT_INTEGERS:
-            integers.append(a)
-        elif op in (ca.OP_FMOD, ca.OP_REMAINDER):
-            integers.append(a / b - (0.5 if op == ca.OP_REMAINDER else 0.0))
-        elif op in (ca.OP_COPYSIGN, ca.OP_DIV):
-            zeros.append(b)
-        elif op in (ca.OP_ATAN2, ca.OP_POW, ca.OP_CONSTPOW):
-            zeros.append(a)
-        elif op in (ca.OP_ASIN, ca.OP_ACOS):
-            zeros.append(a * a - 1)
-        elif op == ca.OP_TAN:
-            zeros.append(ca.cos(a))
-        if op in _TRANSIENT:
-            transients.append(b if op == ca.OP_DIV else a)
-    return _timed(zeros, t), _timed(integers, t), _timed(transients, t)
-
-
-def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Functions of a state at whose zeros expressions switch, and at whose zeros or extrema they may pass quickly.
-
-    Parameters
-    ----------
-    expressions : casadi.SX
-        Of any shape.
-    state : casadi.SX
-        Symbols on one of which a function must depend.
-    unknown : casadi.SX
-        Symbols on none of which it may depend.
-
-    Examples
-    --------
-    >>> x = ca.SX.sym("x")
-    >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
-    ([SX((2-x))], [SX((-sq(x)))])
-    """
-    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(expressions))
-    function = ca.Function("expressions", [symbols], [ca.vec(ca.densify(expressions))])
-    nodes = function.instructions_sx()
-    switches, transients = [], []
-    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
-        if op not in _IN_STATE and op not in _TRANSIENT:
-            continue
-        node = nodes[k]
-        operands = [node.dep(i) for i in range(node.n_dep())]
-        if op in _COMPARE:
-            switches.append(operands[0] - operands[1])
-        elif op in (ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN):
-            switches.append(operands[-1])
-        elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
-            whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
-            switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
-        elif operands[-1].op() not in _OF_GEOMETRY:
-            transients.append(operands[-1])
-    return _moving(switches, state, unknown), _moving(transients, state, unknown)
-
-
-def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:
-    """Those of the functions that depend on a state and on nothing unknown, each once."""
-    functions = _distinct(functions)
-    if not functions:
-        return []
-    column = ca.vertcat(*functions)
-    moving = ca.which_depends(column, state, 1, True)
-    blurred = ca.which_depends(column, unknown, 1, True) if unknown.numel() else [False] * len(functions)
-    return [f for f, moves, blur in zip(functions, moving, blurred, strict=True) if moves and not blur]
-
-
-def _divisors(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:
-    """Those of the parts by which other expressions are divided."""
-    known = {name.element_hash(): part for name, part in zip(names, parts, strict=True)}
-    function = ca.Function("rest", ca.symvar(rest), [rest])
-    nodes = function.instructions_sx()
-    operations = map(function.instruction_id, range(function.n_instructions()))
-    divisors = [nodes[k].dep(1) for k, op in enumerate(operations) if op == ca.OP_DIV]
-    return [known[node.element_hash()] for node in divisors if node.element_hash() in known]
-
-
-def _timed(functions: list[ca.SX], t: ca.SX) -> list[ca.SX]:
-    """Those of the functions that depend on time, each once."""
-    functions = _distinct(functions)
-    flags = ca.which_depends(ca.vertcat(*functions), t, 1, True) if functions else []
-    return [f for f, flag in zip(functions, flags, strict=True) if flag]
-
-
-def _distinct(functions: list[ca.SX]) -> list[ca.SX]:
-    return list({f.element_hash(): f for f in functions}.values())
-
-
-def _depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
-    """Number of operations that switch, nested in each of the functions (k,)."""
-    function = ca.Function("depths", [t, p], [column])
-    operations = list(map(function.instruction_id, range(function.n_instructions())))
-    level = np.zeros(column.numel(), int)
-    if not set(operations) & set(_SWITCHING):
-        return level
-    work: dict[int, int] = {}
-    for k, op in enumerate(operations):
-        places, to = function.instruction_input(k), function.instruction_output(k)
-        if op in (ca.OP_INPUT, ca.OP_CONST):
-            work[to[0]] = 0
-        elif op == ca.OP_OUTPUT:
-            level[to[1]] = work[places[0]]
-        else:
-            work[to[0]] = max(work[place] for place in places) + (op in _SWITCHING)
-    return level
-
-
-def _samples(borders: np.ndarray, count: int) -> np.ndarray:
-    """Points of all intervals between borders, not evenly spaced, so that nothing periodic hides between them."""
-    each = max(count // (borders.size - 1), 16)
-    share = (np.arange(each) + np.random.default_rng(0).uniform(0.25, 0.75, each)) / each
-    width = np.diff(borders)[:, None]
-    return (borders[:-1, None] + width * np.r_[1e-9, share, 1 - 1e-9]).ravel()
 
 
 def resolution(start: float, end: float) -> float:

@@ -7,9 +7,16 @@ from pathlib import Path
 
 from ..model.mechanism import Mechanism
 from .adm import read_adm
+from .mjcf import read_mjcf
+from .urdf import read_urdf
 
 #: Readers of mechanisms by the ending of their files; the command line takes every one of them.
-MODEL_READERS: dict[str, Callable[[Path], Mechanism]] = {".adm": read_adm}
+MODEL_READERS: dict[str, Callable[[Path], Mechanism]] = {
+    ".adm": read_adm,
+    ".mjcf": read_mjcf,
+    ".urdf": read_urdf,
+    ".xml": read_mjcf,
+}
 
 
 def read_model(path: Path) -> Mechanism:

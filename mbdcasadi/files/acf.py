@@ -24,7 +24,7 @@ class Analysis:
     Attributes
     ----------
     kind : {"kinematics", "inverse dynamics", "dynamics"}
-        Which analysis.
+        Kind of analysis.
     end : float
         Its last time, s; it starts at 0.
     output_steps : int

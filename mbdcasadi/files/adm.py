@@ -1,4 +1,4 @@
-"""Mechanisms from the JSON model files of the ME451 course (``.adm``)."""
+"""Mechanisms from the JSON model files of the ME451 course (``.adm``), which are not files of MSC Adams."""
 
 from __future__ import annotations
 
@@ -13,30 +13,39 @@ from ..model.element import Element
 from ..model.forces.field import Gravity
 from ..model.geometry.shapes import Rectangle, Shape
 from ..model.mechanism import Mechanism
-from .elements import CONSTRAINTS, FORCES, OTHER_TYPES, Bodies, Builder, Part
+from .contacts import circle_on_ground
+from .elements import CONSTRAINTS, FORCES, Bodies, Builder, FileForces, Part, matlab_name
 from .fields import Fields, objects
 from .text import JsonObject, read_json
 
-#: What holds when a file gives no gravity.
+#: Gravity if a file gives none.
 GRAVITY = (0.0, -9.81)
 
 
-def read_adm(path: str | Path) -> Mechanism:
-    """Read a mechanism from a model file.
+def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:
+    """Read a mechanism from a JSON model file of the ME451 course.
 
     A model file is a JSON object with ``name``, ``gravity`` ``[gx, gy]`` and
     the lists ``bodies`` (``name, id, mass, jbar, q0, qd0``), ``constraints``
-    and ``forces`` (``name, type, body1, sP1, …``). Bodies are referred to by
+    and ``forces`` (``name, type, body1, sP1, …``) and ``contacts``. The files of
+    MSC Adams, which have the same ending, are not read. Bodies are referred to by
     ``id``; 0, or no id, is the ground. ``fun`` is arithmetic in ``t``; an
     absolute or relative constraint whose ``fun`` depends on ``t`` becomes a
     :class:`~mbdcasadi.Driver` of the same name. A ``RackPinion`` becomes two
-    constraints: the rolling, under its name, and ``… centre distance``.
-    Errors in the drawing part ``vis`` do no harm.
+    constraints: the rolling, under its name, and ``… centre distance``. A contact
+    (``name, body, sP1, r, kn, cn, kt, ct``) is that of a circle with the ground
+    ``y <= 0``: the normal force is ``max(kn δ + cn δ̇, 0)`` with the penetration δ,
+    and a spring and damper ``-(kt u + ct v)`` hold the point of contact along the
+    ground, without sliding. Errors in the drawing part ``vis`` do no harm.
 
     Parameters
     ----------
     path : str or Path
         The file.
+    forces : dict of str to callable, optional
+        Functions in place of the Matlab files that ``PointForceFile`` names (``mfile``), which are never run:
+        ``function(t, q, v)`` returns the components (2,), N, in the force's frame, as expressions in time, s, and
+        coordinates and velocities of the body (3,), m, rad, s.
 
     Returns
     -------
@@ -53,23 +62,30 @@ def read_adm(path: str | Path) -> Mechanism:
     >>> import mbdcasadi as mbd
     >>> mbd.read_adm("examples/models/slider_crank.adm")
     Mechanism(slider crank: 3 bodies, 6 joints, 3 forces)
+
+    A piston force in ``pistonForce.m``, which pushes against the motion to the right:
+
+    >>> piston = lambda t, q, v: (mbd.if_else(v[0] > 0, -1000.0, 0.0), 0.0)
+    >>> engine = mbd.read_adm("engine.adm", forces={"pistonForce": piston})  # doctest: +SKIP
     """
     data = read_json(path)
     file = Path(path).name
     model = Fields(data, file, "")
     name = model.text("name", Path(path).stem)
     _refuse_other_parts(model)
+    given = _file_forces(forces, data, file)
     try:
         bodies = _read_bodies(data, file)
-        constraints = list(_read_elements(data, file, "constraint", CONSTRAINTS, bodies))
-        forces = list(_read_elements(data, file, "force", FORCES, bodies))
+        constraints = list(_read_elements(data, file, "constraint", CONSTRAINTS, bodies, given))
+        loads = list(_read_elements(data, file, "force", FORCES, bodies, given))
+        loads += _read_elements(data, file, "contact", circle_on_ground, bodies, given)
         if any(gravity := model.numbers("gravity", 2, GRAVITY)):
-            forces.insert(0, Gravity(gravity, name=_free_name("gravity", [*constraints, *forces])))
+            loads.insert(0, Gravity(gravity, name=_free_name("gravity", [*constraints, *loads])))
         return Mechanism(
             bodies=list(bodies.values()),
             joints=[c for c in constraints if not isinstance(c, Driver)],
             drivers=[c for c in constraints if isinstance(c, Driver)],
-            forces=forces,
+            forces=loads,
             name=name,
         )
     except FileError:
@@ -79,12 +95,23 @@ def read_adm(path: str | Path) -> Mechanism:
 
 
 def _refuse_other_parts(model: Fields) -> None:
-    if objects(model.data, "contacts", model.file):
-        raise model.refuse("'contacts' are not supported yet; take them out, or write the model in Python")
     known = ("name", "gravity", "bodies", "constraints", "forces", "contacts", "vis", "comment")
     unknown = [key for key in model.data if key not in known]
     if unknown:
         raise model.refuse(f"unknown part {', '.join(map(repr, unknown))}; a model holds {', '.join(known)}")
+
+
+def _file_forces(forces: FileForces | None, data: JsonObject, file: str) -> FileForces:
+    """Return the functions that the user gives for Matlab files, if the model has these."""
+    if forces is not None and not isinstance(forces, Mapping):
+        raise FileError(f'{file}: forces= takes functions by name, as {{"pistonForce": function}}, got {forces!r}')
+    given = {str(name).removesuffix(".m"): function for name, function in (forces or {}).items()}
+    fields = [_named(entry, file, "force", number) for number, entry in enumerate(objects(data, "forces", file), 1)]
+    known = [matlab_name(f) for f in fields if f.get("type", None) == "PointForceFile"]
+    if strange := [name for name in given if name not in known]:
+        has = f"; it has {', '.join(known)}" if known else ""
+        raise FileError(f"{file}: forces= gives {', '.join(strange)}, and no force of the model is in such a file{has}")
+    return given
 
 
 def _free_name(name: str, elements: list[Element]) -> str:
@@ -143,24 +170,34 @@ def _named(entry: Any, file: str, word: str, number: int) -> Fields:
 
 
 def _read_elements(
-    data: JsonObject, file: str, word: str, builders: Mapping[str, Builder], bodies: Bodies
+    data: JsonObject,
+    file: str,
+    word: str,
+    builders: Mapping[str, Builder] | Builder,
+    bodies: Bodies,
+    file_forces: FileForces,
 ) -> Iterator[Element]:
+    """Read one list of a file: by the types of its entries, or all of one kind."""
     seen: set[str] = set()
     for number, entry in enumerate(objects(data, f"{word}s", file), 1):
         fields = _named(entry, file, word, number)
-        kind = fields.text("type")
-        if kind not in builders:
-            other = f"; {OTHER_TYPES[kind]}" if kind in OTHER_TYPES else ""
-            raise fields.refuse(f"the type '{kind}' is not known{other}; known are {', '.join(builders)}")
+        build, kind = (builders, word) if callable(builders) else _builder(fields, builders)
         name = fields.text("name", f"{kind} {number}")
         if name in seen:
             raise fields.refuse("the name occurs twice; each needs another one")
         seen.add(name)
         try:
-            elements = builders[kind](Part(fields, name, bodies))
+            elements = build(Part(fields, name, bodies, file_forces))
         except FileError:
             raise
         except MechanismError as error:
             raise FileError(f"{file}: {error}") from error
         fields.done()
         yield from elements
+
+
+def _builder(fields: Fields, builders: Mapping[str, Builder]) -> tuple[Builder, str]:
+    kind = fields.text("type")
+    if kind not in builders:
+        raise fields.refuse(f"the type '{kind}' is not known; known are {', '.join(builders)}")
+    return builders[kind], kind

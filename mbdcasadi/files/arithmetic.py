@@ -65,7 +65,7 @@ def parse_arithmetic(text: str, what: str) -> ca.SX:
     text : str
         The arithmetic.
     what : str
-        What holds it, for messages: ``"constraint 'driver': fun"``.
+        Its place in the file, for messages: ``"constraint 'driver': fun"``.
 
     Returns
     -------

@@ -18,20 +18,24 @@ from ..model.joints.base import Joint
 from ..model.joints.coordinates import AbsoluteAngle, AbsoluteX, AbsoluteY, RelativeAngle, RelativeX, RelativeY
 from ..model.joints.gears import RackAndPinion
 from ..model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational
+from ..model.quantities import function_of, vector2
 from ..model.symbols import symbols_of, t
 from .fields import Fields
 
 Bodies = Mapping[int, Body]
+#: Forces in place of Matlab files, by the names of these: ``function(t, q, v)`` of the body returns (2,), N.
+FileForces = Mapping[str, Callable[..., Any]]
 _FRAMES = {"GRF": "global", "LRF": "body"}
 
 
 class Part:
-    """Fields of a constraint or force, with the bodies that it refers to."""
+    """Fields of a constraint, force or contact, with the bodies that it refers to."""
 
-    def __init__(self, fields: Fields, name: str, bodies: Bodies):
+    def __init__(self, fields: Fields, name: str, bodies: Bodies, file_forces: FileForces):
         self.fields = fields
         self.name = name
         self.bodies = bodies
+        self.file_forces = file_forces
 
     @property
     def _known_ids(self) -> str:
@@ -151,13 +155,37 @@ class _RackAndPinion(RackAndPinion):
         Joint.__init__(self, name, a, b, rolled - phase)
 
 
-def _point_force(part: Part) -> list[Element]:
-    frame = part.fields.text("frame")
+def _frame(fields: Fields) -> str:
+    frame = fields.text("frame")
     if frame.upper() not in _FRAMES:
-        raise part.fields.refuse(f"frame must be GRF (global) or LRF (local), got '{frame}'")
+        raise fields.refuse(f"frame must be GRF (global) or LRF (local), got '{frame}'")
+    return _FRAMES[frame.upper()]
+
+
+def _point_force(part: Part) -> list[Element]:
+    frame = _frame(part.fields)
     part.moving()
     vector = [part.fields.function(key) for key in ("funX", "funY")]
-    return [Force(part.name, part.marker(1), vector, frame=_FRAMES[frame.upper()])]
+    return [Force(part.name, part.marker(1), vector, frame=frame)]
+
+
+def _point_force_of_file(part: Part) -> list[Element]:
+    """Return a force that Matlab code gives in the file, by the function that the user gives for it."""
+    fields, body = part.fields, part.moving()
+    code = matlab_name(fields)
+    if code not in part.file_forces:
+        raise fields.refuse(
+            f"it is the Matlab code {code}.m, which is never run; give it as a function: "
+            f'mbd.read_adm(…, forces={{"{code}": lambda t, q, v: (fx, fy)}})'
+        )
+    given = f'{fields.description}: forces["{code}"]'
+    function = function_of(part.file_forces[code], fields.description, f'forces["{code}"]', "t", "q", "v")
+    return [Force(part.name, part.marker(1), vector2(function(t, body.q, body.v), given, "its value"), _frame(fields))]
+
+
+def matlab_name(fields: Fields) -> str:
+    """Return the name of the Matlab function in ``mfile``, without ``.m``."""
+    return fields.text("mfile").removesuffix(".m")
 
 
 def _torque(part: Part) -> list[Element]:
@@ -200,10 +228,9 @@ CONSTRAINTS: dict[str, Builder] = {
 }
 FORCES: dict[str, Builder] = {
     "PointForce": _point_force,
+    "PointForceFile": _point_force_of_file,
     "Torque": _torque,
     "RSDA1": _rotational_spring(to_ground=True),
     "RSDA2": _rotational_spring(to_ground=False),
     "TSDA": _translational_spring,
 }
-#: Types of the course that cannot be read, and why.
-OTHER_TYPES = {"PointForceFile": "its force is Matlab code, which is never run; write funX and funY in a PointForce"}

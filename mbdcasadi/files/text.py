@@ -22,6 +22,8 @@ _STRING_OR_COMMA = re.compile(rf"{_STRING}|,(?=\s*[}}\]])")
 # a text whose closing quote is missing ends with its line
 _TEXT_OR_BRACKET = re.compile(r'"(?:\\.|[^"\\\n])*"?|[\[\]{}]')
 _DRAWING = re.compile(r'"vis"\s*:\s*')
+#: Beginning of a dataset or command file of MSC Adams, whose endings are the same.
+_ADAMS = re.compile(r"\s*(!|ADAMS/|UNITS/|OUTPUT/|SIMULATE/)", re.IGNORECASE)
 #: Characters between two members.
 _BETWEEN = " \t\r\n,"
 _SCALAR = re.compile(rf"{_STRING}|[^,}}\]\s]*")
@@ -73,6 +75,8 @@ def read_json(path: str | Path) -> JsonObject:
                 raise FileError(f"{path}: the file must hold a JSON object {{…}}, got {_kind(content)}")
             return content
     assert failure is not None
+    if _ADAMS.match(text):
+        raise FileError(f"{path}: this is a file of MSC Adams, which is not read; the JSON files of ME451 models are")
     reason = failure.msg[0].lower() + failure.msg[1:]
     raise FileError(f"{path}: not valid JSON in line {failure.lineno}, column {failure.colno}: {reason}")
 

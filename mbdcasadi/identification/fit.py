@@ -45,7 +45,7 @@ class Fit:
     Attributes
     ----------
     unknowns : tuple of Parameter
-        What was identified.
+        Symbols that were identified.
     values : numpy.ndarray
         Their values (n,).
     covariance : numpy.ndarray
@@ -59,7 +59,7 @@ class Fit:
         By experiment, label of the output to the standard deviation of its residuals, of outliers apart with a robust
         loss.
     identifiability : tuple of str
-        What cannot be distinguished, or hardly, in words; empty if all is well.
+        Symbols that the data do not distinguish, or hardly, in words; empty if there are none.
     residuals : tuple of numpy.ndarray
         By experiment, model less data (n_y, n_t); NaN where a sample is missing.
     loss : {"linear", "huber", "soft_l1"}

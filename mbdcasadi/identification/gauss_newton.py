@@ -40,7 +40,7 @@ class GaussNewtonOutcome:
     iterations : int
         Steps that were taken.
     converged : bool
-        Whether steps and gaps vanished.
+        True if steps and gaps vanished.
     """
 
     theta: np.ndarray

@@ -82,7 +82,7 @@ def identify(
     iterations : int, default 50
         Largest number of Gauss–Newton steps.
     loss : {"linear", "huber", "soft_l1"}
-        How residuals count, as in ``scipy.optimize.least_squares``: by their squares, or those beyond `f_scale`
+        Loss, as in ``scipy.optimize.least_squares``: by their squares, or those beyond `f_scale`
         by their size, so that outliers hardly change the fit.
     f_scale : float, default 1.345
         Residual from which a sample counts as an outlier, in standard deviations of the noise (found from the inner

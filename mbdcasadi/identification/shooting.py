@@ -75,7 +75,7 @@ class Shooting:
     places : list of int
         Positions of the unknowns among the parameters.
     segments : int
-        How many.
+        Number of intervals.
     """
 
     def __init__(self, setup: MotionSetup, experiment: Experiment, places: list[int], segments: int):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Mapping
+from functools import cache
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -37,19 +39,19 @@ class Integrator(Immutable):
     Attributes
     ----------
     name : str
-        What ``method=`` calls it.
+        Name for ``method=``.
     plugin : str
         Name of the integrator in CasADi.
     solves_algebraic : bool
-        Whether it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
+        True if it takes algebraic unknowns, as bodies without mass and forces that depend on reactions need.
     is_multistep : bool
-        Whether a start costs many small steps.
+        True if a start costs many small steps.
     stops_by_input : bool
-        Whether it stops where an input changes, so that stops need not be known when it is compiled.
+        True if it stops where an input changes, so that stops need not be known when it is compiled.
     quadratures_in_error_test : bool
-        Whether integrals that are carried along take part in the error test.
+        True if integrals that are carried along take part in the error test.
     runs_whole : bool
-        Whether it runs in code of this package over a whole run, finds what happens inside its steps, and returns
+        True if it runs in code of this package over a whole run, finds what happens inside its steps, and returns
         states on the constraints.
 
     Raises
@@ -114,7 +116,7 @@ class Integrator(Immutable):
         Parameters
         ----------
         algebraic : bool
-            Whether there are algebraic unknowns.
+            True if there are algebraic unknowns.
         """
         own = {"reltol": self.reltol, "abstol": self.abstol, "show_eval_warnings": False, "error_on_fail": False}
         return own | self._compiler_options | dict(self.options)
@@ -134,9 +136,15 @@ class Integrator(Immutable):
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
+@cache
+def _compiler_on(path: str) -> str | None:
+    """Name of a C compiler on a path; None without one."""
+    return next((c for c in ("gcc", "clang", "cc") if shutil.which(c, path=path)), None)
+
+
 def _compiler() -> str:
     """Name of a C compiler on the path."""
-    name = next((c for c in ("gcc", "clang", "cc") if shutil.which(c)), None)
+    name = _compiler_on(os.environ.get("PATH", ""))
     if name is None:
         raise SimulationError(
             "jit=True needs a C compiler, and none of gcc, clang, cc is on the path; install one or leave jit out"

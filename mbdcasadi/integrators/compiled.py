@@ -102,7 +102,7 @@ class CompiledIntegrator:
     Attributes
     ----------
     starts : int
-        How often it was started.
+        Number of starts.
     steps, all_steps : int
         Steps of the last call and of all, if the method counts them.
     integrals : numpy.ndarray
@@ -118,21 +118,24 @@ class CompiledIntegrator:
         self.dae, self.integrator = dae, integrator
         clock = type(dae.x).sym("clock")
         length = dae.clock.length
+        ode, alg, quad = dae.ode, dae.alg, dae.quad
+        if isinstance(dae.x, ca.SX):
+            ode, alg, quad = ca.cse([ode, alg, quad])
         self._system = {
             "t": dae.clock.tau,
             "x": ca.vertcat(dae.x, clock),
             "p": ca.vertcat(dae.clock.start, length, dae.p),
-            "ode": ca.vertcat(length * dae.ode, 1),
+            "ode": ca.vertcat(length * ode, 1),
         }
         if dae.z.numel():
-            self._system |= {"z": dae.z, "alg": dae.alg}
+            self._system |= {"z": dae.z, "alg": alg}
         stop = [type(dae.x).sym("stop")] if integrator.stops_by_input else []
         self._u = ca.vertcat(dae.u, *stop)
         if self._u.numel():
             self._system["u"] = self._u
         self._quad_scale = QUADRATURE_SIZE * integrator.abstol if integrator.quadratures_in_error_test else 1.0
         if dae.quad.numel():
-            self._system["quad"] = self._quad_scale * length * dae.quad
+            self._system["quad"] = self._quad_scale * length * quad
         self._options = integrator.plugin_options(algebraic=bool(dae.z.numel()))
         self._functions: OrderedDict[tuple[Any, ...], ca.Function] = OrderedDict()
         self.restart_counting()
@@ -300,6 +303,37 @@ class CompiledIntegrator:
         self.integrals = result["qf"].full().T / self._quad_scale
         return states[:, :-1], result["zf"].full().T
 
+    def reach(
+        self,
+        flag: str,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        max_step: float | None = None,
+    ) -> IntegrationFailure:
+        """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached."""
+        states, algebraic = np.zeros((0, x.size)), np.zeros((0, z.size))
+        first, count = 0, max(times.size // 2, 1)
+        while first < times.size:
+            part = slice(first, first + count)
+            columns = None if u is None else u[:, part]
+            found = self._attempt(
+                x, z, start, times[part], p, columns, np.zeros(times[part].size, bool), FEW_STEPS, max_step
+            )
+            if isinstance(found, str):
+                flag = found
+                if count == 1:
+                    break
+                count //= 2
+                continue
+            states, algebraic = np.vstack([states, found[0]]), np.vstack([algebraic, found[1]])
+            x, z, start = states[-1], algebraic[-1], float(times[part][-1])
+            first += times[part].size
+        return IntegrationFailure(flag, states, algebraic)
+
     def rescue(
         self,
         flag: str,
@@ -311,27 +345,15 @@ class CompiledIntegrator:
         u: np.ndarray | None,
         max_step: float | None = None,
     ) -> IntegrationFailure:
-        """Repeat a piece that failed one output at a time: the failure with what was reached."""
-        states, algebraic, now = [], [], start
-        for k, time in enumerate(times):
-            column = None if u is None else u[:, k : k + 1]
-            found = self._once(x, z, now, float(time), p, column, FEW_STEPS, max_step)
-            if isinstance(found, str):
-                flag = found
-                break
-            x, z, now = found[0], found[1], float(time)
-            states.append(x)
-            algebraic.append(z)
-        reached = len(states)
-        column = None if u is None else u[:, min(reached, len(times) - 1)][:, None]
-        last, x = self._approach(x, z, now, float(times[min(reached, len(times) - 1)]), p, column)
-        return IntegrationFailure(
-            flag,
-            np.reshape(np.array(states), (reached, x.size)),
-            np.reshape(np.array(algebraic), (reached, z.size)),
-            last,
-            x,
-        )
+        """Repeat a piece that failed: the failure with the outputs reached, and the last state before it."""
+        failure = self.reach(flag, x, z, start, times, p, u, max_step)
+        reached = len(failure.x)
+        if reached:
+            x, z, start = failure.x[-1], failure.z[-1], float(times[reached - 1])
+        k = min(reached, len(times) - 1)
+        column = None if u is None else u[:, k][:, None]
+        last, x = self._approach(x, z, start, float(times[k]), p, column)
+        return IntegrationFailure(failure.flag, failure.x, failure.z, last, x)
 
     def _once(
         self,

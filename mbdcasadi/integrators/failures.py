@@ -29,10 +29,10 @@ def flag_of(error: Exception) -> str:
 
 
 def in_words(flag: str) -> str:
-    """What a flag says; any other text as it is."""
+    """Return the meaning of a flag; any other text as it is."""
     return _REASONS.get(flag, flag)
 
 
 def reason_of(error: Exception) -> str:
-    """Why an integrator stopped, by the error that it raised."""
+    """Cause for which an integrator stopped, from the error that it raised."""
     return in_words(flag_of(error))

@@ -19,9 +19,11 @@ from ..numerics.newton import Equations, refine_root, solve
 from ..numerics.rank import RankAnalysis, analyse_rank
 from ..numerics.tolerances import NEARLY_SINGULAR
 
-#: How far a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths; one try each.
+#: Distances by which a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths.
 EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
-#: How far it is moved to see whether a direction can be followed at all.
+#: How often these are tried again if several loops are singular at once.
+SEARCH = 5
+#: Distance by which it is moved to see whether a direction can be followed at all.
 PROBE = 1e-3
 #: Share of a displacement that must be left for the direction to count as a motion.
 FOLLOWED_SHARE = 0.3
@@ -46,7 +48,7 @@ class Mobility:
     shaky : int
         Number of infinitesimal motions there that cannot be followed.
     singular : bool
-        Whether the given pose is singular: its own rank is lower, to the accuracy of a pose.
+        True if the given pose is singular: its own rank is lower, to the accuracy of a pose.
     """
 
     rank: int
@@ -71,12 +73,18 @@ def mobility(numeric: NumericEquations, t: float, q: np.ndarray) -> Mobility:
         return Mobility(here.rank, q, here)
     joints = Joints(numeric, t)
     rank, pose, analysis = certain, q, here
-    for distance in EXCURSIONS if joints.motions(q).size else ():
-        moved = joints.advanced(q, joints.random_motion(q), distance)
-        if moved is not None:
-            there = numeric.rank(t, moved)
-            if there.rank > rank:
-                rank, pose, analysis = there.rank, moved, there
+    tries = list(EXCURSIONS) if joints.motions(q).size else []
+    searched = False
+    while tries and rank < min(m, n):
+        moved = joints.advanced(q, joints.random_motion(q), tries.pop(0))
+        if moved is None:
+            continue
+        there = numeric.rank(t, moved)
+        if there.rank_at(NEARLY_SINGULAR) > rank:
+            rank, pose, analysis = there.rank_at(NEARLY_SINGULAR), moved, there
+        if there.rank > there.rank_at(NEARLY_SINGULAR) > certain and not searched:
+            # of several flat loops some have moved, and others are as flat as they were
+            tries, searched = tries + SEARCH * list(EXCURSIONS), True
     blocked = joints.blocked(pose)
     if len(blocked):
         rank = analyse_rank(np.vstack([numeric.scaled_jacobian(t, pose), blocked])).rank

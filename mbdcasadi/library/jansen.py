@@ -85,7 +85,7 @@ def jansen(scale: float = 0.01, density: float = 1.0, angle: float = 0.0, gravit
         for name, marker in markers if fixed else markers[1:]:
             joints.append(Revolute(f"{place} {name}", first, marker))
     main = joints[0]
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     forces = [*weight(gravity), Torque("motor", bars["m"], tau)]
     mechanism = Mechanism(list(bars.values()), joints, forces=forces, inputs=[tau], name="Jansen linkage")
     return Model(mechanism, {"crank": main.angle}, **bars, main=main, tau=tau, foot=ends(bars["h"])[1])

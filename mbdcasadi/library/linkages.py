@@ -48,7 +48,7 @@ def four_bar(
     angle : float, default 0.5
         Crank angle of the estimated pose, rad.
     open : bool, default True
-        Whether C lies to the left of the line from B to D.
+        True if C lies to the left of the line from B to D.
     point : (float, float), default (0, 0)
         Coupler point in the coupler's frame, from its middle, m.
     masses : float or three of them, default 1
@@ -75,7 +75,7 @@ def four_bar(
         "C": Revolute("C", c2, c3),
         "D": Revolute("D", ground.at(ad, 0), d3),
     }
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     mechanism = Mechanism(
         bodies=[first, second, third],
         joints=list(pins.values()),
@@ -138,7 +138,7 @@ def five_bar(
         Revolute("C", d3, d4),
         Revolute("D", ground.at(width, 0), e3),
     ]
-    inputs = [Input("tau left"), Input("tau right")]
+    inputs = [Input("tau left", unit="N m"), Input("tau right", unit="N m")]
     motors = [Torque("left motor", bodies[0], inputs[0]), Torque("right motor", bodies[2], inputs[1])]
     mechanism = Mechanism(bodies, joints, forces=[*weight(gravity), *motors], inputs=inputs, name="five-bar")
     return Model(
@@ -199,7 +199,7 @@ def slider_crank(
     pin = Revolute("crank pin", ends(first)[1], ends(second)[0])
     wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
     guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     forces = [*weight(gravity), Torque("motor", first, tau)]
     joints = [main, pin, wrist, guide]
     mechanism = Mechanism([first, second, slider], joints, forces=forces, inputs=[tau], name="slider-crank")

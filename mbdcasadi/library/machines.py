@@ -35,7 +35,7 @@ def planetary_gear(
     sun, planet : float
         Pitch radii, m; the ring's is ``sun + 2 planet``.
     planets : int, default 1
-        How many; with more than one the rows of the others are redundant, and tooth forces
+        Number of them; with more than one the rows of the others are redundant, and tooth forces
         those of least norm, shared evenly.
     masses : float or four of them
         Of sun, each planet, ring and arm, kg: discs, a hoop and a rod.
@@ -70,7 +70,7 @@ def planetary_gear(
         joints.append(Revolute(f"planet pin{tag}", arm.at(*place), hub))
         sun_meshes.append(Gear(f"sun mesh{tag}", central["sun"].at(0, 0), hub, rs, rp, carrier=arm))
         ring_meshes.append(Gear(f"ring mesh{tag}", hub, central["ring"].at(0, 0), rp, rr, internal=True, carrier=arm))
-    inputs = {name: Input(f"tau {name}") for name in central}
+    inputs = {name: Input(f"tau {name}", unit="N m") for name in central}
     torques = [Torque(f"{name} torque", central[name], inputs[name]) for name in central]
     mechanism = Mechanism(
         bodies=[*central.values(), *bodies],
@@ -162,7 +162,7 @@ def cam_follower(
         contact: Any = CamFlatFollower("contact", cam.at(0, 0), follower.at(0, 0), outline)
     else:
         contact = CamPointFollower("contact", cam.at(0, 0), follower.at(0, 0), outline, roller)
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     forces: list[Any] = [*weight(gravity), Torque("motor", cam, tau)]
     spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
     forces += [] if spring is None else [spring]

@@ -27,7 +27,7 @@ class Model(Immutable, HoldsSymbols):
     Attributes
     ----------
     mechanism : Mechanism
-        What the analyses take; without drivers, its inputs at zero.
+        Mechanism for the analyses; without drivers, its inputs at zero.
     coordinates : dict of str to casadi.SX
         Natural coordinates, as many as there are degrees of freedom or more.
 

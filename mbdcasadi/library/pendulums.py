@@ -23,7 +23,7 @@ def pendulum_chain(
     Parameters
     ----------
     links : int, default 2
-        How many.
+        Number of links.
     length : float, default 1
         Of each rod, m.
     masses : float or one for each, default 1
@@ -49,7 +49,7 @@ def pendulum_chain(
     rods = [bar(f"rod {k + 1}", corners[k], corners[k + 1], m[k]) for k in range(count)]
     above = [ground.at(0, 0), *[ends(rod)[1] for rod in rods]]
     pins = [Revolute(f"pin {k + 1}", above[k], ends(rod)[0]) for k, rod in enumerate(rods)]
-    torques = [Input(f"tau {k + 1}") for k in range(count)]
+    torques = [Input(f"tau {k + 1}", unit="N m") for k in range(count)]
     motors = [
         Torque(f"motor {k + 1}", rod, torques[k], opposite=ground if k == 0 else rods[k - 1])
         for k, rod in enumerate(rods)

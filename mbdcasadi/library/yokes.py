@@ -60,7 +60,7 @@ def quick_return(
     main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
     hinge = Revolute("arm pivot", ground.at(*pivot), ends(second)[0])
     slot = PointOnLine("slot", ends(second)[0], ends(first)[1])
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     forces = [*weight(gravity), Torque("motor", first, tau)]
     mechanism = Mechanism([first, second], [main, hinge, slot], forces=forces, inputs=[tau], name="quick-return")
     coordinates = {"crank": main.angle, "arm": hinge.angle, "block": slot.displacement}
@@ -95,11 +95,13 @@ def scotch_yoke(crank: float = 0.12, angle: float = 1.0, masses: Any = (1.0, 2.5
     m = masses_of(masses, 2, what)
     first = bar("crank", (0, 0), tip, m[0])
     size = 0.2 * r, 2.4 * r
-    yoke = Body("yoke", m[1], m[1] * (size[0] ** 2 + size[1] ** 2) / 12, pose=(tip[0], 0, 0), shape=Rectangle(*size))
+    # the rod that slides in guides on both sides is there to be seen; mass and inertia are those of the slotted bar
+    shape = Rectangle(5.6 * r, 0.12 * r) + Rectangle(0.36 * r, 2.4 * r)
+    yoke = Body("yoke", m[1], m[1] * (size[0] ** 2 + size[1] ** 2) / 12, pose=(tip[0], 0, 0), shape=shape)
     main = Revolute("main bearing", ground.at(0, 0), ends(first)[0])
     guide = Translational("guide", ground.at(0, 0), yoke.at(0, 0))
     slot = PointOnLine("slot", yoke.at(0, 0, angle=np.pi / 2), ends(first)[1])
-    tau = Input("tau")
+    tau = Input("tau", unit="N m")
     forces = [*weight(gravity), Torque("motor", first, tau)]
     mechanism = Mechanism([first, yoke], [main, guide, slot], forces=forces, inputs=[tau], name="Scotch yoke")
     coordinates = {"crank": main.angle, "yoke": guide.displacement}

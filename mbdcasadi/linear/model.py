@@ -22,13 +22,13 @@ class LinearModel:
     A, B, C, D : numpy.ndarray
         (k, k), (k, n_u), (n_y, k), (n_y, n_u).
     state_names, input_names, output_names : tuple of str
-        What rows and columns belong to.
+        Names of rows and columns.
     state : State
         State about which the model is linear.
     rate : numpy.ndarray
         ``ẋ`` at that state (k,).
     directions : Directions
-        How all coordinates, velocities, accelerations and multipliers change with x.
+        Derivatives of all coordinates, velocities, accelerations and multipliers by x.
     """
 
     def __init__(

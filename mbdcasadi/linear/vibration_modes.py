@@ -59,11 +59,11 @@ class Mode:
         amplitude : float, default 0.1
             Size of the largest entry of the shape (m or rad).
         periods : float, default 1
-            How long; of a real eigenvalue a period is ``2π / |eigenvalue|``.
+            Duration; of a real eigenvalue a period is ``2π / |eigenvalue|``.
         frames : int, default 61
             Number of times.
         damped : bool, default False
-            Whether the motion decays (or grows) as it does.
+            True if the motion decays (or grows) as it does.
 
         Returns
         -------

@@ -75,7 +75,6 @@ class Element(Immutable, HoldsSymbols):
     external: bool = False
     limits: tuple[Limit, ...] = ()
     validity_conditions: tuple[ValidityCondition, ...] = ()
-    apart: ca.SX | None = None
 
     def __init__(self, name: str):
         self.name = check_name(name, type(self).__name__)
@@ -89,6 +88,11 @@ class Element(Immutable, HoldsSymbols):
     def smoothings(self) -> tuple[Smoothing, ...]:
         """Quantities that change within a short time."""
         return ()
+
+    @property
+    def apart(self) -> ca.SX | None:
+        """Expression that is positive only if the element's gap is open; None if there is none."""
+        return None
 
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
@@ -244,7 +248,7 @@ class ConstraintElement(Element):
         -------
         Impulse
             ``.force`` (N s), ``.torque`` (N m s), ``.force_in_joint`` as expressions; they have values in
-            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase and in ``boundary=``.
+            ``event.after[…]`` and, in optimal control, in ``initial=`` of a phase.
         """
         self._refuse_other(body)
         return Impulse(self, body)

@@ -191,6 +191,11 @@ class Mechanism(Immutable, HoldsSymbols):
             used = ", ".join(values_by_symbol[s.element_hash()] for s in symbols_of(limit.expression))
             limit.check(float(value), f" with parameter {used}")
 
+    @property
+    def limits(self) -> list[Limit]:
+        """Ranges of the quantities that depend on parameters."""
+        return self.cache.get_or_create("limits", self._limits)[0]
+
     def _limits(self) -> tuple[list[Limit], ca.Function]:
         """Return the limits of quantities, and their values as a function of the parameters."""
         mine = {p.element_hash() for p in self.parameters}

@@ -140,9 +140,13 @@ class Input(Symbol):
         Value in analyses that are given no other one.
     lower, upper : float, default -inf and inf
         Limits: enforced in optimal control; ``simulate`` warns if they are exceeded.
+    unit : str, optional
+        Unit, for the axes of plots: ``"N m"``.
 
     Attributes
     ----------
+    quantity : str
+        Label with the unit, as plots show it.
     rate : casadi.SX
         Its rate of change, for costs and path conditions of optimal control only.
 
@@ -155,14 +159,30 @@ class Input(Symbol):
 
     _kind = "input"
 
-    def __init__(self, label: str, value: float = 0.0, lower: float = -math.inf, upper: float = math.inf):
+    def __init__(
+        self,
+        label: str,
+        value: float = 0.0,
+        lower: float = -math.inf,
+        upper: float = math.inf,
+        unit: str | None = None,
+    ):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
+        if unit is not None:
+            check_name(unit, f"input '{label}': unit")
+        self.unit = unit
         self.rate = ca.SX.sym(f"{label}.rate")
         self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
         self._role = register(self, "input", label, rate=self.rate)
         what = f"input '{label}'"
         self.value = number(value, what, "value")
         self.lower, self.upper = _bounds(what, lower, upper)
+
+    @property
+    def quantity(self) -> str:
+        """Label with the unit, as plots show it."""
+        return self.label if self.unit is None else f"{self.label}, {self.unit}"
 
 
 class Parameter(Symbol):
@@ -181,6 +201,7 @@ class Parameter(Symbol):
     _kind = "parameter"
 
     def __init__(self, label: str, value: float, lower: float = -math.inf, upper: float = math.inf):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"parameter '{label}'"
         self.value = number(value, what, "value")
@@ -219,6 +240,7 @@ class StateVariable(Symbol):
         upper: float = math.inf,
         initial: float | None = None,
     ):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"state variable '{label}'"
         if initial is not None:
@@ -262,6 +284,7 @@ class Coordinate(Symbol):
     _kind = "position"
 
     def __init__(self, label: str, value: float = 0.0):
+        """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         self.value = number(value, f"coordinate '{label}'", "value")
         self.velocity = ca.SX.sym(f"{label}.velocity")

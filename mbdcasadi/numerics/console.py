@@ -60,7 +60,7 @@ def interruptible(*, raising: bool = True) -> Iterator[Interruption]:
     Parameters
     ----------
     raising : bool, default True
-        Whether Python code is interrupted too; else who runs must ask `requested`.
+        True if Python code is interrupted too; else who runs must ask `requested`.
     """
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():

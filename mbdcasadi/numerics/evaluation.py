@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+#: Numbers of points that one evaluation takes: a batch is made up of these.
+BATCHES = (128, 16, 1)
+
 
 class Evaluator:
     """A compiled function of expressions, called with arrays and numbers: some microseconds a call.
 
-    A call of a ``casadi.Function`` converts every argument and result, which
+    A call of a ``casadi.Function`` converts every argument and result, some 0.1 µs a number, which
     costs more than the evaluation of a mechanism of some bodies. Here they
     pass through buffers, of which each thread has its own.
 
@@ -34,29 +38,65 @@ class Evaluator:
 
     def __call__(self, *arguments: Any) -> list[np.ndarray]:
         """Results, each (rows, columns); arguments as vectors or numbers."""
-        thread = self._threads
-        if not hasattr(thread, "evaluate"):
-            self._make_buffers()
-        for place, value in zip(thread.arguments, arguments, strict=True):
-            place[:] = value
-        thread.evaluate()
+        buffers = self._buffers(1)
+        for place, value in zip(buffers.arguments, arguments, strict=True):
+            place[0] = value
+        buffers.evaluate()
         results = []
-        for flat, (shape, places) in zip(thread.results, self._patterns, strict=True):
+        for flat, (shape, places) in zip(buffers.results, self._patterns, strict=True):
             result = np.zeros(shape, order="F")
-            result.ravel("F")[places] = flat
+            result.ravel("F")[places] = flat[0]
             results.append(result)
         return results
 
-    def _make_buffers(self) -> None:
-        """Buffers of this thread; they live as long as it does."""
-        thread, function = self._threads, self.function
-        thread.buffer, thread.evaluate = function.buffer()
-        thread.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
-        thread.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
-        for k, place in enumerate(thread.arguments):
-            thread.buffer.set_arg(k, memoryview(place))
-        for k, place in enumerate(thread.results):
-            thread.buffer.set_res(k, memoryview(place))
+    def rows(self, *arguments: Any) -> list[np.ndarray]:
+        """Results at many points by row, each (k, rows * columns), column after column.
+
+        Parameters
+        ----------
+        *arguments : array_like
+            Each (k, entries) by row, the first one so; others also (entries,), for the same at all points.
+        """
+        given = [np.atleast_2d(np.asarray(argument, float)) for argument in arguments]
+        count = len(given[0])
+        results = [np.zeros((count, shape[0] * shape[1])) for shape, _ in self._patterns]
+        start = 0
+        for size in BATCHES:
+            while count - start >= size:
+                chosen = slice(start, start + size)
+                buffers = self._buffers(size)
+                for place, value in zip(buffers.arguments, given, strict=True):
+                    place[:] = value[chosen] if len(value) == count else value
+                buffers.evaluate()
+                for result, values, (_, places) in zip(results, buffers.results, self._patterns, strict=True):
+                    result[chosen, places] = values
+                start += size
+        return results
+
+    def _buffers(self, size: int) -> _Buffers:
+        """Buffers of this thread for so many points; they live as long as it does."""
+        if not hasattr(self._threads, "kept"):
+            self._threads.kept = {}
+        kept: dict[int, _Buffers] = self._threads.kept
+        if size not in kept:
+            kept[size] = _Buffers(self.function, size)
+        return kept[size]
+
+
+class _Buffers:
+    """A function of some points with places for its arguments and results, each (points, entries)."""
+
+    def __init__(self, function: ca.Function, size: int):
+        mapped = function if size == 1 else function.map(size)
+        evaluate: Callable[[], None]
+        self._buffer, evaluate = mapped.buffer()
+        self.evaluate = evaluate
+        self.arguments = [np.zeros((size, function.nnz_in(k))) for k in range(function.n_in())]
+        self.results = [np.zeros((size, function.nnz_out(k))) for k in range(function.n_out())]
+        for k, place in enumerate(self.arguments):
+            self._buffer.set_arg(k, place.reshape(-1).data)
+        for k, place in enumerate(self.results):
+            self._buffer.set_res(k, place.reshape(-1).data)
 
 
 def _places(pattern: ca.Sparsity) -> tuple[tuple[int, int], np.ndarray | slice]:

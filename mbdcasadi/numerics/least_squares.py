@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import casadi as ca
 import numpy as np
 
 from .tolerances import DEPENDENT, EPSILON
 
+#: Entries of a matrix, and share of them that are not zero, from which a sparse factorisation is quicker.
+LARGE, SPARSE = 40_000, 0.05
+#: Smallest damping of a step, for rows of unit size: rows may depend on each other.
+SMALLEST_DAMPING = 1e-13
 #: Size of a row, relative to the largest one, below which it has no scale of its own.
 FLAT = 1e-9
 
@@ -92,8 +97,32 @@ def least_norm_step(
     scale = row_scale(jacobian, weights) if scale is None else scale
     if not scale.any():
         return np.zeros(weights.size)
+    if jacobian.size > LARGE:
+        rows, columns = np.nonzero(jacobian)
+        if rows.size < SPARSE * jacobian.size:
+            return _sparse_step(jacobian, (rows, columns), residual, weights, max(damping, SMALLEST_DAMPING), scale)
     unit = jacobian * scale[:, None]
     over = unit / weights
     normal = over @ unit.T
-    normal.flat[:: len(normal) + 1] += max(damping, 1e-13)
+    normal.flat[:: len(normal) + 1] += max(damping, SMALLEST_DAMPING)
     return -over.T @ np.linalg.solve(normal, scale * residual)
+
+
+def _sparse_step(
+    jacobian: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray],
+    residual: np.ndarray,
+    weights: np.ndarray,
+    damping: float,
+    scale: np.ndarray,
+) -> np.ndarray:
+    """The same of a large Jacobian with few entries, by a sparse factorisation."""
+    m, n = jacobian.shape
+    rows, columns = places
+    values = jacobian[rows, columns] * scale[rows]
+    unit, over = (
+        ca.DM.triplet(rows.tolist(), columns.tolist(), ca.DM(entries), m, n)
+        for entries in (values, values / weights[columns])
+    )
+    factors = ca.ldl(over @ unit.T + damping * ca.DM.eye(m))
+    return -(over.T @ ca.ldl_solve(ca.DM(scale * residual), *factors)).full().ravel()

@@ -7,19 +7,21 @@ from typing import Any
 _SECONDS = "{desc}: {percentage:3.0f}%|{bar}| {n:.3g} of {total:.3g} s [{elapsed}<{remaining}]"
 
 
-def progress_bar(total: float, description: str, unit: str, *, show: bool, done: float = 0, **settings: Any) -> Any:
+def progress_bar(
+    total: float | None, description: str, unit: str, *, show: bool, done: float = 0, **settings: Any
+) -> Any:
     """Return a bar with ``update(amount)``, as a context manager; one that does nothing unless it is shown.
 
     Parameters
     ----------
-    total : float
-        What there is to do.
+    total : float or None
+        Total amount of work, if it is known.
     description, unit : str
         Text before the bar, and unit of its numbers.
     show : bool
-        Whether it is shown.
+        True if it is shown.
     done : float
-        What was done before.
+        Amount of work that was done before.
     """
     if not show:
         return _NoBar()

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
-
-import numpy as np
 
 from ..arguments.values import pairs_of
 from ..errors import ModelError
@@ -17,21 +12,15 @@ from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .checks.branch import refuse_branch_jump
-from .checks.failure import OptimizationError
-from .guess.multistart import best_of, guesses
+from .checks.closings import warn_of_closings
 from .guess.parameter_continuation import by_continuation, read_continuation
 from .nlp.held_limits import warn_of_passed_limits
-from .nlp.setup import PhaseSetup, Settings, is_open_chain
-from .nlp.solver import BestSoFar, Solver
+from .nlp.solver import BestSoFar
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
-from .refinement.mesh import Mesh
-from .refinement.refine import refine, refine_if_coarse
+from .search import Search
 from .solution import Shifted, Solution
 from .transcription import Transcription
-
-#: Intervals of a mesh whose number is not given.
-INTERVALS = 40
 
 
 def optimize(
@@ -110,7 +99,8 @@ def optimize(
     Warns
     -----
     MechanismWarning
-        If a contact of the solution would have to pull, or an element leaves its range of validity; if a path limit
+        If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
+        if what closes at the end of one has passed through its place before, or a foothold pulls; if a path limit
         is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse for
         the motion that was found (not checked if ``guess=`` is a solution).
     """
@@ -119,7 +109,7 @@ def optimize(
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            search = _Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
+            search = Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
             accuracy = None if tolerance is None else _tolerance(tolerance)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)
@@ -128,79 +118,21 @@ def optimize(
 
                 def solve(values: dict[Any, float], near: Any, *, first: bool, last: bool) -> Solution:
                     pairs = [*pairs_of(parameters, "parameters="), *values.items()]
-                    return search.solve(pairs, near, starts if first else None, accuracy if last else None)
+                    several, within = starts if first else None, accuracy if last else None
+                    return search.solve(pairs, near, several, within, goes_on=first)
 
                 solution = by_continuation(steps, solve, guess)
             if accuracy is None and not isinstance(guess, Solution | Shifted):
                 refuse_branch_jump(solution)
                 warn_of_coarse_mesh(solution)
             warn_of_passed_limits(solution)
+            warn_of_closings(solution)
             for part in solution.phases:
                 if validity_conditions(part.phase.mechanism):
                     report_validity(part.trajectory)
     except KeyboardInterrupt:
         raise best.interrupted() from None
     return solution
-
-
-@dataclass(frozen=True)
-class _Search:
-    """Solves of one problem with the same settings, at any parameter values."""
-
-    problem: OptimalControlProblem
-    intervals: Any
-    initial: Any
-    settings: tuple[Any, ...]
-    best: BestSoFar
-
-    @property
-    def _is_automatic(self) -> bool:
-        return isinstance(self.intervals, str) and self.intervals == "auto"
-
-    def _mesh(self, setup: PhaseSetup) -> Mesh:
-        """Mesh of a phase to begin with."""
-        if setup.phase.is_instant:
-            return Mesh.instant()
-        waypoints = len(setup.phase.waypoints)
-        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
-        return Mesh.equal(counts, setup.path.segment_times)
-
-    def solve(self, parameters: Any, guess: Any, starts: Any, tolerance: float | None) -> Solution:
-        """Solve from one or several guesses, and refine the mesh if a tolerance is given."""
-        settings = Settings.read(*self.settings)
-        near = guess.solution if isinstance(guess, Shifted) else guess
-        if isinstance(near, Solution) and starts is None:
-            settings = replace(settings, angles=near.settings.angles)
-        elif near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
-            settings = replace(settings, angles=True)
-
-        automatic = self._is_automatic and near is None and tolerance is None
-
-        def solve(settings: Settings) -> tuple[Solver, Solution]:
-            solver = Solver(self.problem, settings, parameters, self.initial, self.best)
-            meshes = list(map(self._mesh, solver.setups))
-            warm = isinstance(near, Solution) and starts is None
-            settle = partial(refine_if_coarse, solver) if automatic else None
-            return solver, best_of(solver, meshes, guesses(solver, starts, guess), warm=warm, settle=settle)
-
-        try:
-            solver, solution = solve(settings)
-        except OptimizationError as error:
-            if not settings.angles or near is not None:
-                raise
-            try:  # in all coordinates another way may be found
-                solver, solution = solve(replace(settings, angles=False))
-            except OptimizationError:
-                raise error from None
-        return solution if tolerance is None else refine(solver, solution, tolerance)
-
-
-def _count(intervals: Any, waypoints: int) -> int:
-    least = 2 * (waypoints + 1)
-    if isinstance(intervals, bool) or not isinstance(intervals, int | np.integer) or intervals < least:
-        between = f" with {waypoints} waypoints" if waypoints else ""
-        raise ModelError(f"optimize: intervals must be a whole number of at least {least}{between}, got {intervals!r}")
-    return int(intervals)
 
 
 def _tolerance(value: Any) -> float:

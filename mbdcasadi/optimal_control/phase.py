@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -226,6 +226,14 @@ def on_states(conditions: Sequence[Condition]) -> list[Condition]:
     return [c for c in conditions if not c.depends_on(*BEYOND_STATES)]
 
 
+def on_positions(expression: ca.SX, *, allow_none: bool = False) -> bool:
+    """Return True if an expression contains positions, and nothing that changes besides."""
+    condition = Condition(ca.SX(expression), True, "")
+    if condition.depends_on("velocity", "state", *BEYOND_STATES):
+        return False
+    return allow_none or condition.depends_on("position")
+
+
 def with_rates(conditions: Sequence[Condition]) -> list[Condition]:
     """Conditions that prescribe the motion, and the rates of those in positions, as a state must meet them."""
     rates = [
@@ -234,6 +242,16 @@ def with_rates(conditions: Sequence[Condition]) -> list[Condition]:
         if not c.depends_on("velocity")
     ]
     return [*conditions, *rates]
+
+
+def with_parameters(
+    conditions: Sequence[Condition], parameters: Sequence[Parameter], values: Mapping[Parameter, float]
+) -> list[Condition]:
+    """Conditions with numbers in place of some parameters."""
+    if not parameters:
+        return list(conditions)
+    symbols, numbers = ca.vertcat(*parameters), ca.DM([values[p] for p in parameters])
+    return [Condition(ca.substitute(c.expression, symbols, numbers), c.equality, c.label) for c in conditions]
 
 
 def contains_any(expression: ca.SX, symbols: Sequence[ca.SX]) -> bool:

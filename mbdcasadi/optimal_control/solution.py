@@ -25,8 +25,8 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
 from ..simulation.simulate import simulate
 from .guess.guess import Guess, Iterate, PhaseGuess, guess_from_motion
+from .nlp.collocation_program import CollocationProgram
 from .nlp.limits import ActiveLimit, active_limits, costates, limit_excess
-from .nlp.motion_program import MotionProgram
 from .nlp.phase_program import PhaseProgram
 from .nlp.statistics import Answer, SolveStatistics
 from .phase import Phase
@@ -35,7 +35,7 @@ from .refinement.local_error import end_errors, scaled_errors
 from .refinement.mesh import Mesh
 from .refinement.phased_verification import phased_verification
 from .refinement.verification import Verification, verification
-from .stability import Stability, stability
+from .stability import Stability, stability_of_solution
 from .transcription.motion import OptimalMotion, Polynomials
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ class Solution:
     ----------
     problem : OptimalControlProblem
         Problem that it solves.
-    program : MotionProgram
+    program : CollocationProgram
         Program that was solved.
     settings : Settings
         Transcription and control.
@@ -232,7 +232,7 @@ class Solution:
     cost : float
         Value that was minimised.
     statistics : SolveStatistics
-        How it was found.
+        Course of the solve: iterations, times, meshes.
     answer : Answer
         Multipliers and rows of the program.
 
@@ -255,7 +255,7 @@ class Solution:
     def __init__(
         self,
         problem: OptimalControlProblem,
-        program: MotionProgram,
+        program: CollocationProgram,
         settings: Settings,
         initial: State | tuple[Condition, ...],
         p: Sequence[np.ndarray],
@@ -441,7 +441,7 @@ class Solution:
         ----------
         Goswami, Espiau, Keramane, "Limit cycles and their stability in a passive bipedal gait", ICRA 1996.
         """
-        return stability(self)
+        return stability_of_solution(self)
 
     # --- limits ---------------------------------------------------------------------------
     @cached_property

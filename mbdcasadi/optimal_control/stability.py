@@ -45,7 +45,7 @@ class Stability:
         return f"Stability: {kind}, Floquet multipliers {values}"
 
 
-def stability(solution: Solution) -> Stability:
+def stability_of_solution(solution: Solution) -> Stability:
     """Return the return map of a periodic solution to first order; see :meth:`Solution.stability`."""
     return _ReturnMap(solution).result()
 
@@ -69,7 +69,7 @@ class _ReturnMap:
         self._divide()
 
     def _divide(self) -> None:
-        """Which variables are the start, which follow, and which rows say how."""
+        """Variables of the start, variables that follow from them, and the rows that relate them."""
         first = self.program.phases[0]
         size = first.scheme.eom.q.numel() * 2 + first.scheme.eom.z.numel()
         self.start = first.point_index(0)[:size]
@@ -111,20 +111,7 @@ class _ReturnMap:
         following = self._following(-begin[self.dynamics] @ tangent)
         boundary = self.jacobian[self.boundary, :][:, self.others.tolist()].full()
         left, right = begin[self.boundary] @ tangent, -boundary @ following
-        matrix, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
-        missed = np.max(np.abs(left @ matrix - right), initial=0.0)
-        if rank < tangent.shape[1]:
-            raise ModelError(
-                f"stability: the boundary conditions decide {rank} of {tangent.shape[1]} quantities of the next start; "
-                "relate each of the others to the end, or state it in initial="
-            )
-        if missed > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
-            raise ModelError(
-                "stability: a disturbed motion does not meet the boundary conditions any more: they hold more than "
-                "the next start (for instance a length or a duration, which inputs would have to keep)"
-            )
-        multipliers = np.linalg.eigvals(matrix)
-        return Stability(matrix, multipliers[np.argsort(-np.abs(multipliers))])
+        return next_start(left, right, "state it in initial=")
 
     def _following(self, right: np.ndarray) -> np.ndarray:
         """Changes of all that follows from the start, for right sides of the dynamics."""
@@ -146,3 +133,21 @@ class _ReturnMap:
         except RuntimeError:
             raise ModelError("stability: the start does not decide what follows (a closing joint grazes)") from None
         return np.asarray(factors.solve(right))
+
+
+def next_start(left: np.ndarray, right: np.ndarray, remedy: str) -> Stability:
+    """Return the return map for ``left x_next = right x``, in coordinates of the start."""
+    matrix, _, rank, _ = np.linalg.lstsq(left, right, rcond=1e-9)
+    missed = np.max(np.abs(left @ matrix - right), initial=0.0)
+    if rank < left.shape[1]:
+        raise ModelError(
+            f"stability: the boundary conditions decide {rank} of {left.shape[1]} quantities of the next start; "
+            f"relate each of the others to the end, or {remedy}"
+        )
+    if missed > CLOSURE_TOLERANCE * max(1.0, float(np.max(np.abs(right), initial=0.0))):
+        raise ModelError(
+            "stability: a disturbed motion does not meet the boundary conditions any more: they hold more than "
+            "the next start (for instance a length or a duration, which inputs would have to keep)"
+        )
+    multipliers = np.linalg.eigvals(matrix)
+    return Stability(matrix, multipliers[np.argsort(-np.abs(multipliers))])

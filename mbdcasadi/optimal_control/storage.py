@@ -12,10 +12,10 @@ import numpy as np
 from ..errors import FileError, ModelError
 from ..numerics.symbolic import symbolic
 from ..results.archives import read_arrays, write_arrays
-from .nlp.motion_program import MotionProgram
+from .nlp.collocation_program import CollocationProgram
 from .nlp.setup import Settings
 from .nlp.solver import Solver
-from .nlp.statistics import Answer, Pass, SolveStatistics, Start, Step
+from .nlp.statistics import Answer, ContinuationStep, Pass, SolveStatistics, Stage, Start
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .solution import Solution
@@ -121,8 +121,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
     _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
     statistics = json.loads(str(content["statistics"]))
-    for name, kind in (("starts", Start), ("passes", Pass), ("steps", Step)):
-        statistics[name] = [kind(**one) for one in statistics[name]]
+    for name, kind in (("starts", Start), ("passes", Pass), ("steps", ContinuationStep), ("stages", Stage)):
+        statistics[name] = [kind(**one) for one in statistics.get(name, [])]
     return Solution(
         problem,
         program,
@@ -141,7 +141,7 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
 def _check_values(
     path: str | Path,
     problem: OptimalControlProblem,
-    program: MotionProgram,
+    program: CollocationProgram,
     data: np.ndarray,
     times: list[np.ndarray],
     content: dict[str, np.ndarray],

@@ -30,13 +30,13 @@ class Term:
     text : str
         Without the leading minus.
     level : int
-        How tightly its outermost operation binds.
+        Precedence of its outermost operation.
     negative : bool
-        Whether a minus leads. It belongs to the whole, but to the first summand of a sum.
+        True if a minus leads. It belongs to the whole, but to the first summand of a sum.
     function : (str, str) or None
         For a function in LaTeX: its name and its argument, so that the exponent can be written between.
     bare : bool
-        Whether it ends with an argument without parentheses, which would swallow a factor that follows.
+        True if it ends with an argument without parentheses, which would swallow a factor that follows.
     """
 
     text: str

@@ -52,7 +52,7 @@ class Archive(dict[str, np.ndarray]):
         shape : int or None
             Its shape; None for any length.
         unknown : bool, default False
-            Whether rows may be unknown: NaN throughout.
+            True if rows may be unknown: NaN throughout.
         """
         values = self[name]
         if values.dtype.kind not in "fiub":
@@ -77,23 +77,24 @@ class Archive(dict[str, np.ndarray]):
 
     def json(self, name: str) -> Any:
         """Return what a text in JSON holds."""
+        text = str(self[name])
         try:
-            return json.loads(str(self[name]))
+            return json.loads(text)
         except ValueError:
             raise self.refuse(f"the entry '{name}' cannot be read") from None
 
 
-def read_arrays(path: str | Path, form: str, kind: str, writer: str) -> Archive:
+def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer: str) -> Archive:
     """Read what :func:`write_arrays` wrote.
 
     Parameters
     ----------
     path : str or Path
         The file.
-    form : str
-        Its entry ``format``.
+    form : str or tuple of str
+        Its entry ``format``, or several that are read.
     kind, writer : str
-        What it should be, and the function that writes such files, for the message.
+        Expected kind of file, and the function that writes such files, for the message.
 
     Raises
     ------
@@ -109,12 +110,12 @@ def read_arrays(path: str | Path, form: str, kind: str, writer: str) -> Archive:
         raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
     except Exception:  # NumPy, zipfile and zlib raise errors of any kind for damaged files
         raise FileError(f"{path}: the file is not a {kind} file, or is damaged; {writer} writes one") from None
-    if str(archive.get("format")) != form:
+    if str(archive.get("format")) not in ((form,) if isinstance(form, str) else form):
         raise FileError(f"{path}: the file is not a {kind} file of this version of the package; {writer} writes one")
     return archive
 
 
-def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]) -> None:
+def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str], *, prefix: str = "") -> None:
     """Raise a :class:`FileError` that names the first difference, if an entry holds other names than expected.
 
     Parameters
@@ -122,13 +123,15 @@ def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str]
     archive : Archive
         The file.
     kind : str
-        What is named: ``"coordinate"`` for the entry ``coordinate names``.
+        Kind of the names: ``"coordinate"`` for the entry ``coordinate names``.
     owner : str
-        What the file holds, for the message: ``"trajectory"``.
+        Content of the file, for the message: ``"trajectory"``.
     expected : sequence of str
         The names in their order.
+    prefix : str, default ""
+        Beginning of the name of the entry.
     """
-    saved = archive.names(f"{kind} names")
+    saved = archive.names(f"{prefix}{kind} names")
     for k in range(max(len(saved), len(expected))):
         there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
         if there != here:

@@ -42,9 +42,8 @@ def has_multipliers(motion: Trajectory) -> bool:
     return bool(motion.lam.size) and not bool(np.all(np.isnan(motion.lam)))
 
 
-def default_expressions(motion: Trajectory) -> dict[str, ca.SX]:
-    """Coordinates and rates by body, reactions by joint, efforts by driver, inputs and states."""
-    mechanism = motion.mechanism
+def default_expressions(mechanism: Mechanism, *, loads: bool) -> dict[str, ca.SX]:
+    """Coordinates and rates by body, reactions by joint and efforts by driver if `loads`, inputs and states."""
     named: dict[str, ca.SX] = {}
 
     def add(name: str, value: Any) -> None:
@@ -59,7 +58,7 @@ def default_expressions(motion: Trajectory) -> dict[str, ca.SX]:
         add(coordinate.label, coordinate)
         add(f"{coordinate.label}.velocity", coordinate.velocity)
         add(f"{coordinate.label}.acceleration", coordinate.acceleration)
-    if has_multipliers(motion):
+    if loads:
         for joint in joints_of(mechanism):
             reaction = joint.reaction_on(reaction_body(joint))
             add(f"{joint.name}.fx", reaction.force[0])
@@ -131,7 +130,11 @@ def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray
         A vector of two gives ``name.x`` and ``name.y``, others ``name[0]``
         and so on. Without, the columns of ``Trajectory.to_csv``.
     """
-    named = default_expressions(motion) if expressions is None else read_expressions(expressions)
+    named = (
+        default_expressions(motion.mechanism, loads=has_multipliers(motion))
+        if expressions is None
+        else read_expressions(expressions)
+    )
     names = [part for name, expression in named.items() for part in component_names(name, expression.shape)]
     repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
     if repeated:
@@ -140,4 +143,12 @@ def columns(motion: Trajectory, expressions: Any = None) -> dict[str, np.ndarray
         return {}
     stacked = ca.veccat(*[expression.T for expression in named.values()])  # CasADi stacks by column, names run by row
     values = motion[stacked].reshape(len(motion), len(names))
-    return dict(zip(names, values.T, strict=True))
+    table = dict(zip(names, values.T, strict=True))
+    if expressions is None and len(motion.phases) > 1:
+        table.setdefault("phase", phase_numbers(motion))
+    return table
+
+
+def phase_numbers(motion: Trajectory) -> np.ndarray:
+    """Return the number of the phase of a motion by time (n_t,), from 0."""
+    return np.repeat(np.arange(len(motion.phases)), [len(phase) for phase in motion.phases])

@@ -51,8 +51,14 @@ class Drift:
 def violations(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest ``|Phi|`` and the largest ``|Phi_q v - nu|`` over time, each (n_t,).
 
-    Rows that hold in some modes only (stick and slip) do not count at velocity level.
+    Rows that hold in some modes only (stick and slip) do not count at velocity level; of a motion through several
+    mechanisms the rows of each one count as long as it holds.
     """
+    position, velocity = zip(*map(_violations, motion.phases), strict=True)
+    return np.concatenate(position), np.concatenate(velocity)
+
+
+def _violations(motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
     eom = motion.equations
     position = motion[eom.Phi].reshape(len(motion), -1)
     always = [k for k, element in enumerate(eom.row_elements) if not getattr(element, "modes", ())]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,7 @@ from ..errors import MechanismError
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
-from .energy_and_drift import Drift, Energy
+from .energy_and_drift import Energy
 from .state import EventOccurrence, State
 from .trajectory import Statistics, Trajectory
 
@@ -157,7 +157,7 @@ class PhasedTrajectory(Trajectory):
         super().__init__(
             whole,
             np.concatenate([part.t for part in parts]),
-            *_six(arrays),
+            *six(arrays),
             self._values[0],
             events=events,
             statistics=statistics,
@@ -169,6 +169,11 @@ class PhasedTrajectory(Trajectory):
         """The motion in each mechanism, one after the other."""
         return self._parts
 
+    @property
+    def parameters_by_phase(self) -> list[np.ndarray]:
+        """Values of the parameters of all mechanisms, by phase."""
+        return self._values
+
     @cached_property
     def _wide(self) -> list[Trajectory]:
         """The parts in the symbols of all mechanisms."""
@@ -177,7 +182,7 @@ class PhasedTrajectory(Trajectory):
             Trajectory(
                 self.mechanism,
                 self.t[first:last],
-                *_six([x[first:last] for x in arrays]),
+                *six([x[first:last] for x in arrays]),
                 p,
                 missing_multipliers=part._missing_multipliers,
             )
@@ -212,13 +217,16 @@ class PhasedTrajectory(Trajectory):
         outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
         if not wanted.size or np.any(outside):
             return super().at(times)  # which refuses
-        wanted = np.clip(wanted, self.t[0], self.t[-1])
+        return self.by_parts(np.clip(wanted, self.t[0], self.t[-1]), Trajectory.at)
+
+    def by_parts(self, times: np.ndarray, at: Callable[[Trajectory, np.ndarray], Trajectory]) -> PhasedTrajectory:
+        """Return the motion at times within its span, each part by a function of it and of its times."""
         begins = np.array([part.t[0] for part in self._parts])
-        number = np.maximum(np.searchsorted(begins, wanted, side="left") - 1, 0)
-        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), wanted.size]
-        runs = [(int(number[a]), wanted[a:b]) for a, b in pairwise(cuts)]
+        number = np.maximum(np.searchsorted(begins, times, side="left") - 1, 0)
+        cuts = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), times.size]
+        runs = [(int(number[a]), times[a:b]) for a, b in pairwise(cuts)]
         # rounding of an output at the end of a part
-        pieces = [self._parts[k].at(np.clip(some, *self._parts[k].t[[0, -1]])) for k, some in runs]
+        pieces = [at(self._parts[k], np.clip(some, *self._parts[k].t[[0, -1]])) for k, some in runs]
         return PhasedTrajectory(pieces, self.mechanism, [self._values[k] for k, _ in runs])
 
     @property
@@ -252,11 +260,10 @@ class PhasedTrajectory(Trajectory):
         return Trajectory(self.mechanism, self.t, q, v, a, z, lam, u, self._values[-1], events=self.events)
 
     def save(self, path: str | Path) -> None:
-        """Refuse: a file belongs to one mechanism."""
-        raise MechanismError(
-            "a motion through several mechanisms is saved phase by phase: motion.phases[k].save(path), which "
-            "read_trajectory(path, mechanism) reads; to_csv writes all of it as a table"
-        )
+        """Write all phases to a ``.npz`` file; ``read_trajectory(path, [mechanisms])`` reads it."""
+        from .phased_files import save_phased
+
+        save_phased(self, path)
 
     @property
     def energy(self) -> Energy:
@@ -264,14 +271,8 @@ class PhasedTrajectory(Trajectory):
         found = [part.energy for part in self._parts]
         return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
 
-    @property
-    def drift(self) -> Drift:
-        """Largest violation of the constraints that hold, at position and velocity level."""
-        found = [part.drift for part in self._parts]
-        return Drift(max(d.position for d in found), max(d.velocity for d in found))
 
-
-def _six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def six(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """``q, v, a, z, lam, u``."""
     q, v, a, z, lam, u = arrays
     return q, v, a, z, lam, u

@@ -35,7 +35,8 @@ class State(HoldsSymbols):
     obstacle : MechanismError, optional
         Reason if there are no accelerations and multipliers.
     impulses : mapping of element to numpy.ndarray, optional
-        Impulses of constraints at the instant, by their rows: of a state just after an impact.
+        Impulses of constraints at the instant, by their rows: of a state just after an impact. The name of a
+        constraint stands for one that the mechanism does not have, as read from a file.
     whole : State, optional
         The same state as one of all mechanisms of a motion: what the mechanism does not have is read there.
 
@@ -78,6 +79,11 @@ class State(HoldsSymbols):
         return equations(self.mechanism)
 
     @property
+    def whole(self) -> State:
+        """The same as a state of all mechanisms of its motion; itself if there is one mechanism."""
+        return self if self._whole is None else self._whole
+
+    @property
     def obstacle(self) -> MechanismError | None:
         """Reason if there are no accelerations and multipliers; None if they are known."""
         return self._obstacle
@@ -115,7 +121,7 @@ class State(HoldsSymbols):
         roles = [(symbol, role_of(symbol)) for symbol in symbols_of(expression)]
         found = {r.owner: r.owner.impulses for _, r in roles if r is not None and r.kind == "impulse"}
         for element, symbols in found.items():
-            values = self.impulses.get(element)
+            values = self.impulses.get(element, self.impulses.get(element.name))  # by name as read from a file
             expression = ca.substitute(expression, symbols, ca.DM.zeros(symbols.shape) if values is None else values)
         return expression
 

@@ -99,10 +99,9 @@ class Trajectory(HoldsSymbols):
     ):
         self.mechanism = mechanism
         self.t = np.asarray(t, float)
-        eom = self.equations
         self.q, self.v, self.a, self.z, self.lam, self.inputs = (
-            np.asarray(x, float).reshape(self.t.size, symbols.numel())
-            for x, symbols in ((q, eom.q), (v, eom.v), (a, eom.a), (z, eom.z), (lam, eom.lam), (u, eom.u))
+            np.asarray(x, float).reshape(self.t.size, size)
+            for x, size in zip((q, v, a, z, lam, u), self.equations.sizes, strict=True)
         )
         self.parameters = np.asarray(p, float).ravel()
         self.events = tuple(events)
@@ -226,6 +225,11 @@ class Trajectory(HoldsSymbols):
         return (self,)
 
     @property
+    def parameters_by_phase(self) -> list[np.ndarray]:
+        """Values of the parameters of all mechanisms, by phase."""
+        return [self.parameters]
+
+    @property
     def interpolates(self) -> bool:
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
@@ -314,7 +318,7 @@ class Trajectory(HoldsSymbols):
 
     def save(self, path: str | Path) -> None:
         """Write all arrays to a ``.npz`` file; ``read_trajectory(path, mechanism)`` reads it."""
-        from .export import save
+        from .trajectory_files import save
 
         save(self, path)
 

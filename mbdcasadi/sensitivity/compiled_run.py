@@ -48,7 +48,7 @@ class MotionSetup(Setup):
     method, reltol, abstol
         The integrator; ``"auto"`` takes Runge–Kutta if the motion at the start is not stiff.
     keeps_abstol : bool, optional
-        Whether the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
+        True if the absolute tolerance is the user's; by default it is if it is given, or an integrator is.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class CompiledRun:
     Parameters
     ----------
     setup : MotionSetup
-        What is run.
+        Motion that is run.
     wrt : sequence
         See :class:`DesignVariables`.
     expressions : sequence of casadi.SX
@@ -146,7 +146,7 @@ class CompiledRun:
     integrands : casadi.SX, optional
         Expressions whose integrals over the run are outputs too: the last rows at the last time.
     reversible : bool
-        Whether :meth:`adjoint` is called.
+        True if :meth:`adjoint` is called.
     """
 
     def __init__(
@@ -293,7 +293,7 @@ class Compiled:
     function : casadi.Function
         The function.
     outputs : int, optional
-        How many of its outputs, the first ones, are differentiated; all of them if left out.
+        Number of its outputs, from the first, that are differentiated; by default all.
     """
 
     def __init__(self, function: ca.Function, outputs: int | None = None):

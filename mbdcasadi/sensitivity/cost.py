@@ -29,7 +29,7 @@ class CostFunction:
     bounds : list of (float, float)
         Limits of the parameters and inputs.
     labels : tuple of str
-        What the entries of x are.
+        Variables of the entries of x.
     """
 
     def __init__(self, run: CompiledRun):
@@ -106,7 +106,7 @@ def cost_function(
     times : sequence of float
         Grid from start to end, on which sampled inputs are given, s.
     wrt : sequence
-        What J depends on; see :func:`sensitivities`. An input that is given as samples counts once for each sample.
+        Variables of J; see :func:`sensitivities`. An input that is given as samples counts once for each sample.
     running_cost, terminal_cost : expression
         May hold anything, reactions and accelerations too.
     initial, inputs, parameters, method, reltol, abstol

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.conditions import Condition, read_conditions
+from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, StateVariable
 from ..results.state import State
@@ -30,8 +31,8 @@ class Entry:
         As the user gave it.
     label : str
         In words.
-    kind : {"parameter", "input", "samples", "state", "condition"}
-        What it is.
+    kind : {"parameter", "input", "samples", "state", "condition", "later"}
+        The variable; a parameter or input that only later mechanisms have is "later".
     index : int
         Position among those of its kind.
     values : numpy.ndarray
@@ -158,7 +159,7 @@ class DesignVariables:
                 z[entry.index] = entry_values
             elif entry.kind == "input":
                 levels[entry.index] = entry_values
-            else:
+            elif entry.kind == "samples":
                 channel[2 * entry.index, :] = entry_values[:-1].T
                 channel[2 * entry.index + 1, :] = (entry_values[1:] - entry_values[:-1]).T / steps
         return p, right, z, levels, channel
@@ -175,6 +176,39 @@ class DesignVariables:
             if entry.kind == "parameter":
                 p[entry.index] = d[low]
         return p
+
+
+class PhasedDesignVariables(DesignVariables):
+    """Entries of a motion through several mechanisms: parameters and inputs of all of them.
+
+    Parameters
+    ----------
+    wrt, setup, start
+        As for :class:`DesignVariables`, of the first mechanism.
+    whole : Mechanism
+        All parts of the mechanisms.
+    values : mapping
+        Values of parameters and inputs by symbol.
+    """
+
+    def __init__(self, wrt: Any, setup: Setup, start: DifferentiableStart, whole: Mechanism, values: Mapping[Any, Any]):
+        self._whole, self._values = whole, values
+        super().__init__(wrt, setup, start)
+
+    def _entry(self, key: Any) -> Entry:
+        first = self._setup.mechanism
+        known = {Parameter: ("parameter", "parameters"), Input: ("input", "inputs")}
+        for kind, (word, name) in known.items():
+            if isinstance(key, kind) and not any(key is own for own in getattr(first, name)):
+                k = position_in(getattr(self._whole, name), key, "wrt=")
+                value = self._values.get(key, key.value)
+                if isinstance(value, ca.SX) or np.ndim(value):
+                    raise ModelError(
+                        f"wrt= holds input '{key.label}', which is given by an expression; put parameters into it and "
+                        "differentiate by these"
+                    )
+                return Entry(key, f"{word} '{key.label}'", "later", k, np.array([float(value)]), key.lower, key.upper)
+        return super()._entry(key)
 
 
 def same(one: Any, other: Any) -> bool:

@@ -115,9 +115,9 @@ class DifferentiableMotion:
     integrands : casadi.SX, optional
         Expressions whose integrals over time are states of their own.
     in_state : bool
-        Whether switches in the state are cuts too; without, they are integrated over.
+        True if switches in the state are cuts too; without, they are integrated over.
     reversible : bool
-        Whether it is differentiated backwards: by `varied`, the inputs and the start.
+        True if it is differentiated backwards: by `varied`, the inputs and the start.
     """
 
     def __init__(
@@ -439,7 +439,7 @@ class DifferentiableMotion:
     def outputs(self, expressions: Sequence[ca.SX], first: int = 0, last: int = -1) -> ca.Function:
         """Return ``(X, p, levels, channel) -> Y``: expressions, stacked, at every output of a stretch (n_y, n_t)."""
         eom = self.numeric.eom
-        at_one = self._at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
+        at_one = self.at_one_output(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in expressions]))
         grid = self._stretch(first, last)
         n_t, rows = grid.size, self.channel_size[0]
         states = ca.MX.sym("X", self._dae.x.numel() + 1, n_t)
@@ -454,7 +454,7 @@ class DifferentiableMotion:
         names = ["X", "p", "levels", "channel"]
         return ca.Function("outputs", [states, p, levels, channel], [values], names, ["Y"])
 
-    def _at_one_output(self, expression: ca.SX) -> ca.Function:
+    def at_one_output(self, expression: ca.SX) -> ca.Function:
         """``(t, x, p, levels, channel) -> values`` at one output."""
         eom, kind = self.numeric.eom, ca.MX if self.numeric.eom.Q_depends_on_lam else ca.SX
         arguments = [

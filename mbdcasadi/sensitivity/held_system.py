@@ -95,9 +95,9 @@ class HeldSystem:
     signals : Signals
         Inputs.
     integrands : casadi.SX
-        What is integrated along the motion.
+        Integrands along the motion.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
     parts : sequence of JumpingPart
         The parts in which something jumps.
     free : collection of int
@@ -110,11 +110,11 @@ class HeldSystem:
     numeric, signals, integrands
         The same with the switches held; the sides are the last parameters.
     switches : tuple of Switch
-        What is held.
+        Switches that are held.
     whole : numpy.ndarray of bool
-        Whether a switch has its borders at whole numbers.
+        True if a switch has its borders at whole numbers.
     in_time : numpy.ndarray of bool
-        Whether it jumps in time alone.
+        True if it jumps in time alone.
     quantities, switching, rates : casadi.Function
         Of ``(t, x, p, levels, channel)``: the quantities; quantities, their rates, and the rates of the state; the
         rates of the state alone. x is ``(q, v, z)`` and the integrals.

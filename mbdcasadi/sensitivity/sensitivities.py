@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ..arguments.inputs import SampledController
+from ..arguments.values import pairs_of
 from ..errors import ModelError
 from ..integrators import Integrator
+from ..model.events import Event
 from ..model.immutable import HoldsSymbols
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
-from ..model.symbols import as_expression
+from ..model.symbols import Input, Parameter, as_expression
 from ..numerics.console import keyboard_interrupts
+from ..simulation.events import read_events
+from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
-from .design_variables import DesignVariables, same
+from .design_variables import DesignVariables, PhasedDesignVariables, same
+from .phase_flow import Directions
+from .phased_variation import EventVariation, phased_variation
 
 
 class Sensitivities(HoldsSymbols):
@@ -29,13 +36,21 @@ class Sensitivities(HoldsSymbols):
     Attributes
     ----------
     t : numpy.ndarray
-        Times (n_t,), s.
+        Times (n_t,), s; the instant of a change of the mechanism twice.
+    events : tuple of EventSensitivities
+        Changes of the mechanism, and the event that ends the motion.
     """
 
     def __init__(
-        self, t: np.ndarray, outputs: list[tuple[Any, ca.SX]], design: DesignVariables, y: np.ndarray, slope: np.ndarray
+        self,
+        t: np.ndarray,
+        outputs: list[tuple[Any, ca.SX]],
+        design: DesignVariables,
+        y: np.ndarray,
+        slope: np.ndarray,
+        events: Sequence[EventSensitivities] = (),
     ):
-        self.t = t
+        self.t, self.events = t, tuple(events)
         self._outputs, self._design = outputs, design
         rows = sum(e.numel() for _, e in outputs)
         self._y = y.reshape(t.size, rows)
@@ -68,15 +83,59 @@ class Sensitivities(HoldsSymbols):
         return f"Sensitivities of {len(self._outputs)} outputs at {self.t.size} times by {by}"
 
 
+class EventSensitivities(HoldsSymbols):
+    """An event, and how its instant and the state there change.
+
+    ``event[output]`` is the value just before, ``event[output, parameter]`` its derivative along with the instant;
+    ``event.after[output, parameter]`` those just after a change of the mechanism.
+
+    Attributes
+    ----------
+    name : str
+        Name of the event.
+    t : float
+        Time, s.
+    after : Sensitivities or None
+        Values just after, of one time; None of an event that ends the motion.
+    """
+
+    def __init__(self, variation: EventVariation, outputs: list[tuple[Any, ca.SX]], design: DesignVariables):
+        self.name, self.t = variation.name, variation.t
+        self._time, self._design = variation.time, design
+        one = np.array([variation.t])
+        self._before = _AtInstant(one, outputs, design, *variation.before)
+        self.after = None if variation.after is None else _AtInstant(one, outputs, design, *variation.after)
+
+    def time(self, wrt: Any) -> float | np.ndarray:
+        """Derivative of the instant."""
+        part = self._time[self._design.slice_of(wrt)]
+        return float(part[0]) if part.size == 1 else part
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        return self._before[key]
+
+    def __repr__(self) -> str:
+        return f"EventSensitivities of '{self.name}' at t = {self.t:.6g} s"
+
+
+class _AtInstant(Sensitivities):
+    """Values and derivatives at one time, without an axis for it."""
+
+    def __getitem__(self, key: Any) -> np.ndarray:
+        found: np.ndarray = super().__getitem__(key)[0]
+        return found
+
+
 def sensitivities(
     mechanism: Mechanism,
     times: Any,
     outputs: Any,
-    wrt: Any,
+    wrt: Any = None,
     initial: Any = (),
     *,
     inputs: Any = None,
     parameters: Any = None,
+    events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,
     abstol: float | None = None,
@@ -100,8 +159,12 @@ def sensitivities(
         Parameters, also those that only `initial` holds; inputs (by a constant
         added to them, or by each sample where samples are given); state
         variables (by their initial value); relations of `initial` (by their right side).
+        By default the parameters that `parameters` lists without values.
     initial, inputs, parameters
-        As for :func:`simulate`.
+        As for :func:`simulate`; through changes of the mechanism inputs are numbers and expressions.
+    events : sequence of Event, optional
+        Changes of the mechanism (``becomes=``) and terminal events: derivatives are carried across them, the instants
+        of which change too. ``found.events`` has the derivatives of the instants and of the states there.
     method : {"idas", "erk", "rosenbrock", "auto"}
         Integrator.
     reltol, abstol : float, default 1e-8
@@ -115,9 +178,10 @@ def sensitivities(
     Raises
     ------
     ModelError
-        For what the mechanism does not have.
+        For what the mechanism does not have, events that reset velocities, and changes that take place together.
     SimulationError
-        If the integrator stops.
+        If the integrator stops; if the motion touches the zero of an event, or a joint would not close for other
+        values, so that there is no derivative.
 
     References
     ----------
@@ -134,22 +198,81 @@ def sensitivities(
     >>> np.round(found[stone.y, g], 6)
     array([ 0. , -0.5, -2. ])
     """
+    chosen: dict[str, Any] = dict(method=method, reltol=reltol, abstol=abstol)
     with keyboard_interrupts("sensitivities"):
+        if wrt is None:
+            wrt, parameters = _listed(parameters), None
+        named, read = named_outputs(outputs), read_events(events)
+        if read:
+            return _through_changes(mechanism, times, named, wrt, read, initial, inputs, parameters, chosen)
         setup = MotionSetup(
-            mechanism,
-            "sensitivities",
-            times,
-            initial=initial,
-            inputs=inputs,
-            parameters=parameters,
-            method=method,
-            reltol=reltol,
-            abstol=abstol,
+            mechanism, "sensitivities", times, initial=initial, inputs=inputs, parameters=parameters, **chosen
         )
-        named = named_outputs(outputs)
         run = CompiledRun(setup, wrt, [e for _, e in named])
         y, slope = run.forward(run.design.values)
         return Sensitivities(setup.grid, named, run.design, y, slope)
+
+
+def _through_changes(
+    mechanism: Mechanism,
+    times: Any,
+    named: list[tuple[Any, ca.SX]],
+    wrt: Any,
+    events: Sequence[Event],
+    initial: Any,
+    inputs: Any,
+    parameters: Any,
+    chosen: dict[str, Any],
+) -> Sensitivities:
+    """Sensitivities through changes of the mechanism, along a motion that is simulated first."""
+    if isinstance(inputs, SampledController) or hasattr(inputs, "inputs"):
+        raise ModelError("sensitivities: through changes of the mechanism inputs= takes numbers and expressions")
+    motion = simulate(mechanism, times, initial=initial, inputs=inputs, parameters=parameters, events=events, **chosen)
+    whole, all_inputs = motion.mechanism, pairs_of(inputs, "inputs=")
+    setup = MotionSetup(
+        mechanism,
+        "sensitivities",
+        times,
+        initial=initial,
+        inputs=[pair for pair in all_inputs if any(pair[0] is own for own in mechanism.inputs)],
+        parameters=[
+            pair for pair in pairs_of(parameters, "parameters=") if any(pair[0] is own for own in mechanism.parameters)
+        ],
+        **chosen,
+    )
+    p = motion.phases[0].parameters if len(motion.phases) == 1 else motion.parameters
+    values = dict(zip(whole.parameters, p.tolist(), strict=True)) | dict(all_inputs)
+    design = PhasedDesignVariables(wrt, setup, setup.differentiable_start, whole, values)
+    rows = np.eye(design.size)
+    by_key = {entry.key: rows[low] for entry, low in zip(design.entries, design.places[:-1], strict=True)}
+    directions = Directions(
+        _start_slopes(design),
+        {key: row for key, row in by_key.items() if isinstance(key, Parameter)},
+        {key: row for key, row in by_key.items() if isinstance(key, Input)},
+    )
+    found = phased_variation(
+        motion, events, setup.grid, [e for _, e in named], directions, setup.integrator, all_inputs
+    )
+    at_events = [EventSensitivities(event, named, design) for event in found.events]
+    return Sensitivities(found.t, named, design, found.y, found.slope, at_events)
+
+
+def _start_slopes(design: DesignVariables) -> np.ndarray:
+    """Derivatives of the start ``(q, v, z)`` by the design variables (n_x, k)."""
+    start = design.start
+    d = ca.MX.sym("d", design.size)
+    p, right, z, *_ = design.arguments(d)
+    function = ca.Function("start", [d], [start.function(p, right, z, start.guess)[0]])
+    x = function(design.values)
+    return np.asarray(function.forward(design.size)(design.values, x, np.eye(design.size)).full())
+
+
+def _listed(parameters: Any) -> list[Parameter]:
+    """Parameters that are listed without values, in place of `wrt`."""
+    listed = list(parameters) if isinstance(parameters, Sequence) else []
+    if not listed or not all(isinstance(p, Parameter) for p in listed):
+        raise ModelError("sensitivities: wrt= is missing; name the parameters, inputs or initial values of interest")
+    return listed
 
 
 def named_outputs(outputs: Any) -> list[tuple[Any, ca.SX]]:

@@ -54,9 +54,9 @@ class Cut:
     interval : int
         Output interval in which it lies, the end of it included.
     at_output : bool
-        Whether it is the time of the output that ends the interval, which comes before it.
+        True if it is the time of the output that ends the interval, which comes before it.
     joined : bool
-        Whether it is at the instant of the cut before.
+        True if it is at the instant of the cut before.
     switches : tuple of int
         Switches that change their sides, by whose first one its derivative is found; none of a mere stop.
     border : float
@@ -64,7 +64,7 @@ class Cut:
     sides : tuple of float
         Sides of all switches afterwards.
     impulse : bool
-        Whether velocities jump.
+        True if velocities jump.
     """
 
     time: float
@@ -112,7 +112,7 @@ class BorderPassage:
     first_sides : numpy.ndarray
         Sides at the start.
     cuts : list of Cut
-        What was found up to now.
+        Cuts that are known up to now.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class BorderPassage:
         sides : numpy.ndarray
             Sides of all switches in time afterwards.
         impulse : bool
-            Whether a prescribed velocity jumps.
+            True if a prescribed velocity jumps.
         """
         left = list(flipped)
         slopes = self._system.slopes_in_time(self._time, np.r_[self._p, self.sides]).full()

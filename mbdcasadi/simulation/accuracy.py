@@ -54,8 +54,10 @@ def unresolved_range(q: np.ndarray, abstol: float) -> str:
 
 def range_near_rounding(q: np.ndarray) -> list[str]:
     """Sentence on a motion whose range is little more than the rounding of its coordinates."""
+    if largest(ranges(q)) > 0:
+        return []
     moved = ranges(q, REST_TOLERANCE)
-    if largest(ranges(q)) > 0 or not largest(moved):
+    if not largest(moved):
         return []
     size = float(np.max(np.abs(q[:, moved > 0])))
     return [

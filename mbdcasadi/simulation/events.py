@@ -53,6 +53,32 @@ class Crossing:
     interval: int
 
 
+class _Terms:
+    """What is looked for, as expressions and functions; made once for a mechanism and some events.
+
+    Attributes
+    ----------
+    rate_is_known : list of bool
+        By event.
+    rates, accelerations : casadi.SX
+        First and second derivatives of the expressions; 0 if the model does not know them.
+    values : casadi.Function
+        The expressions.
+    left_out : tuple of int or None
+        Sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs.
+    """
+
+    def __init__(self, eom: Equations, events: Sequence[Event]):
+        rates = [_rate(eom, e.expression) for e in events]
+        self.rate_is_known = [rate is not None for rate in rates]
+        self.rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
+        self.accelerations = ca.vertcat(ca.SX(0, 1), *[_second_rate(eom, e.expression) for e in events])
+        expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in events])
+        self.values = eom.function(expressions)
+        needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
+        self.left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
+
+
 class EventWatch:
     """Looks for events among consecutive outputs.
 
@@ -61,7 +87,7 @@ class EventWatch:
     eom : Equations
         Equations of the mechanism.
     events : sequence of Event
-        What to look for.
+        Events to look for.
     instant : float
         Time that counts as one instant, s.
     resting : dict of Event to float, optional
@@ -82,15 +108,11 @@ class EventWatch:
         self._side: dict[int, float] = {}
         self._offset: dict[int, float] = {}
         self._not_a_number: set[int] = set()
-        rates = [_rate(eom, e.expression) for e in self.events]
-        self._rate_is_known = [rate is not None for rate in rates]
-        self._rates = ca.vertcat(ca.SX(0, 1), *[ca.SX(0) if rate is None else rate for rate in rates])
-        self._accelerations = ca.vertcat(ca.SX(0, 1), *[_second_rate(eom, e.expression) for e in self.events])
-        expressions = ca.vertcat(ca.SX(0, 1), *[e.expression for e in self.events])
-        self._values = eom.function(expressions)
-        #: sizes of what a state need not be completed by, if no event contains accelerations, reactions or inputs
-        needs = ca.depends_on(expressions, ca.vertcat(eom.a, eom.lam, eom.u))
-        self._left_out = None if needs else (eom.a.numel(), eom.lam.numel(), eom.u.numel())
+        terms = eom.mechanism.cache.get_or_create(
+            ("events", *self.events), lambda: _Terms(eom, self.events), bounded=bool(self.events)
+        )
+        self._rate_is_known, self._rates, self._accelerations = terms.rate_is_known, terms.rates, terms.accelerations
+        self._values, self._left_out = terms.values, terms.left_out
 
     # --- for a method that looks at events inside its steps -----------------------------------
     def watched(self, decides: Callable[[Event], bool]) -> Watched | None:
@@ -153,6 +175,8 @@ class EventWatch:
     def start_at(self, state: State) -> None:
         """Forget what was before: a piece of motion starts, and each expression on the side to which it goes."""
         self._side, self._offset = {}, {}
+        if not self.events:
+            return
         rates, seconds, rests = self.rates(state), self.accelerations(state), self.rests(state)
         for index in self.at_zero(state):
             event = self.events[index]
@@ -208,7 +232,7 @@ class EventWatch:
         way_from : callable
             Gives the way from an output on.
         decides : callable
-            Whether the run ends, or goes on otherwise, at an event.
+            True if the run ends, or goes on otherwise, at an event.
         """
         since = np.r_[times[0], times[:-1]]
         values = self.values(outputs, times, x, since)

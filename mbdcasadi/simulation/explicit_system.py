@@ -18,21 +18,28 @@ from .singular_passage import has_loops
 from .watched_terms import WatchedTerms
 
 
-def dynamics_of(numeric: NumericEquations) -> ca.Function:
+def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
     """``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``; made once for a mechanism.
 
     The regularity is the smallest pivot of ``Phi_q M⁻¹ Phi_q^T``, relative to its
     diagonal (with light bodies, that of ``Phi_q Phi_q^T``); 1 if no pose is singular.
+
+    Parameters
+    ----------
+    numeric : NumericEquations
+        Equations at given parameters.
+    redundant : bool
+        True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
     eom = numeric.eom
-    key = ("explicit dynamics", numeric.light_key)
-    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric))
+    key = ("explicit dynamics", numeric.light_key, redundant)
+    return eom.mechanism.cache.get_or_create(key, lambda: _dynamics(numeric, redundant))
 
 
-def _dynamics(numeric: NumericEquations) -> ca.Function:
+def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
     eom = numeric.eom
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, lam = numeric.forward_dynamics(redundant=False)(*known)
+    a, lam = numeric.forward_dynamics(redundant=redundant)(*known)
     rates = ca.substitute(eom.z_rate, ca.vertcat(eom.a, eom.lam), ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
     return ca.Function("dynamics", known, [a, ca.densify(rates), lam, _regularity(numeric)])
 
@@ -42,7 +49,7 @@ def _regularity(numeric: NumericEquations) -> ca.SX:
     if not eom.lam.numel() or not has_loops(eom):
         return ca.SX(1)
     inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
-    schur = eom.Phi_q @ ca.diag(inverse) @ eom.Phi_q.T
+    schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
     pivots, _, order = ca.ldl(schur)
     return ca.mmin(ca.densify(pivots) / ca.densify(ca.diag(schur))[list(order)])
 
@@ -60,7 +67,8 @@ def _projection(eom: Equations) -> ca.Function:
     weights = ca.SX.sym("weights", eom.q.numel())
     rows = [int(k) for k in eom.position_rows]
     inverse = ca.diag(1 / weights)
-    schur = eom.Phi_q @ inverse @ eom.Phi_q.T
+    over = inverse @ eom.Phi_q.T
+    schur = eom.Phi_q @ over
     loops = has_loops(eom)
 
     def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
@@ -72,14 +80,14 @@ def _projection(eom: Equations) -> ca.Function:
         whole = len(rows) == eom.lam.numel()
         factors = factorised(schur, eom.angular_rows)
         own = factors if whole else factorised(schur[rows, rows], eom.angular_rows[eom.position_rows])
-        q = q - inverse @ eom.Phi_q[rows, :].T @ ca.ldl_solve(ca.densify(eom.Phi), *own)
+        q = q - over[:, rows] @ ca.ldl_solve(ca.densify(eom.Phi), *own)
     elif eom.lam.numel():
         factors = factorised(schur, eom.angular_rows)
     if eom.lam.numel():
         there = ca.Function("there", [eom.t, eom.q, eom.p], [eom.Phi, eom.Phi_q, eom.nu])
         phi, jacobian, nu = there(eom.t, q, eom.p)
         for _ in range(2):  # the second removes the rounding of the first
-            v = v - inverse @ jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors)
+            v = v - inverse @ (jacobian.T @ ca.ldl_solve(ca.densify(jacobian @ v - nu), *factors))
         left = ca.norm_inf(ca.densify(phi)) if rows else left
     results = [ca.densify(q), ca.densify(v), left]
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
@@ -106,7 +114,7 @@ def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedT
     signals : Signals
         Inputs.
     terms : WatchedTerms, optional
-        What is integrated along; the same in every run of a mechanism that has some.
+        Integrands along the motion, among others; the same in every run of a mechanism that has some.
     """
     eom = numeric.eom
 

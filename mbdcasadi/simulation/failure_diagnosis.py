@@ -1,4 +1,4 @@
-"""Why an integrator stopped, in the words of the model."""
+"""Causes for which an integrator stopped, in the words of the model."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def cause_of_failure(
     flag : str
         The integrator's own word.
     ahead : float
-        How far to look beyond it, s.
+        Time to look beyond it, s.
     method : str, optional
         Name of the integrator, which is not advised again.
     """

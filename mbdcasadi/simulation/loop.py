@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -33,9 +33,9 @@ from .outputs import Outputs
 from .path import Path
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .shaky_start import refuse_shaky_start
 from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
-from .stepping import Stepper
+from .singular_start import refuse_singular_start
+from .stepping import NearSingularPose, Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
@@ -49,7 +49,7 @@ APART = 1e-8
 LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Points of an output interval by which a jump is told from drift.
+#: Points of an output interval by which a jump is distinguished from drift.
 CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
@@ -162,7 +162,7 @@ class Run:
         self.stops = False
 
     def _is_watched(self, integrator: Integrator) -> bool:
-        """Whether something must be looked for between outputs."""
+        """True if something must be looked for between outputs."""
         if integrator.runs_whole:
             return False
         eom = self.modes.numeric(self.modes.free).eom
@@ -176,17 +176,19 @@ class Run:
         return drifts or self._has_loads()
 
     def _has_loads(self) -> bool:
-        """Whether the motion may meet loads that steps pass over."""
+        """True if the motion may meet loads that steps pass over."""
         return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
 
     # --- the loop ------------------------------------------------------------------------
-    def run(self, entry: State | None = None) -> Trajectory:
+    def run(self, entry: State | None = None, passed: Sequence[Event] = ()) -> Trajectory:
         """Run over the output grid, up to its end or to an event that ends the run.
 
         Parameters
         ----------
         entry : State, optional
             State of the mechanism at which the run goes on, in place of the start.
+        passed : sequence of Event
+            Events that led there: they are at their zeros, and have taken place.
 
         Raises
         ------
@@ -202,7 +204,7 @@ class Run:
         with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
-                if not self._changes_at_once():
+                if not self._changes_at_once(passed):
                     self._pieces(bar)
             except KeyboardInterrupt:
                 raise self._interrupted() from None
@@ -236,7 +238,7 @@ class Run:
             raise state.obstacle
         if not np.all(np.isfinite(state.a)):
             _ = state[free.eom.a]  # raises, and names what has no value
-        refuse_shaky_start(free, state)
+        refuse_singular_start(free, state)
         self.redundant = free.has_redundant_rows(state.t, state.q)
         if self.redundant:
             modes.refuse_redundant_rows()
@@ -273,7 +275,7 @@ class Run:
         self._resume(entry)
         return self._builder.trajectory()
 
-    def _changes_at_once(self) -> bool:
+    def _changes_at_once(self, passed: Sequence[Event]) -> bool:
         """Return True if the mechanism changes at the state at which the run begins."""
         watched = [event for event in self.events if event.becomes is not None]
         if not watched:
@@ -282,7 +284,7 @@ class Run:
         state = arc.stepper.outputs.state(self._time, self._x)
         watch = EventWatch(arc.numeric.eom, watched, self.instant)
         through, at_zero = watch.moves_through(state), set(watch.at_zero(state))
-        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k]]
+        self.changing = [e for k, e in enumerate(watched) if k in at_zero and through[k] and e not in passed]
         # a reaction that has the wrong sign from the start on never passes zero
         lam = arc.numeric.eom.lam
         self.changing += [
@@ -332,8 +334,11 @@ class Run:
         arc = self._arc
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
-        piece, path, failure = self._integrated(piece)
+        piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
         passage = self._passage(path)
+        if passage is None and isinstance(failure, NearSingularPose):
+            piece, path, failure = self._integrated(piece)
+            passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
         touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
@@ -359,10 +364,18 @@ class Run:
         end = float(path.times[load.interval])
         return piece.until(end), path.until(end), None
 
-    def _integrated(self, piece: Piece) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails or has something to be decided."""
+    def _integrated(
+        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
+    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """The path of the integrator over a piece, or up to where it fails or has something to be decided.
+
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
+        """
         try:
-            path = self._arc.stepper.advance(piece, self._x, self._interruption)
+            path = self._arc.stepper.advance(piece, self._x, self._interruption, comes_near)
         except IntegrationFailure as stopped:
             times = piece.times[: len(stopped.x)]
             nothing = np.zeros((times.size, self._arc.resolution.terms.size))
@@ -458,7 +471,10 @@ class Run:
     def _passage(self, path: Path) -> Passage | None:
         """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
         arc = self._arc
-        entry = None if path.is_regular else arc.passage.entry(path)
+        if path.is_regular:
+            arc.passage.note_regular(path)
+            return None
+        entry = arc.passage.entry(path)
         if entry is None:
             return None
         trail = self._trail.with_path(path, entry)
@@ -536,7 +552,7 @@ class Run:
 
     @staticmethod
     def decides(event: Event, own_events: Sequence[Event]) -> bool:
-        """Whether the run ends, or goes on otherwise, at an event."""
+        """True if the run ends, or changes its mechanism, at an event."""
         return _cuts(event) or any(event is own for own in own_events)
 
     def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
@@ -605,8 +621,7 @@ class Run:
         block = (outputs or arc.stepper.outputs).block(times, x, since)
         t, q, v, _, z, lam, u = block
         lost = arc.uniqueness.first_lost(t, q, v, z, lam, u)
-        self._builder.add(arc.mode, *(part[:lost] for part in block))
-        self.modes.check(arc.mode, self._builder.motion_in(arc.mode, *(part[:lost] for part in block)))
+        self.modes.check(arc.mode, self._builder.add(arc.mode, *(part[:lost] for part in block)))
         if lost is not None:
             raise SimulationError(
                 f"{arc.uniqueness.sentence(float(t[lost]))}; what was computed is in .partial", time=float(t[lost])
@@ -647,6 +662,8 @@ class Run:
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
         terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
+        if terminal and abs(self._builder.last_time - time) <= self.instant:
+            time = max(time, self._builder.last_time)  # at an output, by rounding before it
         for crossing in terminal:
             if crossing.event.becomes is None:
                 self._builder.events.append(self._occurrence(crossing))

@@ -23,7 +23,7 @@ class Outputs:
     levels : numpy.ndarray
         Values of the inputs that are numbers, as they are when outputs are made.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, *, redundant: bool):

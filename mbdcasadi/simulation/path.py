@@ -16,11 +16,11 @@ class Path:
     times, x : numpy.ndarray
         Start and outputs (k + 1,), (k + 1, n_x).
     integrals : numpy.ndarray
-        What was integrated along, by interval (k, n).
+        Integrals over each interval (k, n).
     on_constraints : bool
-        Whether the states are on the constraints.
+        True if the states are on the constraints.
     is_regular : bool
-        Whether the integrator has seen that no pose on it is near to a singular one.
+        True if the integrator has seen that no pose on it is near to a singular one.
     """
 
     times: np.ndarray

@@ -229,7 +229,7 @@ class PhasedRun:
             self._carry_levels(run.modes, following.modes)
         entry, impulses = self._entry(chain, before, following)
         ended = run.stops or any(event.terminal for event in chain)
-        part = following.only_start(entry) if ended else following.run(entry)
+        part = following.only_start(entry) if ended else following.run(entry, chain)
         first = part.initial
         own = (first.q, first.v, first.a, first.z, first.lam, first.inputs, first.parameters)
         after = in_whole(State(target, first.t, *own, first.obstacle, impulses), self.whole, self._p)
@@ -298,6 +298,7 @@ class PhasedRun:
                 )
 
     def _set_parameters(self, chain: Sequence[Event], before: State) -> None:
+        self._p = self._p.copy()  # states before the change keep the values that they had
         for event in chain:
             for symbol, value in event.new_values:
                 if not isinstance(symbol, StateVariable):

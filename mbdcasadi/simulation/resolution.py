@@ -58,7 +58,7 @@ class _Finding:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """What is watched, at the times of a path.
+    """Watched quantities at the times of a path.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class _Course:
     gaps, rates, bounds : numpy.ndarray
         Gaps, their rates, and bounds of these (k, owners).
     smoothed, scales : numpy.ndarray
-        What is smoothed, and its loads (k, smoothings).
+        Smoothed quantities, and their loads (k, smoothings).
     """
 
     path: Path
@@ -89,7 +89,7 @@ class Resolution:
     Attributes
     ----------
     terms : WatchedTerms
-        What the integrator is to integrate along, among others.
+        Watched quantities, among them integrands along the motion.
     """
 
     def __init__(self, numeric: NumericEquations):
@@ -112,7 +112,7 @@ class Resolution:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether there are outlines that may meet."""
+        """True if there are outlines that may meet."""
         return bool(self._owner)
 
     def first_touch(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
+
+from ..numerics.real import distinct
 
 #: Pieces of a run: each start of an integrator costs, and progress, cancelling and partial results need some.
 PIECES = 20
@@ -26,11 +27,11 @@ class Piece:
     times : numpy.ndarray
         Outputs of the integrator, the last one its end.
     wanted : numpy.ndarray of bool
-        Which of them are outputs of the user.
+        True for those that are outputs of the user.
     stops : numpy.ndarray of bool
         Over which of them no step may go.
     ends_at_jump : bool
-        Whether the equations jump at its end, and belong to its inside up to there.
+        True if the equations jump at its end, and belong to its inside up to there.
     starts_at_jump : bool
         The same of its start.
     """
@@ -50,7 +51,7 @@ class Piece:
     @property
     def begins(self) -> np.ndarray:
         """Start of each output interval."""
-        return np.r_[self.start, self.times[:-1]]
+        return np.concatenate([[self.start], self.times[:-1]])
 
     @property
     def _margin(self) -> float:
@@ -158,15 +159,18 @@ class Schedule:
         watch = none
         if watch_points:  # spread evenly over the time, whatever the outputs are
             pieces = np.ceil(np.diff(grid) / span * watch_points * (1 - 1e-9)).astype(int)
-            inside = [np.linspace(a, b, n + 1)[1:-1] for (a, b), n in zip(pairwise(grid), pieces, strict=True) if n > 1]
-            watch = np.concatenate([none, *inside])
+            owner = np.repeat(np.arange(pieces.size), pieces - 1)
+            place = np.arange(owner.size) - (np.cumsum(pieces - 1) - (pieces - 1))[owner] + 1
+            watch = grid[owner] + place * (np.diff(grid) / pieces)[owner]
         self.times, self.wanted = self._merged(grid[1:], np.concatenate([jumps, samples, stops, watch]))
         self._stops, self._jumps, self._samples = (self._marked(extra) for extra in (stops, jumps, samples))
         self._starts_at_jump = self._near(jumps, self.start)
 
     def _merged(self, grid: np.ndarray, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Union of the outputs and other times; an output stands for times very near to it."""
-        extra = np.unique(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
+        if not extra.size:
+            return grid, np.ones(grid.size, bool)
+        extra = distinct(extra[(extra > self.start + self.tolerance) & (extra < self.end - self.tolerance)])
         extra = extra[np.abs(grid[_nearest(grid, extra)] - extra) > self.tolerance]
         extra = extra[np.r_[True, np.diff(extra) > self.tolerance]] if extra.size else extra
         times = np.r_[grid, extra]
@@ -175,8 +179,10 @@ class Schedule:
 
     def _marked(self, extra: np.ndarray) -> np.ndarray:
         """True for times that are among others."""
-        places = _nearest(self.times, extra)
         marked = np.zeros(self.times.size, bool)
+        if not extra.size:
+            return marked
+        places = _nearest(self.times, extra)
         marked[places[np.abs(self.times[places] - extra) <= self.tolerance]] = True
         return marked
 

@@ -222,7 +222,8 @@ def chosen_integrator(
 
 def suited_to_friction(integrator: Integrator, numeric: NumericEquations) -> Integrator:
     """The integrator with an absolute tolerance that resolves smoothed friction."""
-    return integrator.replace(abstol=absolute_tolerance(numeric, integrator.abstol))
+    abstol = absolute_tolerance(numeric, integrator.abstol)
+    return integrator if abstol == integrator.abstol else integrator.replace(abstol=abstol)
 
 
 def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from ..equations.derivation import Equations
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
+from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows
 from .events import Way
@@ -29,6 +30,8 @@ from .path import Path, hermite_states
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.
 ENTRY = 0.01
+#: States of a regular path at which its pivot is looked at.
+SOME = 16
 #: Poses about the lowest pivot at which it is looked at again.
 CLOSE = 64
 #: Turn of a body between two poses at which the pivot is looked at, rad.
@@ -65,6 +68,10 @@ def has_loops(eom: Equations) -> bool:
 
     A tree of pins, slides and welds is regular in every pose.
     """
+    return eom.mechanism.cache.get_or_create("has loops", lambda: _closes_loops(eom))
+
+
+def _closes_loops(eom: Equations) -> bool:
     parent: dict[int, int] = {}
 
     def root(key: int) -> int:
@@ -106,11 +113,13 @@ class Regularity:
             left_out = set(dependent_rows(numeric.scale.scaled(numeric.velocity(t, q)[0])))
         rows = tuple(k for k in range(numeric.eom.lam.numel()) if k not in left_out)
         eom = numeric.eom
-        self._function = eom.mechanism.cache.get_or_create(("regularity", rows), lambda: _regularity(eom, list(rows)))
+        self._function = eom.mechanism.cache.get_or_create(
+            ("regularity", rows), lambda: Evaluator(_regularity(eom, list(rows)))
+        )
 
     def at(self, times: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Smallest relative pivot at poses (k, n)."""
-        pivots = self._function(times[None, :], q.T, self.numeric.p, self.numeric.scale.columns).full().ravel()
+        pivots = self._function.rows(times[:, None], q, self.numeric.p, self.numeric.scale.columns)[0].ravel()
         return np.where(np.isfinite(pivots), pivots, 0.0)
 
     def along(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -123,8 +132,10 @@ def finer_times(path: Path, eom: Equations) -> np.ndarray:
     """Times of a path between which no body turns far."""
     turned = np.abs(np.diff(path.x[:, np.flatnonzero(eom.angles)], axis=0)).max(axis=1, initial=0.0)
     parts = np.clip(np.ceil(turned / PIVOT_TURN), 1, 400).astype(int)
-    ends = zip(path.times[:-1], path.times[1:], parts, strict=True)
-    return np.concatenate([path.times[:1], *[np.linspace(a, b, k + 1)[1:] for a, b, k in ends]])
+    owner, last = np.repeat(np.arange(parts.size), parts), np.cumsum(parts)
+    share = 1.0 - (last[owner] - 1 - np.arange(owner.size)) / parts[owner]
+    inside = path.times[owner] + share * np.diff(path.times)[owner]
+    return np.r_[path.times[0], np.where(share == 1.0, path.times[owner + 1], inside)]
 
 
 def singular_time(numeric: NumericEquations, path: Path) -> float | None:
@@ -191,13 +202,35 @@ class SingularPassage:
         """Time at which a path comes near to a singular pose, or back to one; None if it does not."""
         if not self._regularity.is_needed or path.times.size < 2:
             return None
+        times, entries, self._largest, self._recent = self._entries(path)
+        if not entries.size:
+            return None
+        # between two times of a coarse path the pose may be almost reached
+        k, n = int(entries[0]), self._numeric.eom.q.numel()
+        closer = np.linspace(times[max(k - 1, 0)], times[k], CLOSE)
+        values = self._regularity.at(closer, hermite_states(path, closer, n)[:, :n])
+        near = np.flatnonzero((values < ENTRY * self._largest) & (closer > times[0]))
+        return float(closer[near[0]] if near.size else times[k])
+
+    def note_regular(self, path: Path) -> None:
+        """Take note of the pivots of a path on which no pose is near to a singular one, at some of its states."""
+        if self._regularity.is_needed:
+            rows = np.unique(np.linspace(0, path.times.size - 1, SOME).astype(int))
+            pivots = self._regularity.at(path.times[rows], path.x[rows, : self._numeric.eom.q.numel()])
+            self._largest, self._recent = max(self._largest, pivots.max()), max(self._recent, pivots.max())
+
+    def comes_near(self, path: Path) -> bool:
+        """True if a path that is not followed any further comes near to a singular pose, or back to one."""
+        return self._regularity.is_needed and path.times.size > 1 and bool(self._entries(path)[1].size)
+
+    def _entries(self, path: Path) -> tuple[np.ndarray, np.ndarray, float, float]:
+        """Times of a path, places at which it is near to a singular pose, and the largest pivots at its end."""
         times, values = self._regularity.along(path)
         running = np.maximum.accumulate(np.r_[self._largest, values])[1:]
         recent = np.maximum.accumulate(np.r_[self._recent, values])[1:]
-        self._largest, self._recent = float(running[-1]), float(recent[-1])
         # a path that begins near to a pose leaves it, until its pivot falls again
         entries = np.flatnonzero((values < ENTRY * running) & (values < RETURN * recent))
-        return float(times[entries[0]]) if entries.size else None
+        return times, entries, float(running[-1]), float(recent[-1])
 
     def left_behind(self) -> None:
         """Note that a pose was passed: what counts from here on is whether the motion turns back to it."""
@@ -308,7 +341,7 @@ class SingularPassage:
         numeric, eom = self._numeric, self._numeric.eom
         times = start + (end - start) * (np.arange(CHECKS) + 0.5) / CHECKS
         x, size = course.states(times), numeric.scale.coordinates
-        wanted = np.array([course.accelerations(time) for time in times])
+        wanted = course.accelerations(times)
         t, q, v, a, z, lam, u = self._outputs.block(times, x)
         regular = self._regularity.at(times, q) > REGULAR * ENTRY * self._largest
         speed = largest(v / size)
@@ -333,7 +366,7 @@ class SingularPassage:
             return None
         a = self._outputs.block(np.array([time]), x[None, :])[3][0]
         speed = largest(x[n : 2 * n] / size)
-        missed = largest((a - course.accelerations(time)) / size)
+        missed = largest((a - course.accelerations(np.array([time]))[0]) / size)
         if not np.isfinite(missed) or missed > PASSAGE_ACCELERATION_TOLERANCE * (largest(a / size) + speed**2):
             return None
         return missed * length / speed if speed else None
@@ -359,9 +392,10 @@ class _Course:
         z = np.zeros((times.size, 0)) if self._slow is None else self._slow(tau)
         return np.hstack([self._positions(tau), self._positions.derivative(tau, 1) / self._span, z])
 
-    def accelerations(self, time: float) -> np.ndarray:
-        """Accelerations at a time (n,)."""
-        return self._positions.derivative((time - self._start) / self._span, 2) / self._span**2
+    def accelerations(self, times: np.ndarray) -> np.ndarray:
+        """Accelerations at times by row (k, n)."""
+        found: np.ndarray = self._positions.derivative((times - self._start) / self._span, 2) / self._span**2
+        return found
 
 
 class Trail:

@@ -28,8 +28,10 @@ PRECISE = (1e-12, 1e-13)
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
 PERTURBATION = 1e-6
-#: Length of a step, relative to the run, that a Taylor expansion takes where an integrator cannot.
-TINY_STEP = 1e-9
+
+
+class NearSingularPose(IntegrationFailure):
+    """The usual form of the equations failed near a singular pose, which may be passed otherwise."""
 
 
 class Stepper:
@@ -50,7 +52,7 @@ class Stepper:
     usual_length : float
         Length of a usual piece, s.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
     max_step : float, optional
         Longest step, s.
 
@@ -168,15 +170,26 @@ class Stepper:
             return self.outputs.unknowns(time, x)
         return np.zeros(self.numeric.eom.q.numel() + self.numeric.eom.lam.numel())
 
-    def advance(self, piece: Piece, x: np.ndarray, interruption: Interruption) -> Path:
+    def advance(
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+    ) -> Path:
         """Integrate over a piece from a consistent state.
 
         If the usual form fails, the regularised one is tried, which passes
         singular poses; then the usual one with all the steps it may take.
 
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True if a path comes near to a singular pose. The other forms are then not tried.
+
         Raises
         ------
-        IntegrationFailure
+        NearSingularPose, IntegrationFailure
             With the outputs that were reached.
         KeyboardInterrupt
             On Ctrl-C in compiled code.
@@ -191,6 +204,8 @@ class Stepper:
         for k, (form, steps) in enumerate(attempts):
             if k == 1 and flag != "IDA_LINESEARCH_FAIL":
                 continue
+            if k == 2 and comes_near is not None and form != usual:
+                self._stop_near_singular_pose(piece, x, flag, comes_near)
             if k > 1 and form == usual and flag != "IDA_TOO_MUCH_WORK":
                 break
             z, compiled = self._unknowns(form, piece.start, x), self._of(form)
@@ -212,6 +227,18 @@ class Stepper:
         if interruption.requested:
             raise KeyboardInterrupt
         raise stopped
+
+    def _stop_near_singular_pose(
+        self, piece: Piece, x: np.ndarray, flag: str, comes_near: Callable[[Path], bool]
+    ) -> None:
+        """Raise if the part of a piece that the usual form reaches comes near to a singular pose."""
+        start, times = piece.inside
+        z, u = self._unknowns(self.formulation, piece.start, x), self.signals.channel_from(piece.begins)
+        reached = self._of(self.formulation).reach(flag, x, z, start, times, self._parameters(piece), u, self._max_step)
+        count = len(reached.x)
+        path = Path(np.r_[piece.start, piece.times[:count]], np.vstack([x, reached.x]), np.zeros((count, 0)))
+        if count and comes_near(path):
+            raise NearSingularPose(reached.flag, reached.x, reached.z, float(times[count - 1]), reached.x[-1])
 
     def _parameters(self, piece: Piece | None) -> np.ndarray:
         """Parameters of the integrator: those of the model, levels of inputs, and the rate at which drift decays."""

@@ -62,6 +62,8 @@ def time_dependence(setup: Setup) -> TimeDependence:
 def timed_equations(setup: Setup, integrands: ca.SX | None = None) -> ExplicitTime:
     """Return the equations of a run, its inputs substituted, as functions of time."""
     eom, signals = setup.eom, setup.signals
+    if not signals.structure:
+        return explicit_time(eom, None, integrands)
     # samples and polynomials change at times that are known; expressions may switch
     inputs = ca.SX(eom.u)
     for k, kind in enumerate(signals.structure):

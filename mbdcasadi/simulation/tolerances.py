@@ -10,7 +10,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..errors import SimulationError
 
-#: What friction is spread over, by attribute, in words.
+#: Quantity over which friction is spread, by attribute, in words.
 NARROW = {
     "velocity_tolerance": "the velocity tolerance {:.3g} m/s",
     "deflection_tolerance": "the largest deflection of the bristles, {:.3g} m,",

@@ -29,7 +29,7 @@ class TrajectoryBuilder:
     events : list of EventOccurrence
         Events that took place.
     statistics : Statistics
-        How the motion was computed.
+        Statistics of the integration.
     """
 
     def __init__(self, modes: Modes, p: np.ndarray):
@@ -43,12 +43,13 @@ class TrajectoryBuilder:
         """Note that a mode holds from a time on, and how states in it are interpolated."""
         self._spans.append((time, mode, refine))
 
-    def add(self, mode: Any, *block: np.ndarray) -> None:
-        """Append ``t, q, v, a, z, lam, u`` of some outputs in a mode, each by row."""
-        if not block[0].size:
-            return
-        t, q, v, a, z, _, u = block
-        self._blocks.append((t, q, v, a, z, self.modes.multipliers(mode, self.motion_in(mode, *block)), u))
+    def add(self, mode: Any, *block: np.ndarray) -> Trajectory:
+        """Append ``t, q, v, a, z, lam, u`` of some outputs in a mode, each by row; return them as a motion in it."""
+        motion = self.motion_in(mode, *block)
+        if block[0].size:
+            t, q, v, a, z, _, u = block
+            self._blocks.append((t, q, v, a, z, self.modes.multipliers(mode, motion), u))
+        return motion
 
     def motion_in(self, mode: Any, *block: np.ndarray) -> Trajectory:
         """Outputs in a mode as a motion of the mechanism in that mode."""

@@ -16,9 +16,11 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import Signals
+from ..equations import Equations
 from ..equations.numeric import NumericEquations
-from ..equations.time_breaks import state_switches
+from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
+from ..numerics.evaluation import Evaluator
 from .outputs import Outputs
 from .path import Path, hermite_states
 from .watched_terms import has_gap
@@ -75,12 +77,10 @@ class UnseenLoads:
     def __init__(self, numeric: NumericEquations, signals: Signals):
         self._numeric = numeric
         eom = numeric.eom
-        switches, transients = state_quantities(numeric, signals)
-        self._count = len(switches)
-        column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
-        self.watched = column.numel()
-        if self.watched:
-            self._quantities = ca.Function("quantities", [eom.t, eom.q, eom.v, eom.z, eom.p], [ca.densify(column)])
+        found = eom.mechanism.cache.get_or_create(
+            ("state quantities", signals.structure), lambda: _Quantities(eom, signals), bounded=True
+        )
+        self._count, self.watched, self._quantities = found.switches, found.number, found.function
         self._z_rate = eom.function(eom.z_rate) if eom.z.numel() else None
         self._threshold = MISSED
 
@@ -138,7 +138,7 @@ class UnseenLoads:
         n = self._numeric.eom.q.numel()
         x = hermite_states(path, times, n)
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
-        return self._quantities(times[None, :], q.T, v.T, z.T, self._numeric.p).full()
+        return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
     def _instants(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches."""
@@ -146,42 +146,56 @@ class UnseenLoads:
         share = np.arange(POINTS - 1) / (POINTS - 1)
         times = np.r_[(path.times[:-1, None] + lengths[:, None] * share).ravel(), path.times[-1]]
         values = self._at(path, times)
-        step = float(np.max(lengths))
-        found, durations = [np.zeros(0)], [np.zeros(0)]
+        longest = LONG * float(np.max(lengths))
         with np.errstate(all="ignore"):
-            rows, places = np.nonzero(np.sign(values[:, :-1]) * np.sign(values[:, 1:]) < 0)
-            roots = self._roots(path, rows, times[places], times[places + 1], values[rows, places])
-            rows_at, places_at = np.nonzero((values[:, 1:-1] == 0) & np.any(values != 0, axis=1)[:, None])
-            rows, roots = np.r_[rows, rows_at], np.r_[roots, times[1:-1][places_at]]
-            rises = np.diff(values, axis=1)
-            turns, middles = np.nonzero(rises[:, :-1] * rises[:, 1:] < 0)
-            tops = self._extrema(path, turns, times[middles], times[middles + 2], values[turns, middles + 1])
-            at_top, before, after = self._of_rows(path, turns, tops), values[turns, middles], values[turns, middles + 2]
-            # a quantity that is beyond zero between two points alone
-            there = (np.sign(at_top) * np.sign(values[turns, middles + 1]) < 0) & (turns < self._count)
-            for low, high, at_low, at_high in (
-                (times[middles], tops, before, at_top),
-                (tops, times[middles + 2], at_top, after),
-            ):
-                inside = there & (np.sign(at_low) * np.sign(at_high) < 0)
-                crossed = self._roots(path, turns[inside], low[inside], high[inside], at_low[inside])
-                rows, roots = np.r_[rows, turns[inside]], np.r_[roots, crossed]
+            rows, roots = self._zeros(path, times, values)
+            tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest)
+            rows, roots = np.r_[rows, rows_inside], np.r_[roots, roots_inside]
             switching = rows < self._count
-            found.append(roots[switching])
-            durations.append(np.full(int(np.sum(switching)), np.inf))
-            rest = ~switching
-            width = 1e-4 * step
-            ahead, behind = (self._of_rows(path, rows[rest], roots[rest] + side) for side in (width, -width))
-            found.append(roots[rest])
-            durations.append(2 * width / np.abs(ahead - behind))
-            smooth = turns >= self._count
-            half = (times[middles + 2] - times[middles])[smooth] / 2
-            bend = np.abs(before - 2 * values[turns, middles + 1] + after)[smooth] / half**2
-            found.append(tops[smooth])
-            durations.append(np.sqrt(2 / bend))
-        instants, lasts = np.concatenate(found), np.concatenate(durations)
-        counts = np.isfinite(instants) & (np.isinf(lasts) | (lasts < LONG * step))
+            width = 1e-4 * float(np.max(lengths))
+            ahead, behind = (self._of_rows(path, rows[~switching], roots[~switching] + x) for x in (width, -width))
+            passing = 2 * width / np.abs(ahead - behind)
+        instants = np.concatenate([roots[switching], roots[~switching], tops])
+        lasts = np.concatenate([np.full(int(np.sum(switching)), np.inf), passing, durations])
+        counts = np.isfinite(instants) & (np.isinf(lasts) | (lasts < longest))
         return instants[counts], lasts[counts]
+
+    def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
+        rows, places = np.nonzero(np.sign(values[:, :-1]) * np.sign(values[:, 1:]) < 0)
+        roots = self._roots(path, rows, times[places], times[places + 1], values[rows, places])
+        rows_at, places_at = np.nonzero((values[:, 1:-1] == 0) & np.any(values != 0, axis=1)[:, None])
+        return np.r_[rows, rows_at], np.r_[roots, times[1:-1][places_at]]
+
+    def _turns(
+        self, path: Path, times: np.ndarray, values: np.ndarray, longest: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Extrema of what passes quickly and their durations; and zeros about the extrema of what switches (k,).
+
+        Of three points about an extremum the middle one is nearest to it: the value there is beyond the middle one by
+        less than the larger of the two differences between them (of a parabola, by less than an eighth of it).
+        """
+        rises = np.diff(values, axis=1)
+        rows, places = np.nonzero(rises[:, :-1] * rises[:, 1:] < 0)
+        before, middle, after = (values[rows, places + k] for k in range(3))
+        half = (times[places + 2] - times[places]) / 2
+        durations = np.sqrt(2 / (np.abs(before - 2 * middle + after) / half**2))
+        may_be_beyond = np.abs(middle) <= np.maximum(np.abs(middle - before), np.abs(after - middle))
+        smooth = rows >= self._count
+        counts = np.where(smooth, durations < longest, may_be_beyond)
+        rows, places, before, middle, after = (part[counts] for part in (rows, places, before, middle, after))
+        smooth, durations = smooth[counts], durations[counts]
+        low, high = times[places], times[places + 2]
+        tops = self._extrema(path, rows, low, high, np.sign(middle - before))
+        at_top = self._of_rows(path, rows, tops)
+        # a quantity that is beyond zero between two points alone
+        beyond = (np.sign(at_top) * np.sign(middle) < 0) & ~smooth
+        rows_inside, roots_inside = [], []
+        for begin, end, at_begin, at_end in ((low, tops, before, at_top), (tops, high, at_top, after)):
+            inside = beyond & (np.sign(at_begin) * np.sign(at_end) < 0)
+            rows_inside.append(rows[inside])
+            roots_inside.append(self._roots(path, rows[inside], begin[inside], end[inside], at_begin[inside]))
+        return tops[smooth], durations[smooth], np.concatenate(rows_inside), np.concatenate(roots_inside)
 
     def _of_rows(self, path: Path, rows: np.ndarray, times: np.ndarray) -> np.ndarray:
         """One quantity at each of some times (k,)."""
@@ -199,17 +213,26 @@ class UnseenLoads:
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         return (low + high) / 2
 
-    def _extrema(
-        self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, inside: np.ndarray
-    ) -> np.ndarray:
-        """Extrema in brackets, all at once, by the golden section (k,)."""
+    def _extrema(self, path: Path, rows: np.ndarray, low: np.ndarray, high: np.ndarray, sign: np.ndarray) -> np.ndarray:
+        """Extrema in brackets, all at once, by the golden section (k,).
+
+        Parameters
+        ----------
+        sign : numpy.ndarray
+            1 for a maximum, -1 for a minimum (k,).
+        """
         if not rows.size:
             return np.zeros(0)
-        sign = np.where(inside > self._of_rows(path, rows, low), 1.0, -1.0)
+        first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_first, at_second = (sign * self._of_rows(path, rows, x) for x in (first, second))
         for _ in range(STEPS):
-            first, second = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-            left = sign * self._of_rows(path, rows, first) > sign * self._of_rows(path, rows, second)
+            left = at_first > at_second
             low, high = np.where(left, low, first), np.where(left, second, high)
+            new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+            at_new = sign * self._of_rows(path, rows, new)
+            # the other point of the section is one of those before
+            first, second = np.where(left, new, second), np.where(left, first, new)
+            at_first, at_second = np.where(left, at_new, at_second), np.where(left, at_first, at_new)
         return (low + high) / 2
 
     # --- what the steps missed --------------------------------------------------------------
@@ -275,12 +298,31 @@ def _duration(load: np.ndarray, weights: np.ndarray) -> float:
     return float(np.sum(weights[high])) / max(loads, 1)
 
 
-def state_quantities(numeric: NumericEquations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
+class _Quantities:
     """Quantities of a motion at whose zeros the equations switch, and at whose zeros or extrema loads pass quickly.
 
     Contacts, stops and smoothed friction are left out: these are watched by :class:`~.resolution.Resolution`.
+
+    Attributes
+    ----------
+    switches, number : int
+        Number of those that switch, which come first, and of all.
+    function : Evaluator
+        ``(t, q, v, z, p) ->`` their values (number,).
     """
-    eom = numeric.eom
+
+    def __init__(self, eom: Equations, signals: Signals):
+        # kept beside what is made of it: a hash in the structure is unique only while the node lives
+        self._expressions = signals.parametrised
+        switches, transients = _state_quantities(eom, signals)
+        column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
+        self.switches, self.number = len(switches), column.numel()
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
+
+
+def _state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Quantities that switch, and others that may pass quickly."""
     inputs = ca.SX(eom.u)
     for k, kind in enumerate(signals.structure):
         if isinstance(kind, tuple) and kind[0] == "expression":

@@ -63,11 +63,11 @@ class WholeStepper(Stepper):
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
-        Whether the run ends, or goes on otherwise, at an event.
+        True if the run ends, or goes on otherwise, at an event.
     span : float
         Duration of the run, s.
     may_fold : bool
-        Whether there are singular poses.
+        True if there are singular poses.
     """
 
     def __init__(
@@ -131,6 +131,10 @@ class WholeStepper(Stepper):
         ]
         return [self._runner.said, *(stiff if self._is_stiff else [])]
 
+    def release(self) -> None:
+        super().release()
+        self._runner.release()
+
     # --- integrating -------------------------------------------------------------------------
     def _stretch(self, piece: Piece, x: np.ndarray) -> Stretch:
         start, times = piece.inside
@@ -159,11 +163,17 @@ class WholeStepper(Stepper):
         )
 
     def _columns(self, begins: np.ndarray) -> np.ndarray:
-        """What holds by interval from some times on (k, n_channel)."""
+        """Values by interval from some times on (k, n_channel)."""
         found = self.signals.channel_from(begins)
         return np.zeros((begins.size, 0)) if found is None else found.T
 
-    def advance(self, piece: Piece, x: np.ndarray, interruption: Interruption) -> Path:
+    def advance(
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+    ) -> Path:
         """Integrate over a piece from a consistent state, or up to where something must be decided.
 
         Raises
@@ -195,7 +205,7 @@ class WholeStepper(Stepper):
             self._progress.step = 0.0
         increments = np.diff(reached.integrals, axis=0, prepend=np.zeros((1, self._rates)))
         return Path(
-            np.r_[piece.start, times],
+            np.concatenate([[piece.start], times]),
             np.vstack([x, reached.x]),
             increments,
             on_constraints=True,

@@ -58,7 +58,7 @@ def equilibrium_path(
     mechanism : Mechanism
         The model.
     parameter : Parameter or Input
-        What changes: a load, a length, a torque.
+        Symbol that changes: a load, a length, a torque.
     start, end : float
         First and last value. A path that turns back may go beyond the start, by as much again.
     conditions, inputs, parameters, prefer, t
@@ -142,7 +142,7 @@ class EquilibriumPath:
     Attributes
     ----------
     parameter : Input or Parameter
-        What was changed.
+        Symbol that was changed.
     values : numpy.ndarray
         Its values (k,); if the path turns they do not increase throughout.
     states : tuple of Equilibrium

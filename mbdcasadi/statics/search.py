@@ -9,9 +9,9 @@ from ..numerics.newton import backtrack
 from ..numerics.newton import newton as newtons_method
 from .statics import Statics, Stiffness
 
-#: How far a body may turn in a step (rad), and move (in levers of the mechanism).
+#: Largest turn of a body in a step (rad), and its largest displacement (in levers of the mechanism).
 LARGEST_STEP = 0.2
-#: How far a body may turn in a step of Newton's method, rad: more leads to equilibria that are far away.
+#: Largest turn of a body in a step of Newton's method, rad: more leads to equilibria that are far away.
 NEWTON_TURN = 0.5
 #: Smallest share of a step downhill.
 SHORTEST_DESCENT = 1e-6

@@ -33,7 +33,7 @@ class Sweep:
     failures : dict of int to str
         Message of each case that failed; its outputs are NaN.
     done : numpy.ndarray of bool
-        Which cases were run; all of them, unless the sweep was interrupted.
+        Indices of the cases that were run; all of them, unless the sweep was interrupted.
     seconds : float
         Wall-clock time of the runs, s.
 

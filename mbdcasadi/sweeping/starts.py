@@ -54,7 +54,7 @@ class StartPath:
         starts : numpy.ndarray
             (k, n_x).
         reached : numpy.ndarray of bool
-            Which of them were found (k,).
+            True for those that were found (k,).
         """
         function = self._function.unpacked()
         starts = np.full((len(parameters), self._state.size), np.nan)

@@ -47,6 +47,8 @@ from .worker import BatchOutcome, Parcel, run_batch
 
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
+#: The same for threads of this process, which share a batch.
+WHOLE_BATCHES = 16, 1000
 #: Cases that are tried as the one from which the others are reached.
 TRIES = 100
 
@@ -87,7 +89,7 @@ def sweep(
     cases : mapping
         Parameter or input to its values (k,); see :func:`full_factorial` and :func:`latin_hypercube`.
     outputs : {name: expression}, or sequence of expressions
-        What is kept of each run.
+        Quantities of each run that are kept.
     initial, inputs, parameters
         As for :func:`simulate`; conditions may hold the parameters that vary.
     executor : concurrent.futures.Executor, optional
@@ -297,6 +299,11 @@ class _Plan:
 class _Jobs:
     """Batches of cases with what is compiled for them.
 
+    Attributes
+    ----------
+    batching : tuple of int
+        Batches into which the cases are cut, and the largest of them, if the user does not say.
+
     Parameters
     ----------
     setup : MotionSetup
@@ -306,6 +313,8 @@ class _Jobs:
     named : list of (str, casadi.SX)
         Outputs.
     """
+
+    batching = BATCHES, LARGEST_BATCH
 
     def __init__(self, setup: MotionSetup, plan: _Plan, named: list[tuple[Any, ca.SX]]):
         self._plan, self.setup = plan, setup
@@ -362,7 +371,7 @@ class _Jobs:
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, course in courses.items():
             groups.setdefault(course.pattern, []).append(k)
-        length = _batch_size(size, len(courses))
+        length = _batch_size(size, len(courses), *self.batching)
         for members in groups.values():
             for first in range(0, len(members), length):
                 yield self.batch(np.array(members[first : first + length]), courses)
@@ -370,7 +379,10 @@ class _Jobs:
     def batch(self, cases: np.ndarray, courses: dict[int, Any], starts: np.ndarray | None = None) -> tuple[Any, ...]:
         """One batch."""
         plan, own = self._plan, [courses[int(k)] for k in cases]
-        arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
+        if all(course is own[0] for course in own):
+            arguments = tuple(np.broadcast_to(part, (len(own), *part.shape)) for part in own[0].arguments)
+        else:
+            arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
         return cases, self.parcel(own[0]), plan.p[cases], plan.levels[cases], arguments, starts
 
     def assembled(self, cases: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -419,7 +431,8 @@ def _jobs(plan: _Plan, named: list[tuple[Any, ca.SX]], *, here: bool) -> _Jobs:
     if not setup.integrator.runs_whole:
         return _Jobs(setup, plan, named)
     jobs = _WholeJobs(setup, plan, named)
-    jobs.threads = (os.cpu_count() or 1) if here else 1
+    if here:
+        jobs.threads, jobs.batching = os.cpu_count() or 1, WHOLE_BATCHES
     return jobs
 
 
@@ -503,9 +516,9 @@ class _Elsewhere:
             future.cancel()
 
 
-def _batch_size(size: int | None, count: int) -> int:
+def _batch_size(size: int | None, count: int, batches: int = BATCHES, largest: int = LARGEST_BATCH) -> int:
     if size is None:
-        return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
+        return max(1, min(largest, -(-count // batches)))
     if isinstance(size, bool) or not isinstance(size, int) or size < 1:
         raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
     return size

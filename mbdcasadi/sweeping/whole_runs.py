@@ -12,7 +12,7 @@ import numpy as np
 from ..equations.switches import jumps_anywhere
 from ..errors import SimulationError
 from ..integrators.dop853.runner import Runner
-from ..integrators.dop853.stretch import Progress, Status, Stretch
+from ..integrators.dop853.stretch import Cases, Progress, Status, Stretch
 from ..integrators.lending import Lending
 from ..model.cache import Cache
 from ..sensitivity.compiled_run import MotionSetup
@@ -28,6 +28,8 @@ from .starts import StartPath
 MOST_STEPS = 1_000_000
 #: Cases from which compiling the equations always pays.
 MANY = 50
+#: Parts into which a batch is cut for each thread.
+PARTS = 4
 #: In words, why a case stops.
 REASONS = {
     Status.PAUSED: f"{MOST_STEPS} steps lead no further",
@@ -52,7 +54,7 @@ class Times:
 
     @property
     def pattern(self) -> tuple[Any, ...]:
-        """What cases of one batch have in common."""
+        """Key of the properties that cases of one batch share."""
         return ("whole", self.arguments[0].size)
 
 
@@ -108,7 +110,7 @@ class WholeParcel:
     path : StartPath
         Way from the start of one case to those of others.
     outputs : list of casadi.SX
-        What is kept.
+        Quantities that are kept.
     count : int
         Number of cases in all.
     threads : int
@@ -120,7 +122,9 @@ class WholeParcel:
         self._system, self._start = explicit_system(setup.numeric, setup.signals), float(setup.grid[0])
         self._weights, self._compiles = setup.numeric.projection_weights, setup.integrator.jit or count >= MANY
         self._tolerances = setup.integrator.reltol, setup.integrator.abstol
-        self._outputs = setup.eom.function(ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs]))
+        eom, column = setup.eom, ca.vertcat(ca.SX(0, 1), *[ca.vec(e) for e in outputs])
+        self._outputs = eom.function(column)
+        self._needs_dynamics = bool(ca.depends_on(column, ca.vertcat(eom.a, eom.lam, eom.u)))
         self._count = setup.grid.size
         self.size = self._count * self._outputs.numel_out(0)
         self._cache, self._free = setup.eom.mechanism.cache, Lending()
@@ -144,40 +148,121 @@ class WholeParcel:
         course : tuple of numpy.ndarray
             :attr:`Times.arguments` by case.
         """
-        values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+        count = len(starts)
+        values, messages = np.full((count, self.size), np.nan), [""] * count
+        if not count:
+            return values, messages
+        # more parts than threads, since some cases take longer than others
+        parts = np.array_split(np.arange(count), max(min(PARTS * self._threads, count), 1))
+        runners: list[Runner] = []
 
         def work(cases: np.ndarray) -> None:
             runner = self._free.borrow("runner", self._runner)
-            found: dict[int, tuple[np.ndarray, ...]] = {}
-            for k in cases:
-                motion = self._motion(runner, starts[k], parameters[k], levels[k], *(part[k] for part in course))
-                if isinstance(motion, str):
-                    messages[k] = motion
-                else:
-                    found[int(k)] = motion
+            runners.append(runner)
+            own = (part[cases] for part in (starts, parameters, levels))
+            # what all cases share has a stride of zero
+            shared = (part[:1] if part.strides[0] == 0 else part[cases] for part in course)
+            values[cases], reasons = self._run(runner, *own, *shared)
+            for k, reason in zip(cases, reasons, strict=True):
+                messages[k] = reason
+            runners.remove(runner)
             self._free.give_back("runner", runner)
-            if not found:
-                return
-            chosen = np.array(list(found))
-            columns = [np.concatenate(parts, axis=-1) for parts in zip(*found.values(), strict=True)]
-            rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
-            rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
-            for k, row in zip(chosen, rows, strict=True):
-                if np.all(np.isfinite(row)):
-                    values[k] = row
-                else:
-                    messages[k] = REASONS[Status.NOT_FINITE]
 
-        parts = np.array_split(np.arange(len(starts)), min(self._threads, max(len(starts), 1)))
-        if len(parts) == 1:
-            work(parts[0])
-        else:
-            with ThreadPoolExecutor(len(parts)) as pool:
+        if self._threads == 1:
+            for part in parts:
+                work(part)
+            return values, messages
+        with ThreadPoolExecutor(self._threads) as pool:
+            try:
                 list(pool.map(work, parts))
+            except BaseException:  # Ctrl-C among them: what runs in C is to end
+                pool.shutdown(wait=False, cancel_futures=True)
+                for runner in list(runners):
+                    runner.halt()
+                raise
+        return values, messages
+
+    def _run(
+        self,
+        runner: Runner,
+        starts: np.ndarray,
+        parameters: np.ndarray,
+        levels: np.ndarray,
+        times: np.ndarray,
+        wanted: np.ndarray,
+        stops: np.ndarray,
+        columns: np.ndarray,
+        max_step: np.ndarray,
+    ) -> tuple[np.ndarray, list[str]]:
+        """Outputs of cases in one thread, and why some have none."""
+        count = len(starts)
+        values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
+        cases = Cases(starts, parameters, levels, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
+        common = self._stretch(starts[0], times[0], stops[0], columns[0], parameters[0], levels[0], np.inf)
+        outcome = runner.run_cases(cases, common, self._outputs, values)
+        if outcome is None:
+            return self._run_each(runner, starts, parameters, levels, times, wanted, stops, columns, max_step)
+        failed = outcome[0] != Status.DONE
+        values[failed] = np.nan
+        reasons = [""] * count
+        for k in np.flatnonzero(failed):
+            reasons[k] = f"{REASONS.get(outcome[0][k], 'it was stopped')} at t = {outcome[1][k]:.6g} s"
+        return values.reshape(count, -1), reasons
+
+    def _run_each(
+        self, runner: Runner, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, *course: Any
+    ) -> tuple[np.ndarray, list[str]]:
+        """The same without C: case by case."""
+        values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+        found: dict[int, tuple[np.ndarray, ...]] = {}
+        for k in range(len(starts)):
+            own = (part[k if len(part) > 1 else 0] for part in course)
+            motion = self._motion(runner, starts[k], parameters[k], levels[k], *own)
+            if isinstance(motion, str):
+                messages[k] = motion
+            else:
+                found[k] = motion
+        if not found:
+            return values, messages
+        chosen = np.array(list(found))
+        columns = [np.concatenate(parts, axis=-1) for parts in zip(*found.values(), strict=True)]
+        rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
+        rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
+        for k, row in zip(chosen, rows, strict=True):
+            if np.all(np.isfinite(row)):
+                values[k] = row
+            else:
+                messages[k] = REASONS[Status.NOT_FINITE]
         return values, messages
 
     def _runner(self) -> Runner:
         return Runner(self._system, None, self._cache, compiles=self._compiles)
+
+    def _stretch(
+        self,
+        x: np.ndarray,
+        times: np.ndarray,
+        stops: np.ndarray,
+        columns: np.ndarray,
+        p: np.ndarray,
+        levels: np.ndarray,
+        max_step: float,
+    ) -> Stretch:
+        reltol, abstol = self._tolerances
+        return Stretch(
+            self._start,
+            x,
+            times,
+            stops,
+            columns,
+            p,
+            levels,
+            self._weights,
+            reltol,
+            abstol,
+            max_step,
+            most_steps=MOST_STEPS,
+        )
 
     def _motion(
         self,
@@ -192,21 +277,7 @@ class WholeParcel:
         max_step: np.ndarray,
     ) -> tuple[np.ndarray, ...] | str:
         """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
-        reltol, abstol = self._tolerances
-        stretch = Stretch(
-            self._start,
-            x,
-            times,
-            stops,
-            columns,
-            p,
-            levels,
-            self._weights,
-            reltol,
-            abstol,
-            float(max_step[0]),
-            most_steps=MOST_STEPS,
-        )
+        stretch = self._stretch(x, times, stops, columns, p, levels, float(max_step[0]))
         reached = runner.advance(stretch, Progress())
         if reached.status != Status.DONE:
             time = float(reached.times[-1]) if reached.times.size else self._start

@@ -25,7 +25,7 @@ class Parcel:
     path : StartPath
         Way from the start of one case to those of others.
     span : float
-        What the clock shows at the end, s.
+        Time of the clock at the end, s.
     """
 
     def __init__(self, function: ca.Function, path: StartPath, span: float):
@@ -61,7 +61,7 @@ class BatchOutcome:
     messages : list of str
         Why a case failed; empty for others.
     reached : numpy.ndarray of bool
-        Whether its start was found (k,).
+        True if its start was found (k,).
     """
 
     values: np.ndarray
@@ -95,9 +95,9 @@ def run_batch(
         reached = np.ones(len(parameters), bool)
     values, messages = np.full((len(parameters), parcel.size), np.nan), [""] * len(parameters)
     chosen = np.flatnonzero(reached)
-    found, reasons = parcel.results(
-        starts[chosen], parameters[chosen], levels[chosen], tuple(argument[chosen] for argument in course)
-    )
+    if chosen.size < len(reached):
+        course = tuple(argument[chosen] for argument in course)
+    found, reasons = parcel.results(starts[chosen], parameters[chosen], levels[chosen], course)
     values[chosen] = found
     for k, reason in zip(chosen, reasons, strict=True):
         if reason:

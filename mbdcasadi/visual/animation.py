@@ -23,7 +23,7 @@ class Animation:
     film : Film
         Its frames.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     html : str
         The page, with everything that it needs in it.
     """
@@ -103,10 +103,10 @@ def animate(
         Seconds of the motion to one on the screen; by default 1, and less or
         more for motions that are very short or long.
     forces : bool, default False
-        Whether reactions (green), applied forces (red) and weights (grey) are drawn
+        True if reactions (green), applied forces (red) and weights (grey) are drawn
         to scale. The page holds them in any case, to be switched on.
     names, centroids : bool, default False
-        Whether bodies and joints are named, and centres of mass drawn.
+        True if bodies and joints are named, and centres of mass drawn.
     title : str, optional
         By default the name of the mechanism.
     live : bool, default False

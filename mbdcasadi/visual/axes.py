@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.text import Text
+
+
+#: Mean width of a letter of a label, points, the part of the height of axes that it may fill, and the shortest line.
+LETTER, FILLED, SHORTEST = 6.0, 0.9, 12
 
 
 def two_spines(axes: Axes) -> None:
@@ -28,9 +35,9 @@ def dress(axes: Axes, label: str, name: bool = False) -> None:
     label : str
         Quantity and unit.
     name : bool, default False
-        Whether the label holds a name of the model, see :func:`readable`.
+        True if the label holds a name of the model, see :func:`readable`.
     """
-    axes.set_ylabel(label)
+    axes.set_ylabel(_wrapped(axes, label))
     readable(axes.yaxis.label, name)
     axes.grid(True, color="#d8dce0", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -41,6 +48,19 @@ def dress(axes: Axes, label: str, name: bool = False) -> None:
     if high - low < 1e-9 * max(size, 1e-3) and axes.get_yscale() == "linear":
         margin = 0.1 * size if size > 1e-9 else 1.0
         axes.set_ylim(low - margin, high + margin)
+
+
+def _wrapped(axes: Axes, label: str) -> str:
+    """Return a label on as many lines as its axes are too low for; a formula stays on one."""
+    place = axes.get_subplotspec()
+    if place is None or label.count("$") > 1:
+        return label
+    grid, rows = place.get_gridspec(), place.rowspan
+    ratios = np.asarray(grid.get_height_ratios(), float)
+    share = ratios[rows.start : rows.stop].sum() / ratios.sum()
+    height = 72 * share * float(axes.figure.get_size_inches()[1])  # type: ignore[union-attr]
+    letters = max(int(FILLED * height / LETTER), SHORTEST)
+    return label if len(label) <= letters else "\n".join(wrap(label, letters, break_long_words=False))
 
 
 def legend(axes: Axes, lines: Mapping[str, Any], names: bool = False) -> None:
@@ -68,7 +88,7 @@ def readable(text: Text, name: bool = False) -> None:
     text : matplotlib.text.Text
         Between two dollar signs it may hold a formula.
     name : bool, default False
-        Whether it is a name, in which a dollar sign is a dollar sign.
+        True if it is a name, in which a dollar sign is a dollar sign.
     """
     text.set_parse_math(not name and _is_formula(text.get_text()))
 

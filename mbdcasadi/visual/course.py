@@ -28,7 +28,7 @@ MOST_VALUES, FEWEST = 15_000_000, 4000
 FAR = 1e40
 #: Samples from one to the next of the knots that are tried first.
 STRIDE = 8
-#: What values at knots are multiples of, in parts of the tolerance.
+#: Unit of which values at knots are multiples, in parts of the tolerance.
 QUANTUM = 0.5
 #: Pieces of a line from knot to knot.
 SMOOTH = 8

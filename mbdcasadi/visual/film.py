@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,7 +40,7 @@ class Film:
     Attributes
     ----------
     motion : Trajectory
-        What is shown.
+        Motion that is shown.
     sample : Sample
         Its values at the times of the frames.
     scene : Scene
@@ -64,6 +64,8 @@ class Film:
     fps : float
         Frames to a second on the screen.
     title : str
+    names : bool
+        Whether names are shown, in a page from the start.
     """
 
     motion: Trajectory
@@ -79,6 +81,7 @@ class Film:
     speed: float
     fps: float
     title: str
+    names: bool
 
     @property
     def t(self) -> np.ndarray:
@@ -121,7 +124,7 @@ def film(
             "raise speed= or lower fps="
         )
     sample = Sample(motion, np.linspace(motion.t[0], motion.t[-1], count))
-    scene, scale = compose(sample, options)
+    scene, scale = compose(sample, replace(options, names=True, velocities=True))  # a page switches them on and off
     name = motion.mechanism.name if title is None else str(title)
     poses = scene.poses(sample)
     quantities = read_lines(plots or {})
@@ -130,9 +133,24 @@ def film(
         if not np.isfinite(values).all():
             raise MechanismError(f"animate: '{label}' is not finite over the whole motion")
     fine, lines = course.lines([np.maximum(DRAWN * np.ptp(values, axis=0), 1e-12) for values in course.values])
-    box = room(scene, poses, lines[0].reshape(-1, 2))
+    box = room(scene.without("velocities"), poses, lines[0].reshape(-1, 2))
     scene = with_placed_names(scene, poses, box, PAPER / float(box[1, 0] - box[0, 0]))
-    return Film(motion, sample, scene, poses, scale, box, options.paths, quantities, fine, lines, speed, fps, name)
+    return Film(
+        motion,
+        sample,
+        scene,
+        poses,
+        scale,
+        box,
+        options.paths,
+        quantities,
+        fine,
+        lines,
+        speed,
+        fps,
+        name,
+        options.names,
+    )
 
 
 def _positive(value: Any, name: str) -> float:

@@ -50,14 +50,14 @@ class LiveAnimation(Animation):
     film : Film
         The picture at the start.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     html : str
         The page, with everything that it needs in it.
     """
 
-    def __init__(self, model: LiveModel, film: Film, forces: bool, names: bool):
+    def __init__(self, model: LiveModel, film: Film, forces: bool):
         super().__init__(film, forces)
-        self._model, self._names = model, names
+        self._model = model
 
     @property
     def html(self) -> str:
@@ -73,7 +73,6 @@ class LiveAnimation(Animation):
         numbers = {name: i for i, name in enumerate(b.name for b in self._model.mechanism.bodies)}
         data["live"] = self._model.data() | {
             "bodyOfItem": [_body_of(item, film, numbers) for item in film.scene.items],
-            "names": self._names,
         }
         text = filled(data, film.title, "live/player.html", _SCRIPTS, _STYLES, self._model.code(functions))
         size = len(text.encode())
@@ -133,7 +132,8 @@ def live_animation(
     if rate <= 0:
         raise MechanismError(f"animate: speed must be positive, got {rate:g}")
     drawn = replace(options, names=True, velocities=True)  # to be switched on
-    animation = LiveAnimation(model, _stage(model, drawn, plots or {}, rate, title), forces, options.names)
+    taken = replace(_stage(model, drawn, plots or {}, rate, title), names=options.names)
+    animation = LiveAnimation(model, taken, forces)
     if path is not None:
         animation.save(path)
     return animation
@@ -174,7 +174,7 @@ class LiveSample(Sample):
     source : State or Trajectory
         The motion; a state if it does not move.
     model : LiveModel
-        What changes.
+        Symbols with sliders.
     times : numpy.ndarray, optional
         Times of the motion.
     """
@@ -218,7 +218,9 @@ def _stage(model: LiveModel, options: Options, plots: Mapping[str, Any], speed: 
     for _, column in quantities.values():
         model.eom.function(column)  # raises for symbols that the mechanism does not have
     # a film of nothing: the page finds its own frames
-    return Film(source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], speed, 60.0, name)  # type: ignore[arg-type]
+    return Film(
+        source, sample, scene, poses, scale, box, options.paths, quantities, sample.t, [], speed, 60.0, name, False  # type: ignore[arg-type]
+    )  # fmt: skip
 
 
 def _preview(model: LiveModel) -> Trajectory | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,9 +36,9 @@ class Stage:
     Parameters
     ----------
     film : Film
-        What it shows.
+        Motion that it shows.
     forces : bool
-        Whether all forces are shown.
+        True if all forces are shown.
     """
 
     def __init__(self, film: Film, forces: bool):
@@ -45,7 +46,8 @@ class Stage:
         from matplotlib.figure import Figure
 
         self.film = film
-        scene = film.scene if forces else film.scene.without("loads")
+        scene = film.scene.without("velocities")
+        scene = replace(scene if forces else scene.without("loads"), labels=scene.labels if film.names else [])
         box = film.box if forces else room(scene, film.poses, film.paths.reshape(-1, 2))
         ratio = float(np.clip((box[1, 1] - box[0, 1]) / (box[1, 0] - box[0, 0]), FLAT, TALL))
         curves = len(film.curves)
@@ -56,8 +58,8 @@ class Stage:
         axes = self.figure.subplots(1 + curves, 1, height_ratios=[WIDTH * ratio + 0.5] + [1.25] * curves, squeeze=False)
         scene_axes, *others = axes[:, 0]
         self._picture = Canvas(scene_axes, scene)
-        if film.scale and scene.has_arrows:
-            box = draw_scale(scene_axes, film.scale if forces else {"N": film.scale["N"]}, box, scene.unit)
+        if scale := {unit: size for unit, size in film.scale.items() if forces or unit in scene.arrow_units}:
+            box = draw_scale(scene_axes, scale, box, scene.unit)
         frame_axes(scene_axes, box, fresh=False)
         self._traces = [
             scene_axes.plot([], [], color=LIGHT["trace"], linewidth=1.3, zorder=LOWEST + STEP * TRACE)[0]

@@ -119,7 +119,7 @@ def test_redundant_rows_give_the_multipliers_of_least_norm(tmp_path):
     load_less_inertia = ca.Function("f", [eom.q, eom.v], [eom.Q - eom.mass_diagonal * a])(state.q, state.v).full()
     least = np.linalg.lstsq(jacobian.T, load_less_inertia.ravel(), rcond=1e-10)[0]
     assert a.full().ravel() == pytest.approx(state.a, abs=1e-8)
-    # what is rounding in S is larger by 1 / REGULARISATION = 1e7 along the dependent rows: 1e-7 of 30 N, as the C compiler pleases
+    # rounding errors in S are amplified by 1 / REGULARISATION = 1e7 along the dependent rows: about 1e-7 for 30 N
     assert lam.full().ravel() == pytest.approx(least, abs=2e-6)
 
 

@@ -41,7 +41,7 @@ def write(tmp_path):
 @pytest.fixture
 def read(write):
     """Write a model and read it."""
-    return lambda *parts, **more: mbd.read_adm(write(*parts, **more))
+    return lambda *parts, functions=None, **more: mbd.read_adm(write(*parts, **more), forces=functions)
 
 
 # --- what a file says -------------------------------------------------------------------
@@ -231,6 +231,71 @@ def test_springs_between_bodies(read):
     assert state[one.a] == pytest.approx([f / 2, 0, n / 0.5]) and state[two.a] == pytest.approx([-f / 4, 0, -n / 0.5])
 
 
+def test_a_ball_bounces_as_a_mass_on_a_spring_and_damper(read):
+    """Half a damped oscillation: the speeds before and after are in the ratio of its closed form."""
+    ball = body(q0=[0, 0.1, 0], qd0=[0, -1, 0], mass=2.0)
+    model = read([ball], contacts=[BALL | {"kt": 0, "ct": 0}])
+    motion = mbd.simulate(model, np.linspace(0, 0.2, 201), reltol=1e-10, abstol=1e-10)
+    omega, decay = math.sqrt(1e4 / 2), 2.0 / (2 * 2)
+    damped = math.sqrt(omega**2 - decay**2)
+    # the force max(k d + c d', 0) vanishes where the acceleration of the free oscillation does
+    ends = math.atan2(2 * decay * damped, 2 * decay**2 - omega**2) / damped
+    speed = math.exp(-decay * ends) * (math.cos(damped * ends) - decay / damped * math.sin(damped * ends))
+    assert motion.final[model.bodies[0].vy] == pytest.approx(-speed, rel=1e-6)
+
+
+def test_a_ball_sticks_to_the_ground_by_the_tangential_spring(read):
+    """A ball that is pressed on the ground swings to and fro on its tangential spring: closed form."""
+    ball = body(q0=[0, 0.1 - 2 * 9.81 / 1e4, 0], qd0=[0.1, 0, 0], mass=2.0)
+    upright = absolute("AbsoluteAngle", "upright")
+    model = read([ball], [upright], contacts=[BALL | {"kt": 1e3, "ct": 4.0}], gravity=[0, -9.81])
+    assert model.force("ball").friction is not None
+    times = np.linspace(0, 1, 41)
+    motion = mbd.simulate(model, times, reltol=1e-10, abstol=1e-10)
+    decay = 4.0 / (2 * 2)
+    damped = math.sqrt(1e3 / 2 - decay**2)
+    expected = 0.1 / damped * np.exp(-decay * times) * np.sin(damped * times)
+    assert motion[model.bodies[0].x] == pytest.approx(expected, abs=1e-8)
+
+
+def test_the_tangential_spring_relaxes_after_lift_off(read):
+    """Above the ground nothing holds the ball, and its spring forgets."""
+    ball = body(q0=[0, 1.0, 0], qd0=[0.3, 0, 0])
+    model = read([ball], contacts=[BALL])
+    deflection = next(iter(model.force("ball").rates))
+    motion = mbd.simulate(model, [0.0, 0.002], initial=[deflection == 0.01])
+    assert motion.final[deflection] == pytest.approx(0.01 * math.exp(-1e3 * 0.002), rel=1e-6)
+    assert motion.final[model.bodies[0].vx] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("frame", "turn"), [("GRF", 0.0), ("LRF", 0.7)])
+@pytest.mark.parametrize("name", ["gas", "gas.m"])
+def test_a_force_in_a_matlab_file_is_given_as_a_function(read, frame, turn, name):
+    """The function gets time, coordinates and velocities of the body; its value is in the frame of the force."""
+    force = {"name": "f", "type": "PointForceFile", "body1": 1, "sP1": [0, 0], "frame": frame, "mfile": "gas"}
+    parts = {"bodies": [body(q0=[0.2, 0, 0.7], qd0=[3, 0, 0])], "forces": [force]}
+    model = read(**parts, functions={name: lambda t, q, v: (t + q[0], mbd.if_else(v[0] > 0, 2.0, 0.0))})
+    state = mbd.assemble(model, t=1.0)
+    x, y = 1.2 * math.cos(turn) - 2 * math.sin(turn), 1.2 * math.sin(turn) + 2 * math.cos(turn)
+    assert state[model.bodies[0].acceleration] == pytest.approx([x / 2, y / 2])
+
+
+@pytest.mark.parametrize(
+    ("functions", "says"),
+    [
+        ({"piston": lambda t, q, v: (0, 0)}, "gives piston.*it has gas"),
+        ({"gas": 3}, r"force 'f'.*must be a function of t and q and v, got 3"),
+        ({"gas": lambda t, q: (0, 0)}, "force 'f'.*must be a function of t and q and v"),
+        ({"gas": lambda t, q, v: 0.0}, "force 'f'.*two components"),
+        ([1], "functions by name"),
+    ],
+)
+def test_functions_for_matlab_files_are_checked(read, functions, says):
+    force = {"name": "f", "type": "PointForceFile", "body1": 1, "sP1": [0, 0], "frame": "GRF", "mfile": "gas"}
+    with pytest.raises(mbd.FileError, match=says):
+        read(forces=[force], functions=functions)
+
+
 def test_slider_crank_driven_against_the_closed_form():
     """The slider of the example is at R cos θ + sqrt(L² - R² sin² θ); speeds come from the first derivative."""
     model, analysis = (
@@ -336,6 +401,7 @@ def test_fields_that_mean_nothing_are_named(read):
 X = absolute("AbsoluteX", "row")
 HINGE = {"name": "hinge", "type": "RevoluteJoint", "body1": 1, "sP1": [0, 0], "body2": 0, "sP2": [0, 0], "fun": "NONE"}
 SLIDE = HINGE | {"type": "TranslationalJoint", "vP1": [1, 0], "vP2": [1, 0]}
+BALL = {"name": "ball", "body": 1, "sP1": [0, 0], "kn": 1e4, "cn": 2.0, "kt": 1e3, "ct": 1.0, "r": 0.1}
 PUSH = {"name": "push", "type": "PointForce", "body1": 1, "sP1": [0, 0], "frame": "GRF", "funX": "1", "funY": "1"}
 
 
@@ -369,13 +435,22 @@ PUSH = {"name": "push", "type": "PointForce", "body1": 1, "sP1": [0, 0], "frame"
         ({"constraints": rack_and_pinion(R2=0)}, ["constraint 'mesh'", "R2", "above 0"]),
         ({"constraints": rack_and_pinion(sQ1=[0, 0])}, ["constraint 'mesh'", "sQ1", "direction"]),
         ({"forces": [PUSH | {"frame": "local"}]}, ["force 'push'", "GRF", "'local'"]),
-        ({"forces": [PUSH | {"type": "PointForceFile"}]}, ["force 'push'", "PointForceFile", "Matlab"]),
+        (
+            {"forces": [PUSH | {"type": "PointForceFile", "mfile": "gas"}]},
+            ["force 'push'", "gas.m", "Matlab", "forces="],
+        ),
+        ({"forces": [PUSH | {"type": "PointForceFile"}]}, ["force 'push'", "'mfile' is missing"]),
         ({"forces": [PUSH | {"name": "row"}], "constraints": [X]}, ["'row'", "twice"]),
         (
             {"forces": [{"name": "s", "type": "RSDA1", "body1": 1, "k": 1, "c": 1}]},
             ["force 's'", "'theta0' is missing"],
         ),
-        ({"contacts": [{"name": "ball"}]}, ["contacts", "not supported yet"]),
+        ({"contacts": [{"name": "ball"}]}, ["contact 'ball'", "'body' is missing"]),
+        ({"contacts": [BALL | {"body": 0}]}, ["contact 'ball'", "body = 0", "moving body"]),
+        ({"contacts": [BALL | {"r": 0}]}, ["contact 'ball'", "r must be above 0"]),
+        ({"contacts": [BALL | {"kn": 0}]}, ["contact 'ball'", "kn must be above 0"]),
+        ({"contacts": [BALL | {"ct": 0}]}, ["contact 'ball'", "ct = 0", "kt"]),
+        ({"contacts": [BALL, BALL]}, ["contact 'ball'", "twice"]),
         ({"sensors": []}, ["'sensors'"]),
         ({"gravity": 9.81}, ["gravity", "9.81"]),
     ],
@@ -405,6 +480,8 @@ def test_a_field_given_twice(tmp_path):
         ("", "line 1, column 1"),
         ("{\n  'name': 3}", "line 2, column 3"),
         ("[1]", "JSON object"),
+        ("ADAMS/View model name: crank\n!\nUNITS/FORCE = NEWTON", "MSC Adams"),
+        ("! a comment\nPART/1, GROUND", "MSC Adams"),
         ("[" * 100_000, "JSON"),
     ],
 )

@@ -12,7 +12,7 @@ import pytest
 
 from mbdcasadi.errors import ModelError
 from mbdcasadi.model.geometry import shapes
-from mbdcasadi.model.geometry.shapes import Composite, Disc, Outline, Polygon, Rectangle, Rod, Shape
+from mbdcasadi.model.geometry.shapes import Composite, Contour, Disc, Polygon, Rectangle, Rod, Shape
 
 L_SHAPE = [(0, 0), (3, 0), (3, 1), (1, 1), (1, 4), (0, 4)]
 NOTCH = Polygon([(1.2, 1.2), (1.6, 1.2), (1.4, 1.4)])
@@ -271,7 +271,7 @@ def test_outlines_of_primitive_shapes():
     (disc,) = Disc(2.0, center=(1, 1)).outlines()
     (rod,) = Rod(2.0, center=(1, 0)).outlines()
     (polygon,) = Polygon(L_SHAPE[::-1]).outlines()
-    assert isinstance(rectangle, Outline)
+    assert isinstance(rectangle, Contour)
     assert rectangle.points == pytest.approx(np.array([(0, 0), (2, 0), (2, 1), (0, 1)]))
     assert np.hypot(*(disc.points - [1, 1]).T) == pytest.approx(2.0)
     assert rod.points == pytest.approx(np.array([(0, 0), (2, 0)]))

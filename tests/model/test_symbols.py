@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import inspect
+import pydoc
 
 import casadi as ca
 import numpy as np
@@ -197,3 +199,12 @@ def test_value_of_a_state_variable_by_its_former_name():
         state = mbd.StateVariable("z", initial=0.3)
     with pytest.warns(DeprecationWarning, match="state variable 'z': initial is called value now"):
         assert state.initial == 0.3
+
+
+@pytest.mark.parametrize("kind", [mbd.Input, mbd.Parameter, mbd.StateVariable, mbd.Coordinate])
+def test_help_begins_with_the_symbol_s_own_text(kind):
+    """Class and constructor, which would else have the text of CasADi's matrices."""
+    assert "casadi" not in inspect.getdoc(kind).split("\n\n")[0].lower()
+    assert inspect.getdoc(kind.__init__) == "Make the symbol; see the class for its arguments."
+    text = pydoc.plain(pydoc.render_doc(kind))
+    assert text.index(inspect.getdoc(kind).splitlines()[0]) < 300

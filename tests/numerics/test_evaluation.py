@@ -51,3 +51,23 @@ def test_arguments_that_do_not_fit_are_refused(arguments):
     """Wrong lengths, too few, too many."""
     with pytest.raises(ValueError):
         Evaluator(FUNCTION)(*arguments)
+
+
+@pytest.mark.parametrize("count", [0, 1, 15, 16, 17, 300])
+def test_many_points(count):
+    """By row what CasADi gives by column, some arguments the same at all points."""
+    rng = np.random.default_rng(count)
+    points, shared = rng.standard_normal((count, 3)), [0.7, 5.0]
+    found = Evaluator(FUNCTION).rows(points, shared)
+    for k, point in enumerate(points):
+        for rows, wanted in zip(found, FUNCTION(point, shared), strict=True):
+            np.testing.assert_array_equal(rows[k], wanted.full().ravel(order="F"))
+    assert [rows.shape for rows in found] == [(count, 3), (count, 6), (count, 0), (count, 6), (count, 1)]
+
+
+def test_many_points_with_arguments_of_their_own():
+    """Arguments that vary stay beside each other, and what was returned is kept."""
+    evaluate, points, factors = Evaluator(FUNCTION), np.arange(60.0).reshape(20, 3), np.arange(40.0).reshape(20, 2)
+    first = evaluate.rows(points, factors)[0]
+    evaluate.rows(-points, factors)
+    np.testing.assert_array_equal(first, points * np.sum(factors, axis=1)[:, None])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.numerics.real import real_array
+from mbdcasadi.numerics.real import distinct, real_array
 
 K = mbd.Parameter("k", 1.0)
 PUSH = mbd.Input("push")
@@ -47,3 +47,8 @@ def test_complex_numbers_are_refused(values):
 def test_every_argument_refuses_them(call):
     with pytest.raises(mbd.MechanismError, match="number"):
         call()
+
+
+@pytest.mark.parametrize("values", [[], [3.0], [2.0, 1.0, 2.0, 2.0], [0.0, -0.0, 1.0], np.linspace(1, 0, 7)])
+def test_distinct(values):
+    np.testing.assert_array_equal(distinct(np.array(values)), np.unique(values))

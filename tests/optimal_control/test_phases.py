@@ -5,7 +5,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, rest_to_rest
 
 import mbdcasadi as mbd
-from mbdcasadi.optimal_control.nlp.motion_program import MotionProgram
+from mbdcasadi.optimal_control.nlp.collocation_program import CollocationProgram
 from mbdcasadi.optimal_control.nlp.setup import Settings
 from mbdcasadi.optimal_control.nlp.solver import Solver
 from mbdcasadi.optimal_control.phase import Phase
@@ -66,8 +66,8 @@ def test_a_program_of_two_phases():
     solver = Solver(problem, settings)
     (setup,) = solver.setups
     mesh, finer = Mesh.equal(3, setup.path.segment_times), Mesh.equal(5, setup.path.segment_times)
-    one, other = (MotionProgram(problem, [setup], [m]) for m in (mesh, finer))
-    both = MotionProgram(problem, [setup, setup], [mesh, finer])
+    one, other = (CollocationProgram(problem, [setup], [m]) for m in (mesh, finer))
+    both = CollocationProgram(problem, [setup, setup], [mesh, finer])
     assert both.size == one.size + other.size
     random, p = np.random.default_rng(0), solver.setups[0].numeric.p
     x, y = random.standard_normal(one.size), random.standard_normal(other.size)

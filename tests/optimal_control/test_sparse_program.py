@@ -3,14 +3,14 @@
 import casadi as ca
 import numpy as np
 
-from mbdcasadi.optimal_control.nlp.sparse_program import Piece, SparseProgram
+from mbdcasadi.optimal_control.nlp.sparse_program import MappedBlock, SparseProgram
 
 
 def small_program(copies=6):
     """A chain of rows that share variables, a global variable, data, and rows at both ends."""
     w, d, p = ca.SX.sym("w", 3), ca.SX.sym("d", 1), ca.SX.sym("p", 1)
     chain = np.array([np.arange(copies), np.arange(1, copies + 1), np.full(copies, copies + 1)])
-    inner = Piece(
+    inner = MappedBlock(
         w,
         d,
         p,
@@ -19,7 +19,7 @@ def small_program(copies=6):
         chain,
     )
     e = ca.SX.sym("e", 3)
-    ends = Piece(
+    ends = MappedBlock(
         e,
         ca.SX(0, 1),
         p,

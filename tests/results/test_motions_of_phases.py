@@ -53,8 +53,9 @@ def test_tables(found, tmp_path):
     motion.to_csv(tmp_path / "run.csv", {"x": ball.x})
     assert np.allclose(np.loadtxt(tmp_path / "run.csv", delimiter=",", skiprows=1)[:, 1], motion[ball.x])
     assert motion.to_xarray({"x": ball.x})["x"].shape == motion.t.shape
-    with pytest.raises(mbd.MechanismError, match=r"motion\.phases\[k\]\.save"):
-        motion.save(tmp_path / "run.npz")
+    assert table["phase"].to_list() == [0] * len(motion.phases[0]) + [1] * len(motion.phases[1])
+    np.testing.assert_array_equal(motion.to_xarray({"x": ball.x})["phase"], table["phase"])
+    assert motion.to_xarray({"phase": ball.x})["phase"].dtype == float  # a quantity of the user goes before
     motion.phases[1].save(tmp_path / "flight.npz")
     again = mbd.read_trajectory(tmp_path / "flight.npz", motion.phases[1].mechanism)
     np.testing.assert_array_equal(again.t, motion.phases[1].t)

@@ -460,3 +460,14 @@ def test_a_motion_near_the_rounding_of_its_coordinates_is_reported():
         mbd.sensitivities(model, times, [mass.x], [stiffness], start)
     rest = mbd.simulate(model, times, initial=[mass.x == 1000, mass.vx == 0])
     assert not any("rounding" in note for note in rest.statistics.notes)
+
+
+def test_parameters_that_are_listed_without_values():
+    g = mbd.Parameter("g", 9.81)
+    stone = mbd.Body("stone", mass=1, inertia=1)
+    fall = mbd.Mechanism(bodies=[stone], forces=[mbd.Gravity((0, -g))], parameters=[g])
+    found = mbd.sensitivities(fall, [0, 1, 2], outputs=[stone.y], parameters=[g])
+    assert found[stone.y, g] == pytest.approx([0, -0.5, -2], abs=1e-6)
+    for parameters in (None, {g: 9.0}, [(g, 9.0)], []):
+        with pytest.raises(mbd.ModelError, match="wrt= is missing"):
+            mbd.sensitivities(fall, [0, 1, 2], outputs=[stone.y], parameters=parameters)

@@ -178,6 +178,125 @@ def test_joints_that_close_at_one_instant_close_in_one_impact():
         mbd.simulate(air, np.linspace(0, 1, 21), events=events[:2])
 
 
+def test_an_impact_keeps_the_angular_momentum_about_its_pin_and_takes_the_energy_of_the_jump():
+    """Two links that fly are pinned at a tip: by the jump alone, whatever the motion before and after."""
+    a = mbd.Body("a", mass=1.3, inertia=0.2, pose=(0, 1, 0.3))
+    b = mbd.Body("b", mass=0.7, inertia=0.05, pose=(1, 1, 0.1))
+    hip = mbd.Revolute("hip", a.at(0.5, 0), b.at(-0.4, 0))
+    tip, place = a.at(-0.5, 0), mbd.Parameter("place", 0.0)
+    pin = mbd.Revolute("pin", mbd.ground.at(place, 0), tip)
+    air = mbd.Mechanism(bodies=[a, b], joints=[hip], forces=[mbd.Gravity()])
+    on = air.replace(joints=[hip, pin], parameters=[place])
+    lands = mbd.Event("lands", tip.y, direction=-1, becomes=on, reset={place: tip.x})
+    start = [a.x == 0, a.y == 1, a.phi == 0.3, b.phi == 0.1, a.vx == 1, a.vy == 0.3, a.omega == 2, b.omega == -1]
+    motion = mbd.simulate(air, np.linspace(0, 1, 21), initial=start, events=[lands])
+    (event,) = motion.events
+    before, after = event.state, event.after
+    parts = [(a, 1.3, 0.2), (b, 0.7, 0.05)]
+
+    def momentum(state):
+        arms = [(body[0].position - tip.position, body) for body in parts]
+        return sum(m * state[arm[0] * body.vy - arm[1] * body.vx] + J * state[body.omega] for arm, (body, m, J) in arms)
+
+    def energy(velocities):
+        return sum(
+            m / 2 * (vx**2 + vy**2) + J / 2 * w**2 for (vx, vy, w), (_, m, J) in zip(velocities, parts, strict=True)
+        )
+
+    def rates(state):
+        return np.array([[state[body.vx], state[body.vy], state[body.omega]] for body, *_ in parts])
+
+    assert momentum(after) == pytest.approx(momentum(before), abs=1e-12)
+    loss = energy(rates(before) - rates(after))  # of a plastic impact against what stands still
+    assert energy(rates(before)) - energy(rates(after)) == pytest.approx(loss, abs=1e-12) and loss > 1
+    i = int(np.flatnonzero(motion.t == event.t)[0])
+    assert motion.energy.total[i] - motion.energy.total[i + 1] == pytest.approx(loss, abs=1e-10)
+
+
+def test_restitution_takes_its_share_of_the_energy():
+    """A tilted beam bounces on its ends: the work of the impulse, v⁺ = -e v⁻ where it hits, nothing along."""
+    beam = mbd.Body("beam", mass=2.0, inertia=0.5, pose=(0, 0.5, 0.1))
+    ends = {"left": beam.at(-1, 0), "right": beam.at(1, 0)}
+    floors = {name: mbd.AbsoluteY(f"under {name}", end, 0.0) for name, end in ends.items()}
+    free = mbd.Mechanism(bodies=[beam], forces=[mbd.Gravity()])
+    bounces = [
+        mbd.Event(name, end.y, direction=-1, becomes=free, during=free, restitution={floors[name]: 0.7})
+        for name, end in ends.items()
+    ]
+    start = [beam.x == 0, beam.y == 0.5, beam.phi == 0.1, beam.vx == 0.2]
+    motion = mbd.simulate(free, np.linspace(0, 0.6, 31), initial=start, events=bounces)
+    assert {event.name for event in motion.events} == {"left", "right"} and len(motion.events) >= 3
+    for event in motion.events:
+        end, before, after = ends[event.name], event.state, event.after
+        impulse = after[floors[event.name].impulse_on(beam).force]
+        assert after[end.vy] == pytest.approx(-0.7 * before[end.vy], abs=1e-12) and abs(impulse[0]) < 1e-12
+        gain = after[beam.vy] ** 2 - before[beam.vy] ** 2 + (after[beam.omega] ** 2 - before[beam.omega] ** 2) / 4
+        assert gain == pytest.approx(impulse[1] * (before[end.vy] + after[end.vy]) / 2, abs=1e-12)
+        assert after[beam.vx] == pytest.approx(before[beam.vx], abs=1e-13)
+
+
+def test_a_level_beam_bounces_on_both_ends_at_once():
+    """Both impacts are one problem: it stays level, in either order of the events."""
+    beam = mbd.Body("beam", mass=2.0, inertia=0.5, pose=(0, 0.5, 0))
+    ends = [beam.at(-1, 0), beam.at(1, 0)]
+    floors = [mbd.AbsoluteY(f"floor {k}", end, 0.0) for k, end in enumerate(ends)]
+    free = mbd.Mechanism(bodies=[beam], forces=[mbd.Gravity()])
+    bounces = [
+        mbd.Event(f"bounce {k}", end.y, direction=-1, becomes=free, during=free, restitution={floor: 0.7})
+        for k, (end, floor) in enumerate(zip(ends, floors, strict=True))
+    ]
+    for order in (bounces, bounces[::-1]):
+        motion = mbd.simulate(free, np.linspace(0, 0.6, 11), events=order)
+        assert [event.name for event in motion.events] == [event.name for event in order]
+        after = motion.events[0].after
+        assert after[beam.vy] == pytest.approx(0.7 * np.sqrt(G), abs=1e-9) and abs(after[beam.omega]) < 1e-12
+        for floor in floors:
+            assert after[floor.impulse_on(beam).force[1]] == pytest.approx(1.7 * np.sqrt(G), abs=1e-8)
+
+
+def test_redundant_rows_of_an_impact_are_reported():
+    """A foot on a vertical rail is pinned: the row across is held by the rail already."""
+    foot = mbd.Body("foot", mass=2.0, inertia=0.1, pose=(0, 1, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0, np.pi / 2), foot.at(0, 0, np.pi / 2))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), foot.at(0, 0))
+    air = mbd.Mechanism(bodies=[foot], joints=[rail], forces=[mbd.Gravity()])
+    lands = mbd.Event("lands", foot.y, direction=-1, becomes=air.replace(joints=[rail, pin]))
+    motion = mbd.simulate(air, np.linspace(0, 1, 11), events=[lands])
+    assert any("rows of the impact are redundant; pin.x bear no impulse" in note for note in motion.statistics.notes)
+    impulse = motion.events[0].after[pin.impulse_on(foot).force]
+    np.testing.assert_allclose(impulse, [0, 2 * np.sqrt(2 * G)], atol=1e-7)
+
+
+@pytest.mark.slow
+def test_a_block_rocks_to_rest():
+    """Housner's block: each impact onto the other edge leaves the same share of its rate, ever faster."""
+    b, h, m = 0.2, 0.6, 3.0
+    block = mbd.Body("block", mass=m, inertia=m / 3 * (b**2 + h**2), pose=(0, h, 0))
+    edges = [block.at(-b, -h), block.at(b, -h)]
+    pins = [mbd.Revolute(f"edge {k}", mbd.ground.at((-b, b)[k], 0), edges[k]) for k in (0, 1)]
+    on = [mbd.Mechanism(bodies=[block], joints=[pin], forces=[mbd.Gravity()]) for pin in pins]
+    hits = [mbd.Event(f"onto {k}", edges[k].y, direction=-1, during=on[1 - k], becomes=on[k]) for k in (0, 1)]
+    share = 1 - 1.5 * b**2 / (b**2 + h**2)
+    with pytest.raises(mbd.SimulationError, match="takes place ever faster.*the joint holds") as caught:
+        mbd.simulate(on[0], np.linspace(0, 6, 61), initial=[block.phi == 0.15, block.omega == 0], events=hits)
+    events = caught.value.partial.events
+    assert len(events) > 20 and [event.name for event in events[:3]] == ["onto 1", "onto 0", "onto 1"]
+    for event in events[:10]:
+        assert event.after[block.omega] == pytest.approx(share * event.state[block.omega], rel=1e-9)
+
+
+def test_an_event_may_lead_to_its_own_mechanism():
+    """A force changes its sign at a time, or doubles at a place: the event has taken place then, once."""
+    body, f = mbd.Body("body", mass=1.0, inertia=1.0), mbd.Parameter("f", 1.0)
+    model = mbd.Mechanism(bodies=[body], forces=[mbd.Force("push", body.at(0, 0), (f, 0))], parameters=[f])
+    turn = mbd.Event("turn", mbd.t - 0.5 + 0 * body.x, direction=1, becomes=model, during=model, reset={f: -f})
+    motion = mbd.simulate(model, np.linspace(0, 1, 11), events=[turn])
+    assert [event.t for event in motion.events] == [0.5] and abs(motion.final[body.vx]) < 1e-12
+    double = mbd.Event("double", body.x - 0.125, direction=1, becomes=model, during=model, reset={f: 2 * f})
+    motion = mbd.simulate(model, np.linspace(0, 1, 11), events=[double])
+    assert len(motion.events) == 1 and motion.final[body.vx] == pytest.approx(0.5 + 2 * 0.5, abs=1e-8)
+
+
 def test_what_closes_must_be_there():
     _arm, ball, _hand, held, free, _ = thrown()
     apart = held.replace(joints=[held.joint("hinge")])

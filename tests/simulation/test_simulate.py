@@ -147,9 +147,9 @@ def test_compiled():
     np.testing.assert_allclose(compiled.q, mbd.simulate(p.mechanism, times).q, atol=1e-7)
 
 
-def test_no_compiler(monkeypatch):
+def test_no_compiler(monkeypatch, tmp_path):
     """Said in words, before anything is run."""
-    monkeypatch.setattr(shutil, "which", lambda *_: None)
+    monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(mbd.SimulationError, match="C compiler"):
         mbd.simulate(pendulum().mechanism, duration=1.0, jit=True)
 

@@ -58,6 +58,20 @@ def test_samples_and_time(way):
                 mbd.sweep(mechanism, times, {g: [1.0, 2.0]}, {"v": stone.vx}, inputs={u: given}, method="dop853")
 
 
+@pytest.mark.parametrize("count", [3, 60])
+def test_times_of_their_own(way, count):
+    """Short pulses at a time that varies: each case has stops of its own, and all their momentum is there."""
+    late, stone = mbd.Parameter("late", 0.5), mbd.Body("stone", mass=2.0, inertia=1.0)
+    pulse = mbd.Force("pulse", stone.at(0, 0), (mbd.exp(-(((mbd.t - late) / 0.01) ** 2)), 0))
+    mechanism = mbd.Mechanism(bodies=[stone], forces=[pulse], parameters=[late])
+    instants, times = np.linspace(0.2, 0.8, count), [0, 0.1, 0.9, 1.0]
+    swept = mbd.sweep(mechanism, times, {late: instants}, {"v": stone.vx, "x": stone.x}, method="dop853")
+    assert not swept.failures
+    speed = 0.01 * np.sqrt(np.pi) / 2.0
+    np.testing.assert_allclose(swept["v"], np.tile([0, 0, speed, speed], (count, 1)), atol=1e-9)
+    np.testing.assert_allclose(swept["x"][:, -1], speed * (1.0 - instants), atol=1e-9)
+
+
 def test_single_runs(way):
     """Every case is the run that simulate makes, with reactions."""
     u = mbd.Input("u", value=0.0)

@@ -4,7 +4,6 @@ Needs the extra ``browser`` and a Chromium: Playwright's own, or one on the path
 """
 
 import csv
-import shutil
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,21 +11,7 @@ import pytest
 
 import mbdcasadi as mbd
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install .[browser])")
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """A headless Chromium."""
-    with playwright.sync_playwright() as started:
-        own = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-        try:
-            running = started.chromium.launch(executable_path=own, args=["--no-sandbox"])
-        except playwright.Error as error:
-            pytest.skip(f"no Chromium that starts: {str(error).splitlines()[0]}")
-        yield running
-        running.close()
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +162,23 @@ def test_forces_and_darkness_are_switched(page):
     page.click("#theme")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 25, 30)"
     assert drawn(page) != plain
+
+
+def test_velocities_and_names_are_switched(page, crank):
+    """The arrow at a body is its velocity to scale; both are off until they are asked for."""
+    model, motion, animation = crank
+    assert page.locator("#velocities").get_attribute("aria-pressed") == "false"
+    page.evaluate("mechanism.seek(1.3)")
+    plain = drawn(page)
+    page.keyboard.press("n")
+    named = drawn(page)
+    assert named != plain
+    page.keyboard.press("v")
+    assert drawn(page) != named and "m/s: arrow of" in page.locator("#scale").text_content()
+    state = motion.at(1.3).initial
+    for body in (model.rod, model.slider):
+        drawn_velocity = np.array(page.evaluate(f"mechanism.arrow('{body.name}')")) * animation.film.scale["m/s"]
+        np.testing.assert_allclose(drawn_velocity, state[body.velocity], atol=2e-4)
 
 
 def test_plots_move_along_and_lead_to_a_time(page):

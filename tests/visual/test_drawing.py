@@ -531,3 +531,106 @@ def test_couples_of_rounding_noise_are_not_drawn():
     model = mbd.library.four_bar()
     motion = mbd.simulate(model.mechanism, np.linspace(0, 1, 31), initial=[model.crank.omega == 8])
     assert "N m" not in mbd.animate(motion, forces=True).film.scale
+
+
+# --- what a drawing says at a glance --------------------------------------------------------------
+def size_of(mark, pose):
+    """Largest extent of a mark, m."""
+    return float(np.max(np.ptp(placed(mark.loops[0], pose[mark.frame]), axis=0)))
+
+
+def test_torques_are_to_scale_and_nothing_at_zero():
+    """Half the torque is half the arrow, a negative one turns the other way, and a ring stays at zero."""
+    model = mbd.library.pendulum_chain(3)
+    first, second, third = model.torques
+    scene, poses, scale = scene_of(mbd.assemble(model.mechanism, inputs={first: 2.0, second: -1.0, third: 0.0}))
+    arrows = [m for m in scene.marks if m.style == "motion"]
+    sizes = sorted(size_of(m, poses[0]) for m in arrows)
+    assert len(arrows) == 2 and sizes[1] == pytest.approx(2 * sizes[0])
+    assert sizes[1] / 2 == pytest.approx(2.0 / scale["N m"], rel=0.02)
+    assert sum(m.style == "drive" for m in scene.marks) == 3
+    assert "N m" in {unit for unit in scene.arrow_units}
+    turns = [np.sign(poses[0, m.frame, 3]) for m in arrows]
+    assert sorted(turns) == [-1, 1]
+    still, _, none = scene_of(mbd.assemble(model.mechanism))
+    assert not none and not any(m.style == "motion" for m in still.marks)
+
+
+def test_forty_torques_do_not_bury_a_chain():
+    """An arrow is no larger than a link."""
+    bodies = [mbd.Body(f"b{k}", mass=1, inertia=0.1, pose=(k + 0.5, 0, 0)) for k in range(40)]
+    before = [mbd.ground, *bodies]
+    pins = [mbd.Revolute(f"j{k}", before[k].at(0.5 if k else 0, 0), b.at(-0.5, 0)) for k, b in enumerate(bodies)]
+    torques = [mbd.Torque(f"t{k}", b, 1.0 + k / 40, opposite=before[k]) for k, b in enumerate(bodies)]
+    scene, poses, _ = scene_of(mbd.Mechanism(bodies, pins, forces=torques))
+    arrows = [m for m in scene.marks if m.style == "motion"]
+    assert len(arrows) == 40 and max(size_of(m, poses[0]) for m in arrows) < 1.2
+
+
+def test_the_slot_of_a_scotch_yoke_is_as_long_as_its_stroke():
+    """In the first pose already; the slide is held by two guides, one on each side."""
+    model = mbd.library.scotch_yoke(crank=0.12)
+    scene, poses, _ = scene_of(mbd.assemble(model.mechanism))
+    (slot,) = (m for m in of_item(scene, "slot") if m.style == "slot")
+    heights = where(slot, poses)[:, 1]
+    assert heights.min() < -0.12 and heights.max() > 0.12
+    rails = [where(m, poses) for m in of_item(scene, "guide") if m.style == "ground line"]
+    x = model.yoke.pose_estimate[0]
+    assert len(rails) == 4 and [bool(r[:, 0].max() < x) for r in rails].count(True) == 2
+
+
+def test_friction_has_a_symbol():
+    """A shoe at the pin and at the guide, with the friction in the tooltip."""
+    arm, block = mbd.Body("arm", 1, 0.1, pose=(0.5, 0, 0)), mbd.Body("block", 1, 0.1, pose=(0, 1, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 1), block.at(0, 0))
+    law = mbd.Coulomb(0.2, 1e-3)
+    rubs = [mbd.JointFriction("at pin", pin, law, radius=0.02), mbd.JointFriction("at guide", guide, law)]
+    scene, poses, _ = scene_of(mbd.assemble(mbd.Mechanism([arm, block], [pin, guide], forces=rubs)), tooltips=True)
+    (at_pin,), (at_guide,) = of_item(scene, "at pin"), of_item(scene, "at guide")
+    assert np.hypot(*where(at_pin, poses).T).max() < 3 * scene.unit
+    assert where(at_guide, poses)[:, 1].min() == pytest.approx(1 - 1.2 * scene.unit)
+    labels = {item.name: list(item.tooltip) for item in scene.items}
+    assert labels["at pin"] == ["friction, N m"] and labels["at guide"] == ["friction, N"]
+
+
+@pytest.mark.parametrize(("angle", "above"), [(-np.pi / 2, True), (np.pi / 2, False), (0.0, False)])
+def test_a_support_stands_on_the_side_where_its_bar_is_not(angle, above):
+    """And lies in front of what it holds."""
+    place = 0.5 * np.array([np.cos(angle), np.sin(angle)])
+    arm, other = mbd.Body("arm", 1, 0.1, pose=(*place, angle)), mbd.Body("other", 1, 0.1, pose=(0.5, 1.0, 0))
+    joints = [
+        mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0)),
+        mbd.Weld("w", mbd.ground.at(0.5, 1), other.at(0, 0)),
+    ]
+    scene, poses, _ = scene_of(mbd.assemble(mbd.Mechanism([arm, other], joints)))
+    (line,) = (m for m in of_item(scene, "pin") if m.style == "ground line")
+    assert (where(line, poses)[:, 1].mean() > 0) == above
+    assert line.layer > BODY
+
+
+def boxes_of(axes):
+    """Boxes of the names in axes, pixels."""
+    axes.figure.draw_without_rendering()
+    return {t.get_text(): t.get_window_extent() for t in axes.texts if t.get_text().strip() and t.get_fontsize() > 9}
+
+
+def test_names_of_a_planetary_gear_are_apart_and_led_to():
+    """Each mesh is named where it is, with a line from there if the name is not beside it."""
+    model = mbd.library.planetary_gear(planets=3)
+    axes = mbd.draw(model.mechanism, names=True)
+    boxes = boxes_of(axes)
+    assert {f"{gear} mesh {k}" for gear in ("sun", "ring") for k in (1, 2, 3)} <= set(boxes)
+    for (one, a), (two, b) in itertools.combinations(boxes.items(), 2):
+        common = [min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)]
+        assert min(common) < 2, (one, two)
+    leaders = [t for t in axes.texts if getattr(t, "arrow_patch", None) is not None]
+    ends = np.array([t.xy for t in leaders])
+    for k in range(3):
+        angle = 2 * np.pi * k / 3
+        mesh = 0.08 * np.array([np.cos(angle), np.sin(angle)])  # the ring's pitch radius
+        box = boxes[f"ring mesh {k + 1}"]
+        place = axes.transData.transform(mesh)
+        apart = np.hypot(*np.maximum(np.maximum([box.x0, box.y0] - place, place - [box.x1, box.y1]), 0))
+        led = np.min(np.hypot(*(ends - mesh).T)) < 1e-9
+        assert led or apart < 30, box

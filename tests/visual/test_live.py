@@ -3,8 +3,6 @@
 Needs the extra ``browser`` and a Chromium, as ``test_browser``; the refusals do not.
 """
 
-import shutil
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -14,22 +12,6 @@ from mbdcasadi.printing.javascript import to_javascript
 
 WINDOW = {"width": 1280, "height": 800}
 library = mbd.library
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """A headless Chromium."""
-    playwright = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed (pip install .[browser])"
-    )
-    with playwright.sync_playwright() as started:
-        own = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-        try:
-            running = started.chromium.launch(executable_path=own, args=["--no-sandbox"])
-        except playwright.Error as error:
-            pytest.skip(f"no Chromium that starts: {str(error).splitlines()[0]}")
-        yield running
-        running.close()
 
 
 @pytest.fixture

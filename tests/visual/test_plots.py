@@ -131,3 +131,41 @@ def test_lines_have_names_of_their_own():
             mbd.plot(motion, {"angle": wrong})
     with pytest.raises(mbd.MechanismError, match="plot: takes a motion"):
         mbd.plot(model.mechanism, angles)
+
+
+def test_inputs_have_their_units():
+    """An input's unit stands on the axes of the overview and of a solution; without one the label stands alone."""
+    model = mbd.library.pendulum_chain(1)
+    (tau,), (rod,) = model.torques, model.rods
+    assert tau.quantity == "tau 1, N m" and mbd.Input("u").quantity == "u"
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 0.1, 5))
+    assert "tau 1, N m" in [axes.get_ylabel() for axes in overview(motion).axes]
+    two = mbd.library.pendulum_chain(2)
+    assert "input, N m" in [a.get_ylabel() for a in overview(mbd.simulate(two.mechanism, np.linspace(0, 0.1, 5))).axes]
+    start = [rod.phi == -1.5, rod.omega == 0]
+    problem = mbd.OptimalControlProblem(model.mechanism, 0.3, initial=start, running_cost=tau**2)
+    figure = mbd.plot_solution(mbd.optimize(problem, intervals=4))
+    assert figure.axes[0].get_ylabel() == "tau 1, N m"
+    with pytest.raises(mbd.ModelError, match="input 'u': unit"):
+        mbd.Input("u", unit=3)
+
+
+def test_long_labels_do_not_overprint():
+    """They go on more lines, and stay within their axes."""
+    model = mbd.library.four_bar()
+    motion = mbd.simulate(model.mechanism, np.linspace(0, 0.1, 5))
+    long = "horizontal position of the centre of the coupler of the linkage, m"
+    figure = mbd.plot(
+        motion,
+        {
+            long: model.coupler.x,
+            "angle, rad": model.crank.phi,
+            r"$\dot\varphi$ of the long bar of the crank, $1/s$": model.crank.omega,
+        },
+    )
+    figure.draw_without_rendering()
+    labels = [axes.yaxis.label for axes in figure.axes]
+    assert labels[0].get_text().replace("\n", " ") == long and labels[1].get_text() == "angle, rad"
+    assert "\n" not in labels[2].get_text()
+    for axes, label in zip(figure.axes[:2], labels, strict=False):
+        assert label.get_window_extent().height <= 1.15 * axes.get_window_extent().height

@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -46,9 +47,9 @@ class Compiler:
     Attributes
     ----------
     command : tuple of str
-        How it is called.
+        Its name.
     identity : str
-        What changes if it is replaced by another one.
+        Key that changes if it is replaced by another one.
     """
 
     command: tuple[str, ...]
@@ -79,15 +80,19 @@ def _compiler(wanted: str, path: str) -> Compiler | None:
 
 def cache_folder() -> Path:
     """Folder in which libraries are kept: ``$MBDCASADI_CACHE``, else one of the platform's own."""
-    given = os.environ.get("MBDCASADI_CACHE")
+    return _cache_folder(*map(os.environ.get, ("MBDCASADI_CACHE", "LOCALAPPDATA", "XDG_CACHE_HOME", "HOME")))
+
+
+@cache
+def _cache_folder(given: str | None, local: str | None, cache_home: str | None, home: str | None) -> Path:
     if given:
         return Path(given).expanduser()
     if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+        base = local or str(Path.home() / "AppData" / "Local")
     elif sys.platform == "darwin":
         base = str(Path.home() / "Library" / "Caches")
     else:
-        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        base = cache_home or str(Path.home() / ".cache")
     return Path(base) / "mbdcasadi"
 
 
@@ -165,18 +170,7 @@ def build(key: str, source: str, optimisation: str, using: Compiler) -> ctypes.C
     CompilationError
         If the compiler fails, or what it makes cannot be opened.
     """
-    with tempfile.TemporaryDirectory(prefix="mbdcasadi-") as scratch:
-        text, made = Path(scratch) / "equations.c", Path(scratch) / f"equations{_SUFFIX}"
-        text.write_text(source)
-        command = [*using.command, optimisation, *FLAGS, "-o", str(made), str(text), "-lm"]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, stdin=subprocess.DEVNULL)
-        except (OSError, subprocess.SubprocessError) as error:
-            raise CompilationError(f"the compiler {using.name} did not run: {error}") from None
-        if done.returncode or not made.exists():
-            said = (done.stderr or done.stdout).strip().splitlines()
-            raise CompilationError(f"the compiler {using.name} failed: {said[0] if said else 'it gives no reason'}")
-        content = made.read_bytes()
+    content = compiled({"equations.c": source}, [("equations.c", optimisation)], using)
     name = f"{key}-{_digest(content)}{_SUFFIX}"
     for own in (False, True):
         folder = _own_folder() if own else cache_folder()
@@ -185,6 +179,79 @@ def build(key: str, source: str, optimisation: str, using: Compiler) -> ctypes.C
         if library is not None:
             return library
     raise CompilationError(f"a library that {using.name} made cannot be opened")
+
+
+def compiled(files: Mapping[str, str], sources: Sequence[tuple[str, str]], using: Compiler) -> bytes:
+    """Compile C files to a shared library.
+
+    Parameters
+    ----------
+    files : mapping of str to str
+        Content of each file by name; those that are not compiled are included by others.
+    sources : sequence of (str, str)
+        Names of the files that are compiled, each with its optimisation.
+    using : Compiler
+        The compiler.
+
+    Returns
+    -------
+    bytes
+        The library; it holds no path of this machine.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler fails.
+    """
+    with tempfile.TemporaryDirectory(prefix="mbdcasadi-") as scratch:
+        for name, text in files.items():
+            (Path(scratch) / name).write_text(text, encoding="utf-8")
+        made = f"made{_SUFFIX}"
+        if len(sources) == 1:
+            name, optimisation = sources[0]
+            commands = [[optimisation, *FLAGS, "-o", made, name, "-lm"]]
+        else:
+            objects = [f"{name}.o" for name, _ in sources]
+            commands = [
+                [
+                    "-c",
+                    optimisation,
+                    *(flag for flag in FLAGS if flag != "-shared"),
+                    "-fvisibility=hidden",
+                    "-o",
+                    made_one,
+                    name,
+                ]
+                for (name, optimisation), made_one in zip(sources, objects, strict=True)
+            ]
+            commands.append([*FLAGS, "-o", made, *objects, "-lm"])
+        for command in commands:
+            _run(using, command, scratch)
+        if not (Path(scratch) / made).exists():
+            raise CompilationError(f"the compiler {using.name} failed: it made nothing")
+        return (Path(scratch) / made).read_bytes()
+
+
+def _run(using: Compiler, options: Sequence[str], folder: str) -> None:
+    try:
+        done = subprocess.run(
+            [*using.command, *options],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+            stdin=subprocess.DEVNULL,
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        raise CompilationError(f"the compiler {using.name} did not run: {error}") from None
+    if done.returncode:
+        raise CompilationError(f"the compiler {using.name} failed: {_reason(done.stderr or done.stdout)}")
+
+
+def _reason(said: str) -> str:
+    """The first error in what a compiler says, else its first line."""
+    lines = said.strip().splitlines()
+    return next((line for line in lines if "error" in line), lines[0] if lines else "it gives no reason")
 
 
 def _kept(folder: Path, name: str, content: bytes) -> Path | None:

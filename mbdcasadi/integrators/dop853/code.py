@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
@@ -77,7 +77,7 @@ class Code:
     spent : float
         Time that interpreting them has taken so far, s.
     said : str
-        How they were compiled, or why not.
+        Compiler and time, or the reason for which they are not compiled, in words.
 
     Raises
     ------
@@ -94,10 +94,10 @@ class Code:
         self.spent = 0.0
         self.said = ""
         self._given_up = False
-        self._looked_for = ""
+        self._looked_for: tuple[build.Compiler, str] | None = None
         self._lock = threading.Lock()
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of instructions."""
         return sum(tape.size for tape in self.tapes) + (0 if self._written is None else self._written.size)
@@ -116,15 +116,17 @@ class Code:
 
     def look_for_library(self, using: build.Compiler) -> None:
         """Open the library if it was built before."""
-        key = self._key(using)
-        if self.library is None and self._looked_for != key:
-            self._looked_for = key
-            self.library = build.find(key)
+        if self.library is not None or not self.size:
+            return
+        place = using, str(build.cache_folder())
+        if self._looked_for != place:
+            self._looked_for = place
+            self.library = build.find(self._key(using))
             if self.library is not None:
                 self.said = "compiled equations, kept from before"
 
     def pays(self, coming: float) -> bool:
-        """Whether compiling pays before interpreting them for so many seconds more."""
+        """Return True if compiling pays before interpreting them for so many seconds more."""
         waits = self.library is None and not self._given_up
         return waits and SAVED * (self.spent + coming) > self.price
 

@@ -9,7 +9,11 @@ Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed
 
 from __future__ import annotations
 
+import sys
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,10 +26,16 @@ EXPONENT = 8
 
 @cache
 def coefficients() -> Any:
-    """The module of SciPy with the coefficients."""
-    from scipy.integrate._ivp import dop853_coefficients
-
-    return dop853_coefficients
+    """The module of SciPy with the coefficients; read alone, since its package takes half a second to import."""
+    name = "scipy.integrate._ivp.dop853_coefficients"
+    scipy = find_spec("scipy")
+    folder = (scipy.submodule_search_locations or [""])[0] if scipy is not None else ""
+    spec = spec_from_file_location(name, Path(folder, *name.split(".")[1:]).with_suffix(".py"))
+    if name in sys.modules or spec is None or spec.loader is None or not Path(str(spec.origin)).exists():
+        return import_module(name)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @cache

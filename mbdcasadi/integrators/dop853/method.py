@@ -20,7 +20,7 @@ class DOP853(Integrator):
     system once that pays; what was compiled is kept for later (in the folder
     ``$MBDCASADI_CACHE``, or that of the user's platform). Without a compiler the
     same method runs step by step, ten times slower. ``motion.statistics.notes``
-    tells what ran.
+    names the code that ran.
 
     It needs rows that do not depend on each other, and forces that do not depend on
     reactions. Stiff motion, as with hard contacts or stiff bushings, ends in an

@@ -17,7 +17,7 @@ from ...numerics.c_code import Tape, interpreter_in_c
 from . import build, stretch
 from .code import Code, package_version
 from .coefficients import coefficients_in_c
-from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
+from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, Cases, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 
 #: Optimisation of the engine, which is compiled once.
 OPTIMISATION = "-O3"
@@ -124,6 +124,19 @@ class _Stretch(ctypes.Structure):
     )
 
 
+class _Cases(ctypes.Structure):
+    _fields_ = (
+        *((name, c_longlong) for name in ("parameters", "levels", "outputs", "rows", "output_needs_dynamics")),
+        ("output", _Function),
+        ("starts", c_void_p),
+        ("p", c_void_p),
+        ("levels_of", c_void_p),
+        ("stride", c_longlong),
+        *((name, c_void_p) for name in ("times", "channels", "max_step", "stops", "wanted")),
+        *((name, c_void_p) for name in ("values", "status", "reached", "work")),
+    )
+
+
 def engine_source() -> str:
     """The engine as one C source."""
     own = (Path(__file__).parent / "engine.c").read_text(encoding="utf-8")
@@ -161,7 +174,10 @@ def _engine(using: build.Compiler, folder: str) -> ctypes.CDLL:
     library.mbd_advance.argtypes = [c_void_p, c_void_p]
     library.mbd_complete.restype = None
     library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
-    for name, kind in (("mbd_size_of_stretch", _Stretch), ("mbd_size_of_system", _System)):
+    library.mbd_run_cases.restype = None
+    library.mbd_run_cases.argtypes = [c_void_p, c_void_p, c_void_p, c_longlong, c_longlong]
+    kinds = {"mbd_size_of_stretch": _Stretch, "mbd_size_of_system": _System, "mbd_size_of_cases": _Cases}
+    for name, kind in kinds.items():
         size = getattr(library, name)
         size.restype = c_longlong
         if size() != ctypes.sizeof(kind):
@@ -212,12 +228,12 @@ class NativeRun:
 
     @property
     def compiled(self) -> tuple[bool, ...]:
-        """Which of the codes are compiled now."""
+        """Names of the codes that are compiled now."""
         return tuple(code.library is not None for code in self.codes)
 
     @property
     def is_current(self) -> bool:
-        """Whether it runs the compiled code that there is."""
+        """True if it runs the compiled code that there is."""
         return self._state == self.compiled
 
     def halt(self) -> None:
@@ -298,7 +314,7 @@ class NativeRun:
         Parameters
         ----------
         channels : numpy.ndarray
-            What holds in the interval of each state (k, n_channel).
+            Values in the interval of each state (k, n_channel).
         """
         system, given, count = self.system, _Arrays(), times.size
         a, lam = np.empty((count, system.coordinates)), np.empty((count, system.multipliers))
@@ -316,6 +332,85 @@ class NativeRun:
             u.ctypes.data,
         )
         return a, lam, u
+
+    def run_cases(
+        self, cases: Cases, common: Stretch, output: Code, values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Run cases one after the other without Python; another thread may run others by another object.
+
+        Parameters
+        ----------
+        cases : Cases
+            The cases.
+        common : Stretch
+            Tolerances and what else all of them share.
+        output : Code
+            Of one function ``(t, q, v, a, z, lam, u, p) -> outputs``.
+        values : numpy.ndarray
+            Outputs (cases, rows, outputs), which are written.
+
+        Returns
+        -------
+        status : numpy.ndarray of int
+            By case.
+        reached : numpy.ndarray
+            Times up to which they came, s.
+        """
+        system, given, count = self.system, _Arrays(), cases.times.shape[-1]
+        capacity = count + 8
+        out_times, out_x = np.empty(capacity), np.empty((capacity, system.size))
+        out_integrals, out_index = np.empty((capacity, system.integrals)), np.empty(capacity, np.int64)
+        none = np.zeros(0)
+        task = _Stretch(
+            start=common.start,
+            count=count,
+            channel=system.channel,
+            weights=given.doubles(common.weights),
+            reltol=common.reltol,
+            abstol=common.abstol,
+            accuracy=ACCURACY,
+            most_steps=common.most_steps,
+            halt=self._halt.ctypes.data,
+            samples=SAMPLES,
+            spacing=np.inf,
+            offset=given.doubles(none),
+            band=given.doubles(none),
+            side=given.doubles(none),
+            direction=given.ints(none),
+            decides=given.ints(none),
+            capacity=capacity,
+            out_times=out_times.ctypes.data,
+            out_x=out_x.ctypes.data,
+            out_integrals=out_integrals.ctypes.data,
+            out_index=out_index.ctypes.data,
+        )
+        number = len(cases.starts)
+        status, reached = np.zeros(number, np.int32), np.zeros(number)
+        entry = _entry(output, 0)
+        work = np.empty(entry.work)
+        asked = _Cases(
+            parameters=cases.p.shape[1],
+            levels=cases.levels.shape[1],
+            outputs=values.shape[2],
+            rows=values.shape[1],
+            output_needs_dynamics=cases.needs_dynamics,
+            output=entry,
+            starts=given.doubles(cases.starts),
+            p=given.doubles(cases.p),
+            levels_of=given.doubles(cases.levels),
+            stride=count if len(cases.times) > 1 else 0,
+            times=given.doubles(cases.times),
+            channels=given.doubles(cases.channels),
+            max_step=given.doubles(cases.max_step),
+            stops=given.ints(cases.stops),
+            wanted=given.ints(cases.wanted),
+            values=values.ctypes.data,
+            status=status.ctypes.data,
+            reached=reached.ctypes.data,
+            work=work.ctypes.data,
+        )
+        self.library.mbd_run_cases(self._run, ctypes.addressof(task), ctypes.addressof(asked), 0, number)
+        return status, reached
 
 
 class _Arrays:

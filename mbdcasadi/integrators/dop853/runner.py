@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
+from ..lending import Lending
 from . import build
 from .code import Code
 from .native import NativeRun, engine
 from .stepwise import StepwiseRun
-from .stretch import ExplicitSystem, Progress, Reached, Stretch, Watched
+from .stretch import Cases, ExplicitSystem, Progress, Reached, Stretch, Watched
 
 #: Time after which a run in C comes back, s: for Ctrl-C, progress, and the choice to compile.
 SLICE, FIRST_SLICE = 0.2, 0.02
@@ -44,12 +45,12 @@ class Runner:
     cache : Cache
         Of the mechanism: what is compiled serves later runs with the same functions.
     compiles : bool
-        Whether the equations are compiled at once, and not only once that pays.
+        True if the equations are compiled at once, and not only once that pays.
 
     Attributes
     ----------
     said : str
-        What runs, and why.
+        Code that runs, and the reason, in words.
     """
 
     def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache, *, compiles: bool = False):
@@ -57,6 +58,7 @@ class Runner:
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
         self._interpreted = 0.0
+        self._borrowed: tuple[tuple[object, ...], _Run] | None = None
         self._using = build.compiler()
         self.said = ""
         self._run: _Run = self._made(self._using)
@@ -75,11 +77,43 @@ class Runner:
         if self._compiles:
             self._compile(using, np.inf)
         self._describe()
-        return NativeRun(self._library, self.system, self._codes, self.watched)
+        return self._native()
+
+    def _native(self) -> NativeRun:
+        """A run in C with what is compiled now; without events one that served an earlier run."""
+
+        def make() -> NativeRun:
+            return NativeRun(self._library, self.system, self._codes, self.watched)
+
+        if self.watched is not None:
+            return make()
+        run: NativeRun = self._lending.borrow(self._key, make)
+        self._borrowed = self._key, run
+        return run
+
+    @property
+    def _key(self) -> tuple[object, ...]:
+        return self._library, *((code, code.library is None) for code in self._codes)
+
+    @property
+    def _lending(self) -> Lending:
+        return self._cache.get_or_create("explicit runs", Lending)
+
+    def release(self) -> None:
+        """Leave what runs to later runs; this one is at its end."""
+        if self._borrowed is not None:
+            self._lending.give_back(*self._borrowed)
+            self._borrowed = None
 
     def _stepwise(self, reason: str) -> _Run:
         self.said = f"dop853 ran step by step, without C: {reason}"
-        return StepwiseRun(self.system, self.watched, self._cache)
+        if self.watched is not None:
+            return StepwiseRun(self.system, self.watched, self._cache)
+        s = self.system
+        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection)
+        run: StepwiseRun = self._lending.borrow(key, lambda: StepwiseRun(s, None, self._cache))
+        self._borrowed = key, run
+        return run
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
@@ -118,7 +152,7 @@ class Runner:
     # --- running ------------------------------------------------------------------------------
     @property
     def is_interpreted(self) -> bool:
-        """Whether equations are interpreted that may be compiled."""
+        """True if equations are interpreted that may be compiled."""
         return bool(self._codes) and self._codes[0].library is None
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
@@ -135,9 +169,27 @@ class Runner:
         done = (float(reached.times[-1]) - s.start) / (end - s.start) if reached.times.size else 0.0
         self._compile(self._using, seconds * (1 - done) / done if done > 0 else 0.0)
         if not self._run.is_current:
-            self._run = NativeRun(self._library, self.system, self._codes, self.watched)
+            self._run = self._native()
         self._describe()
         return reached
+
+    def run_cases(self, cases: Cases, common: Stretch, output: ca.Function, values: np.ndarray) -> Any:
+        """Run cases one after the other in C; see :meth:`NativeRun.run_cases`. None without C."""
+        if self._using is None or not isinstance(self._run, NativeRun):
+            return None
+        try:
+            code = self._cache.get_or_create(("code", output), lambda: Code((output,)))
+        except UnsupportedOperation:
+            return None
+        code.look_for_library(self._using)
+        if self._compiles and code.pays(np.inf):
+            code.compile(self._using)
+        return self._run.run_cases(cases, common, code, values)
+
+    def halt(self) -> None:
+        """End what runs in C in another thread."""
+        if isinstance(self._run, NativeRun):
+            self._run.halt()
 
     def slice(self) -> float:
         """Time after which the next call is to come back, s."""

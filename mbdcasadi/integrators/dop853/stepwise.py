@@ -5,7 +5,10 @@ It takes the same decisions as ``engine.c``, in the same order; its results diff
 
 from __future__ import annotations
 
+import math
 import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -14,6 +17,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
+from ...numerics.evaluation import Evaluator
 from .coefficients import EXPONENT, STAGES, coefficients
 from .stretch import (
     ACCURACY,
@@ -60,7 +64,7 @@ class StepwiseRun:
 
     @property
     def is_current(self) -> bool:
-        """Whether it runs the best code that there is."""
+        """True if it runs the best code that there is."""
         return True
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
@@ -74,8 +78,7 @@ class StepwiseRun:
         s, count = self.system, times.size
         if not count:
             return np.zeros((0, s.coordinates)), np.zeros((0, s.multipliers)), np.zeros((0, s.inputs))
-        found = self._steps.functions.complete(times[None, :], x.T, channels.T, p, levels)
-        a, lam, u = (np.broadcast_to(part.full().T, (count, part.size1())) for part in found)
+        a, lam, u = self._steps.functions.complete_rows.rows(times[:, None], x, channels, p, levels)
         return a, lam, u
 
 
@@ -94,6 +97,7 @@ class _StepFunctions:
         self._held = [self._p, self._levels, self._channel]
         self.rate, self.complete = self._make_rate(), self._make_complete()
         self.attempt, self.arrive, self.dense = self._make_attempt(), self._make_arrive(), self._make_dense()
+        self.projection_rows, self.complete_rows = Evaluator(self.projection), Evaluator(self.complete)
 
     def _forces(self, t: ca.MX, x: ca.MX) -> tuple[ca.MX, ...]:
         """``u, a, rate of z, lam, regularity`` at a state."""
@@ -189,13 +193,27 @@ def _symbols(names: str, size: int) -> list[tuple[str, int]]:
 
 
 class _Call:
-    """A CasADi function on arrays of its own: a call costs about a microsecond."""
+    """A CasADi function on arrays that others may share: a call costs about a microsecond.
 
-    def __init__(self, function: ca.Function):
-        self._buffer, self._evaluate = function.buffer()
-        self._kept = function
-        self.arguments = [np.zeros(function.nnz_in(k)) for k in range(function.n_in())]
-        self.results = [np.zeros(function.nnz_out(k)) for k in range(function.n_out())]
+    Parameters
+    ----------
+    function : casadi.Function
+        The function.
+    arguments, results : sequence of numpy.ndarray, optional
+        Places of all arguments and results; of its own if left out.
+    """
+
+    def __init__(
+        self,
+        function: ca.Function,
+        arguments: Sequence[np.ndarray] | None = None,
+        results: Sequence[np.ndarray] | None = None,
+    ):
+        evaluate: Callable[[], None]
+        self._buffer, evaluate = function.buffer()
+        self.evaluate, self._kept = evaluate, function
+        self.arguments = list(arguments or (np.zeros(function.nnz_in(k)) for k in range(function.n_in())))
+        self.results = list(results or (np.zeros(function.nnz_out(k)) for k in range(function.n_out())))
         for k, argument in enumerate(self.arguments):
             if argument.size:
                 self._buffer.set_arg(k, argument.data)
@@ -206,18 +224,70 @@ class _Call:
     def __call__(self, *values: Any) -> list[np.ndarray]:
         for argument, value in zip(self.arguments, values, strict=True):
             argument[:] = value
-        self._evaluate()
+        self.evaluate()
         return self.results
 
 
 class _Steps:
-    """The functions of a step with arrays of their own."""
+    """The functions of a step, on arrays that hand on the results of one to the next.
+
+    Attributes
+    ----------
+    t, h, arrival : numpy.ndarray
+        Start, length and end of the step (1,), s.
+    y, end : numpy.ndarray
+        Its start and its end, not projected, (n_y,).
+    next : numpy.ndarray
+        Its end on the constraints (n_y,).
+    k : numpy.ndarray
+        Derivatives of the stages and at the end (STAGES + 1, n_y).
+    k0, stage, scale : numpy.ndarray
+        Derivative at the start, last stage, sizes by which errors are measured.
+    error, stage_hint : numpy.ndarray
+        Error in tolerances and least regularity of the stages (1,).
+    left, size, correction, hint, stability : numpy.ndarray
+        Constraint residual after one projection, size of the coordinates, correction in tolerances, regularity at
+        the end, and ``h |lambda|`` (1,).
+    coefficients : numpy.ndarray
+        Of the dense output (7, n_y).
+    """
 
     def __init__(self, functions: _StepFunctions):
-        self.functions = functions
-        self.rate, self.attempt = _Call(functions.rate), _Call(functions.attempt)
-        self.dense, self.projection = _Call(functions.dense), _Call(functions.projection)
-        self.arrive, self.complete = _Call(functions.arrive), _Call(functions.complete)
+        self.functions = f = functions
+        n_y = f.n_y
+        self.t, self.h, self.arrival, self.reltol, self.abstol = (np.zeros(1) for _ in range(5))
+        self.y, self.k0, self.end, self.next, self.stage = (np.zeros(n_y) for _ in range(5))
+        self.k, self.scale, self.weights = np.zeros((STAGES + 1, n_y)), np.zeros(f.n_x), np.zeros(f.n)
+        self.error, self.stage_hint, self.left, self.size, self.correction = (np.zeros(1) for _ in range(5))
+        self.hint, self.stability, self.coefficients = np.zeros(1), np.zeros(1), np.zeros((7, n_y))
+        self.held = [np.zeros(f.attempt.nnz_in(k)) for k in range(6, 9)]
+        stages = self.k[:STAGES].reshape(-1)
+        self.attempt = _Call(
+            f.attempt,
+            [self.t, self.h, self.y, self.k0, self.reltol, self.abstol, *self.held],
+            [self.end, stages, self.stage, self.scale, self.error, self.stage_hint],
+        )
+        self.arrive = _Call(
+            f.arrive,
+            [self.arrival, self.h, self.end, self.stage, self.k[STAGES - 1], self.scale, self.weights, *self.held],
+            [self.next, self.left, self.size, self.correction, self.k[STAGES], self.hint, self.stability],
+        )
+        self.dense = _Call(
+            f.dense,
+            [self.t, self.h, self.y, self.next, self.k.reshape(-1), *self.held],
+            [self.coefficients.reshape(-1)],
+        )
+        self.rate, self.complete, self.projection = _Call(f.rate), _Call(f.complete), _Call(f.projection)
+
+    def begin(self, s: Stretch) -> None:
+        """Take what holds over a stretch."""
+        self.reltol[0], self.abstol[0], self.weights[:] = s.reltol, s.abstol, s.weights
+        self.held[0][:], self.held[1][:] = s.p, s.levels
+        self.hold(s.channels[0])
+
+    def hold(self, channel: np.ndarray) -> None:
+        """Take what holds over an interval."""
+        self.held[2][:] = channel
 
 
 class _StretchRun:
@@ -238,22 +308,17 @@ class _StretchRun:
         self.n_y = self.n_x + system.integrals
         self.status, self.steps, self.rejected, self.evaluations = Status.DONE, 0, 0, 0
         self.least_regularity, self._hint = np.inf, np.inf
-        self._channel, self.reached = s.channels[0], 0
-        self._times: list[float] = []
-        self._rows: list[np.ndarray] = []
-        self._index: list[int] = []
-        self._inside: list[bool] = []
+        self.reached = 0
+        self._record_of: list[_Recorded] = []
+        self._stop_times = s.times.tolist()
+        steps.begin(s)
 
     # --- equations ---------------------------------------------------------------------------
-    @property
-    def _held(self) -> tuple[np.ndarray, ...]:
-        return self.s.p, self.s.levels, self._channel
-
     def _rate(self, t: float, y: np.ndarray) -> np.ndarray:
-        rate, hint = self._f.rate(t, y, *self._held)
+        rate, hint = self._f.rate(t, y, *self._f.held)
         self._note_regularity(float(hint[0]))
         self.evaluations += 1
-        return rate.copy()
+        return rate
 
     def _note_regularity(self, hint: float) -> None:
         if hint < self._hint:
@@ -302,51 +367,48 @@ class _StretchRun:
 
     def _attempt(self, t: float, h: float) -> float:
         """The stages of a step; its error relative to the tolerances."""
-        found = self._f.attempt(t, h, self._y, self._k0, self.s.reltol, self.s.abstol, *self._held)
-        self._next, self._k, self._stage, self._scale = found[0].copy(), found[1], found[2], found[3]
-        self._note_regularity(float(found[5][0]))
+        f = self._f
+        f.t[0], f.h[0] = t, h
+        f.attempt.evaluate()
+        self._note_regularity(float(f.stage_hint[0]))
         self.evaluations += STAGES - 1
-        return float(found[4][0])
+        return float(f.error[0])
 
-    def _arrive(self, t: float, h: float) -> bool:
+    def _arrive(self, t: float) -> bool:
         """Bring the end of a step onto the constraints, and find the rate there; False if it must be repeated."""
-        given, early = self._next, self._k[(STAGES - 1) * self.n_y :]
-        found = self._f.arrive(t, h, given, self._stage, early, self._scale, self.s.weights, *self._held)
-        left, size, correction = (float(part[0]) for part in found[1:4])
-        self._next, self._k12 = found[0].copy(), found[4].copy()
-        self._stability = float(found[6][0])
-        self._note_regularity(float(found[5][0]))
+        f = self._f
+        f.arrival[0] = t
+        f.arrive.evaluate()
+        left, size, correction = float(f.left[0]), float(f.size[0]), float(f.correction[0])
+        self._note_regularity(float(f.hint[0]))
         self.evaluations += 1
-        if not np.isfinite(left):
+        if not math.isfinite(left):
             return False
         if left > ACCURACY * size:
-            x = self._projected(t, self._next[: self.n_x], PROJECTIONS - 1, left)
+            x = self._projected(t, f.next[: self.n_x], PROJECTIONS - 1, left)
             if x is None:
                 return False
-            moved = np.abs(x - given[: self.n_x])
+            moved = np.abs(x - f.end[: self.n_x])
             moved[moved <= SLIGHT * (1.0 + np.abs(x))] = 0.0
-            correction = self._norm(moved, self._scale)
-            self._next[: self.n_x] = x
-            self._k12 = self._rate(t, self._next)
-        return bool(correction <= DRIFT and np.all(np.isfinite(self._k12[: self.n_x])))
+            correction = self._norm(moved, f.scale)
+            f.next[: self.n_x] = x
+            f.k[STAGES] = self._rate(t, f.next)
+        # a sum is finite exactly if its terms are, but for overflow, which is none of a motion
+        return correction <= DRIFT and math.isfinite(f.k[STAGES, : self.n_x].sum())
 
-    def _prepare_dense(self, t: float, h: float) -> None:
-        known = np.concatenate([self._k, self._k12])
-        found = self._f.dense(t, h, self._y, self._next, known, *self._held)[0]
-        self._dense = found.reshape(7, self.n_y).copy()
+    def _prepare_dense(self) -> None:
+        self._f.dense.evaluate()
         self.evaluations += 3
 
     def _dense_output(self, part: float) -> np.ndarray:
-        f, r = self._dense, 1.0 - part
-        inner = f[3] + part * (f[4] + r * (f[5] + part * f[6]))
-        return self._y + part * (f[0] + r * (f[1] + part * (f[2] + r * inner)))
+        return _interpolated(self._f.y, self._f.coefficients, part)
 
     # --- events --------------------------------------------------------------------------------
     def _values(self, t: float, y: np.ndarray) -> np.ndarray:
         assert self._event is not None and self._watched is not None
         n, s, system = self.n, self.s, self._system
         if self._watched.needs_dynamics:
-            a, lam, u = self._f.complete(t, y[: self.n_x], self._channel, s.p, s.levels)
+            a, lam, u = self._f.complete(t, y[: self.n_x], self._f.held[2], s.p, s.levels)
         else:
             a, lam, u = np.zeros(n), np.zeros(system.multipliers), np.zeros(system.inputs)
         found = self._event(t, y[:n], y[n : 2 * n], a, y[2 * n : self.n_x], lam, u, s.p)
@@ -354,7 +416,7 @@ class _StretchRun:
 
     def _watch_from(self, t: float) -> None:
         s = self.s
-        values = self._values(t, self._y)
+        values = self._values(t, self._f.y)
         self._seen: list[tuple[float, np.ndarray]] = [(t, values)]
         self._sign = np.sign(np.where(s.side != 0.0, s.side, values - s.offset))
 
@@ -382,46 +444,57 @@ class _StretchRun:
         found = 0
         for k in range(1, samples + 2):
             part = k / (samples + 1)
-            time, state = (t + part * h, self._dense_output(part)) if k <= samples else (arrival, self._next)
+            time, state = (t + part * h, self._dense_output(part)) if k <= samples else (arrival, self._f.next)
             found |= self._look(time, self._values(time, state))
         return found
 
     # --- what is returned ------------------------------------------------------------------------
-    def _record(self, t: float, y: np.ndarray, index: int, *, inside: bool = False) -> None:
-        self._times.append(t)
-        self._rows.append(y.copy())
-        self._index.append(index)
-        self._inside.append(inside)
+    def _record(self, t: float, y: np.ndarray, index: int) -> None:
+        """Keep the end of a step."""
+        self._record_of.append(_Recorded(np.array([t]), np.array([index]), y.copy()))
 
     def _record_step(self, t: float, h: float, end: float, samples: int) -> None:
-        """Outputs inside a step, in order of time, not yet on the constraints."""
-        s, sample, last = self.s, 1, t
-        while True:
-            due = float(s.times[self.reached]) if self.reached < s.times.size else np.inf
-            between = t + h * sample / (samples + 1) if sample <= samples else np.inf
-            if min(due, between) >= end:
-                return
-            wanted = due <= between
-            time = due if wanted else between
-            if wanted or last < time < due:
-                self._record(time, self._dense_output((time - t) / h), self.reached if wanted else -1, inside=True)
-                last = time
-            if wanted:
-                self.reached += 1
-            if between <= time:
-                sample += 1
+        """Keep outputs inside a step, in order of time, to be evaluated with those of all steps."""
+        times, first = self._stop_times, self.reached
+        while self.reached < len(times) and times[self.reached] < end:
+            self.reached += 1
+        inside, index = self.s.times[first : self.reached], np.arange(first, self.reached)
+        if samples:
+            between = t + h * np.arange(1, samples + 1) / (samples + 1)
+            between = between[(between > t) & (between < end) & ~np.isin(between, inside)]
+            inside, index = np.r_[inside, between], np.r_[index, np.full(between.size, -1)]
+            order = np.argsort(inside, kind="stable")
+            inside, index = inside[order], index[order]
+        f = self._f
+        self._record_of.append(_Recorded(inside, index, f.y.copy(), f.coefficients.copy(), (inside - t) / h))
 
-    def _brought_onto_constraints(self, times: np.ndarray, rows: np.ndarray) -> int:
+    def _rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times, places among the times of the stretch, states, and which are inside steps, not on the constraints."""
+        kept = self._record_of
+        if not kept:
+            return np.zeros(0), np.zeros(0, np.int64), np.zeros((0, self.n_y)), np.zeros(0, bool)
+        counts = [part.times.size for part in kept]
+        owner, inner = np.repeat(np.arange(len(kept)), counts), [part.coefficients is not None for part in kept]
+        rows = np.array([part.y for part in kept])[owner]
+        inside = np.array(inner)[owner]
+        if np.any(inside):
+            place = (np.cumsum(inner) - 1)[owner[inside]]
+            coefficients = np.array([part.coefficients for part in kept if part.coefficients is not None])[place]
+            parts = np.concatenate([part.parts for part in kept if part.parts is not None])[:, None]
+            rows[inside] = _interpolated(rows[inside], coefficients.transpose(1, 0, 2), parts)
+        times, index = (np.concatenate([getattr(part, name) for part in kept]) for name in ("times", "index"))
+        return times, index.astype(np.int64), rows, inside
+
+    def _brought_onto_constraints(self, times: np.ndarray, rows: np.ndarray, inside: np.ndarray) -> int:
         """Project the outputs inside steps, in place; the number of rows up to the first that cannot be."""
         n, s, most = self.n, self.s, len(rows)
-        waiting = np.flatnonzero(self._inside) if self._system.multipliers else np.zeros(0, int)
+        waiting = np.flatnonzero(inside) if self._system.multipliers else np.zeros(0, int)
         before = np.full(most, np.inf)
         for _ in range(PROJECTIONS):
             if not waiting.size:
                 break
-            given = times[waiting][None, :], rows[waiting, :n].T, rows[waiting, n : 2 * n].T
-            found = self._f.functions.projection(*given, s.p, s.weights)
-            q, v, left = (part.full().T for part in found)
+            given = times[waiting, None], rows[waiting, :n], rows[waiting, n : 2 * n]
+            q, v, left = self._f.functions.projection_rows.rows(*given, s.p, s.weights)
             rest = np.where(np.isfinite(left[:, 0]), left[:, 0], np.inf)
             finite = np.isfinite(rest)
             rows[waiting[finite], :n], rows[waiting[finite], n : 2 * n] = q[finite], v[finite]
@@ -435,9 +508,8 @@ class _StretchRun:
         return min([most, *waiting[before[waiting] > LOOSE].tolist()])
 
     def _returned(self) -> Reached:
-        rows = np.array(self._rows) if self._rows else np.zeros((0, self.n_y))
-        times, index = np.array(self._times), np.array(self._index, dtype=np.int64)
-        count = self._brought_onto_constraints(times, rows)
+        times, index, rows, inside = self._rows()
+        count = self._brought_onto_constraints(times, rows, inside)
         return Reached(
             times[:count],
             rows[:count, : self.n_x].copy(),
@@ -455,9 +527,10 @@ class _StretchRun:
         """Integrate over the stretch, or up to where something must be decided."""
         s, progress, count = self.s, self.progress, self.s.times.size
         began, t = clock.perf_counter(), s.start
-        self._y = np.r_[s.x, np.zeros(self._system.integrals)]
-        self._k0 = self._rate(t, self._y)
-        if not np.all(np.isfinite(self._k0[: self.n_x])):
+        f, times = self._f, self._stop_times
+        f.y[: self.n_x], f.y[self.n_x :] = s.x, 0.0
+        f.k0[:] = self._rate(t, f.y)
+        if not np.all(np.isfinite(f.k0[: self.n_x])):
             self.status = Status.NOT_FINITE
             return self._returned()
         if self._event is not None:
@@ -466,9 +539,9 @@ class _StretchRun:
         while self.reached < count:
             while stop < count - 1 and (stop < self.reached or not s.stops[stop]):
                 stop += 1
-            end = float(s.times[stop])
+            end = times[stop]
             if step <= 0.0:
-                step = self._first_step(t, self._y, self._k0, min(end - t, s.max_step))
+                step = self._first_step(t, f.y, f.k0, min(end - t, s.max_step))
             taken = self._step(t, end, min(step, s.max_step))
             if taken is None:
                 break
@@ -477,22 +550,22 @@ class _StretchRun:
             late = s.seconds > 0.0 and clock.perf_counter() - began > s.seconds
             if self.status == Status.DONE and (late or 0 < s.most_steps <= self.steps):
                 self.status = Status.PAUSED
-            due = self.reached < count and s.times[self.reached] == arrival
+            due = self.reached < count and times[self.reached] == arrival
             if due:
-                self._record(arrival, self._next, self.reached)
+                self._record(arrival, f.next, self.reached)
                 self.reached += 1
             elif s.every_step or self.status != Status.DONE:
-                self._record(arrival, self._next, -1)
-            t, self._y = arrival, self._next
+                self._record(arrival, f.next, -1)
+            t, f.y[:] = arrival, f.next
             if self.status != Status.DONE:
                 break
             if due and self.reached < count and s.stops[self.reached - 1]:
-                self._channel = s.channels[self.reached]
-                self._k0 = self._rate(t, self._y)
+                f.hold(s.channels[self.reached])
+                f.k0[:] = self._rate(t, f.y)
             else:
-                self._k0 = self._k12
-        if self.status.is_failure and t > s.start and not (self._times and self._times[-1] >= t):
-            self._record(t, self._y, -1)
+                f.k0[:] = f.k[STAGES]
+        if self.status.is_failure and t > s.start and not (self._record_of and self._record_of[-1].times[-1] >= t):
+            self._record(t, f.y, -1)
         if self.status in (Status.PAUSED, Status.STIFF) and self.reached == count:
             self.status = Status.DONE
         progress.step = step
@@ -510,16 +583,16 @@ class _StretchRun:
         while True:
             self._hint = np.inf
             error = self._attempt(t, h)
-            if error < 1.0 and self._arrive(arrival, h):
+            if error < 1.0 and self._arrive(arrival):
                 break
             self.rejected += 1
             repeated, clipped = True, False
-            too_large = np.isfinite(error) and error >= 1.0
+            too_large = math.isfinite(error) and error >= 1.0
             h *= max(LEAST, SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
             arrival = t + h
-            if not h > 10.0 * abs(np.nextafter(t, np.inf) - t):
+            if not h > 10.0 * abs(math.nextafter(t, math.inf) - t):
                 failed = Status.APART if error < 1.0 else Status.TOO_SMALL
-                self.status = failed if np.isfinite(error) else Status.NOT_FINITE
+                self.status = failed if math.isfinite(error) else Status.NOT_FINITE
                 return None
         self.steps += 1
         factor = min(MOST, SAFETY * error ** (-1.0 / EXPONENT)) if error > 0.0 else MOST
@@ -535,16 +608,16 @@ class _StretchRun:
             samples = SAMPLES
             if h > s.spacing * (samples + 1):
                 samples = int(min(np.ceil(h / s.spacing), MOST_SAMPLES))
-        inside = bool(s.times[self.reached] < arrival)
+        inside = self._stop_times[self.reached] < arrival
         if inside or samples:
-            self._prepare_dense(t, h)
+            self._prepare_dense()
         if self._event is not None:
             found = self._found_in_step(t, h, arrival, samples)
         if self._system.multipliers and s.fall > 0.0:
             found |= self._note_fall()
         kept = (samples or (SAMPLES if found else 0)) if found or s.keep_samples else 0
         if kept and not inside and not samples:
-            self._prepare_dense(t, h)
+            self._prepare_dense()
         if found & 2:
             self.status = Status.EVENT
         if inside or kept:
@@ -554,7 +627,7 @@ class _StretchRun:
         s, progress = self.s, self.progress
         if not s.stiff_after:
             return
-        if self._stability > STABILITY:
+        if self._f.stability[0] > STABILITY:
             progress.not_stiff = 0
             progress.stiff += 1
             if progress.stiff >= s.stiff_after:
@@ -568,7 +641,7 @@ class _StretchRun:
         """Take note of the regularity of a step: 1 if it is near to a singular pose."""
         progress, hint = self.progress, self._hint
         self.least_regularity = min(self.least_regularity, hint)
-        if np.isfinite(hint):
+        if math.isfinite(hint):
             progress.regularity = max(progress.regularity, hint)
         near = hint < self.s.fall * progress.regularity
         self._near_steps += near
@@ -577,8 +650,36 @@ class _StretchRun:
         return int(near)
 
 
+@dataclass(frozen=True, eq=False)
+class _Recorded:
+    """The end of a step, or outputs inside it that are still to be evaluated.
+
+    Attributes
+    ----------
+    times, index : numpy.ndarray
+        Times and their places among those of the stretch, or -1 (k,).
+    y : numpy.ndarray
+        The end; or the start, from which the dense output counts (n_y,).
+    coefficients, parts : numpy.ndarray or None
+        Of the dense output (7, n_y), and at which parts of the step (k,).
+    """
+
+    times: np.ndarray
+    index: np.ndarray
+    y: np.ndarray
+    coefficients: np.ndarray | None = None
+    parts: np.ndarray | None = None
+
+
+def _interpolated(y: np.ndarray, f: np.ndarray, part: Any) -> np.ndarray:
+    """Dense output at a part of a step, from its start and its coefficients (7, …)."""
+    r = 1.0 - part
+    inner = f[3] + part * (f[4] + r * (f[5] + part * f[6]))
+    return y + part * (f[0] + r * (f[1] + part * (f[2] + r * inner)))
+
+
 def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """Whether parabolas through three values of one sign come near to zero between them, by event."""
+    """Return True, by event, if parabolas through three values of one sign come near to zero between them, by event."""
     h0, h1 = t1 - t0, t2 - t1
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))

@@ -1,4 +1,4 @@
-"""What is asked of the method, and what it found; the same for the run in C and the one without a compiler."""
+"""Task and result of the method over a stretch of time; the same for the run in C and the one without a compiler."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ MOST_SAMPLES = 1000
 
 
 class Status(IntEnum):
-    """Why a stretch ended; in the order of ``enum status`` in ``engine.c``."""
+    """Cause of the end of a stretch; in the order of ``enum status`` in ``engine.c``."""
 
     DONE = 0
     PAUSED = 1
@@ -53,7 +53,7 @@ class Status(IntEnum):
 
     @property
     def is_failure(self) -> bool:
-        """Whether the method cannot go on."""
+        """True if the method cannot go on."""
         return self >= Status.TOO_SMALL
 
 
@@ -128,11 +128,11 @@ class Watched:
     function : casadi.Function
         ``(t, q, v, a, z, lam, u, p) ->`` values.
     needs_dynamics : bool
-        Whether they contain accelerations, multipliers or inputs.
+        True if they contain accelerations, multipliers or inputs.
     direction : numpy.ndarray of int
         1 where a value must rise, -1 where it must fall, else 0.
     decides : numpy.ndarray of bool
-        Whether a step in which an event may take place is the last one.
+        True if a step in which an event may take place is the last one.
     """
 
     function: ca.Function
@@ -148,7 +148,7 @@ class Watched:
 
 @dataclass
 class Progress:
-    """What goes on from one stretch to the next.
+    """State that is handed from one stretch to the next.
 
     Attributes
     ----------
@@ -181,7 +181,7 @@ class Stretch:
     stops : numpy.ndarray of bool
         Over which of them no step may go.
     channels : numpy.ndarray
-        What holds in the interval that ends at each of the times (k, n_channel).
+        Values in the interval that ends at each of the times (k, n_channel).
     p, levels, weights : numpy.ndarray
         Parameters, levels of the inputs, metric of the projection.
     reltol, abstol : float
@@ -193,9 +193,9 @@ class Stretch:
     most_steps : int
         Steps after which it pauses; 0 for never.
     every_step : bool
-        Whether the states at the ends of steps are returned too.
+        True if the states at the ends of steps are returned too.
     keep_samples : bool
-        Whether states inside steps are returned too.
+        True if states inside steps are returned too.
     spacing : float
         Largest distance of samples, s.
     offset, band, side : numpy.ndarray
@@ -231,8 +231,39 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
+class Cases:
+    """Runs of one system over times of the same number.
+
+    Attributes
+    ----------
+    starts, p, levels : numpy.ndarray
+        Starts on the constraints, parameters, levels of the inputs, by case (k, …).
+    times : numpy.ndarray
+        Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
+    wanted, stops : numpy.ndarray of bool
+        Which of them are outputs, and over which no step may go.
+    channels : numpy.ndarray
+        What holds in the interval that ends at each of the times (k, n, n_channel).
+    max_step : numpy.ndarray
+        Longest steps (k,), s.
+    needs_dynamics : bool
+        Whether the outputs contain accelerations, multipliers or inputs.
+    """
+
+    starts: np.ndarray
+    p: np.ndarray
+    levels: np.ndarray
+    times: np.ndarray
+    wanted: np.ndarray
+    stops: np.ndarray
+    channels: np.ndarray
+    max_step: np.ndarray
+    needs_dynamics: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Reached:
-    """What was reached over a stretch.
+    """Result of a stretch.
 
     Attributes
     ----------

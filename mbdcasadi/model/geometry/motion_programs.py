@@ -68,7 +68,7 @@ LAWS: dict[str, Callable[[ca.SX], ca.SX]] = {
 
 
 @dataclass(frozen=True)
-class Segment:
+class ProgramSegment:
     """A segment of a motion program.
 
     Attributes
@@ -96,19 +96,19 @@ class Segment:
             raise ModelError(f"{self.kind}: law must be one of {', '.join(LAWS)}, got {self.law!r}")
 
 
-def rise(duration: float, level: float, law: str = "cycloidal") -> Segment:
+def rise(duration: float, level: float, law: str = "cycloidal") -> ProgramSegment:
     """Return a segment that moves to a level (m or rad), up or down, by a law."""
-    return Segment(duration, level, law)
+    return ProgramSegment(duration, level, law)
 
 
-def fall(duration: float, law: str = "cycloidal", level: float = 0.0) -> Segment:
+def fall(duration: float, law: str = "cycloidal", level: float = 0.0) -> ProgramSegment:
     """Return a segment that moves back to a level (m or rad), zero by default, by a law."""
-    return Segment(duration, level, law)
+    return ProgramSegment(duration, level, law)
 
 
-def dwell(duration: float) -> Segment:
+def dwell(duration: float) -> ProgramSegment:
     """Return a segment at rest, at the end position of the segment before."""
-    return Segment(duration)
+    return ProgramSegment(duration)
 
 
 class MotionProgram(Immutable):
@@ -119,7 +119,7 @@ class MotionProgram(Immutable):
 
     Parameters
     ----------
-    *segments : Segment
+    *segments : ProgramSegment
         Made by :func:`rise`, :func:`dwell`, :func:`fall`.
     start : float, default 0
         Position at the beginning, m or rad.
@@ -145,8 +145,8 @@ class MotionProgram(Immutable):
     (3.0, 0.02)
     """
 
-    def __init__(self, *segments: Segment, start: float = 0.0):
-        if not segments or not all(isinstance(segment, Segment) for segment in segments):
+    def __init__(self, *segments: ProgramSegment, start: float = 0.0):
+        if not segments or not all(isinstance(segment, ProgramSegment) for segment in segments):
             raise ModelError(f"MotionProgram takes segments made by rise, dwell and fall, got {segments!r}")
         self.segments = segments
         self.start = number(start, "MotionProgram", "start")

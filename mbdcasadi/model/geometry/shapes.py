@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def _edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class Contour:
     """Closed outline of a part or a hole: `points` (k, 2), m, without repeating the first one.
 
     Parts run counter-clockwise and holes clockwise (non-zero winding rule); a rod has its two ends.
@@ -119,11 +120,11 @@ class Shape:
             raise ModelError(f"{what}: give one of density and mass, got density={density!r}, mass={mass!r}")
         return total, centroid, total * second_moment / measure
 
-    def outlines(self) -> list[Outline]:
+    def outlines(self) -> list[Contour]:
         """Return the outlines of the parts and then those of the holes, for drawing."""
         parts, holes = _parts_and_holes(self)
-        outlines = [Outline(part._corners()) for part in parts]
-        return outlines + [Outline(hole._corners()[::-1], hole=True) for hole in holes]
+        outlines = [Contour(part._corners()) for part in parts]
+        return outlines + [Contour(hole._corners()[::-1], hole=True) for hole in holes]
 
     def moved(self, x: float, y: float, angle: float = 0.0) -> Shape:
         """Return the shape turned by `angle` (rad) about the origin and then shifted by `x`, `y` (m).
@@ -239,6 +240,69 @@ class Polygon(Shape):
         if abs(d.sum()) <= _ROUNDING * np.max(following**2):
             area = f"{abs(d.sum()) / 2:.3g} m² (points on a line, or crossing edges)"
             raise ModelError(f"Polygon: area must be positive, got {area}")
+
+    @classmethod
+    def from_svg(cls, path: str | Path, *, scale: float | None = None, tolerance: float | None = None) -> Shape:
+        """Return the shape of the closed outlines of an SVG drawing, by svgelements.
+
+        Outlines inside others are holes, and outlines inside holes are parts again; open lines do not
+        count. The y axis points up, as it is seen.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        scale : float, optional
+            Metres in a pixel; by default the size that the drawing has on paper (0.0254/96).
+        tolerance : float, optional
+            Largest distance of the polygon from curves, m; by default 1e-4 of the size of the drawing.
+
+        Returns
+        -------
+        Shape
+            A polygon, or a sum and difference of polygons.
+
+        Raises
+        ------
+        FileError
+            For a file that cannot be read or holds no closed outline, and without svgelements.
+        """
+        from .outline_files import shape_from_svg
+
+        return shape_from_svg(path, scale, tolerance)
+
+    @classmethod
+    def from_dxf(
+        cls,
+        path: str | Path,
+        *,
+        scale: float | None = None,
+        tolerance: float | None = None,
+        layer: str | None = None,
+    ) -> Shape:
+        """Return the shape of the closed outlines of a DXF drawing, by ezdxf.
+
+        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        scale : float, optional
+            Metres in a unit of the drawing; by default those of the unit that the drawing names.
+        tolerance : float, optional
+            Largest distance of the polygon from curves, m; by default 1e-4 of the size of the drawing.
+        layer : str, optional
+            Layer of the outlines; all layers by default.
+
+        Raises
+        ------
+        FileError
+            For a file that cannot be read, names no unit or holds no closed outline, and without ezdxf.
+        """
+        from .outline_files import shape_from_dxf
+
+        return shape_from_dxf(path, scale, tolerance, layer)
 
     def _corners(self) -> np.ndarray:
         points = np.array(self.points)

@@ -77,7 +77,7 @@ def _jump(part: PhaseSolution) -> BranchJump | None:
 
 
 def _changes_sign(before: np.ndarray, after: np.ndarray) -> bool:
-    """Whether a determinant of dependent coordinates changes its sign though it is far from zero at both poses."""
+    """Return True if a determinant of dependent coordinates changes its sign and is far from zero at both poses."""
     columns = [_dependent(jacobian) for jacobian in (before, after)]
     best = [np.linalg.slogdet(jacobian[:, c]) for jacobian, c in zip((before, after), columns, strict=True)]
     for chosen in columns:

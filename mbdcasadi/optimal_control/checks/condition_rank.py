@@ -18,6 +18,7 @@ from ...equations.numeric import NumericEquations
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
+from ...numerics.least_squares import project_velocity
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows
 
@@ -189,8 +190,7 @@ def _scattered_states(numeric: NumericEquations) -> list[Place]:
         if outcome.converged:
             jacobian, nu = numeric.velocity(t, outcome.x)
             v = v0 + random.uniform(-1, 1, v0.size) * numeric.typical_step
-            scaled = jacobian * numeric.column_scale
-            v -= numeric.column_scale * np.linalg.lstsq(scaled, jacobian @ v - nu, rcond=None)[0]
+            v = project_velocity(jacobian, nu, v, numeric.column_scale**-2)
             states.append((t, outcome.x, v, z0 + random.uniform(-1, 1, z0.size)))
         if len(states) == STATES:
             break

@@ -19,6 +19,7 @@ from ...model.mechanism import Mechanism
 from ...model.symbols import Symbol, symbols_of
 from ...numerics.console import without_warnings
 from ...results.state import State
+from ..guess.free_poses import PosedPlace, free_poses
 from ..phase import Phase, on_states
 from ..placeholders import placeholders_in, with_values
 from .condition_rank import ranks_of
@@ -122,7 +123,7 @@ def check_end(
         with without_warnings():  # the state is not used as a pose: its branch does not matter
             state = consistent_start(ranks.numeric, rows, when, read_signals(eom, None))
     except (AssemblyError, ConditionError) as error:
-        if contradiction:
+        if contradiction and free_poses(problem, phase, ranks.numeric, [PosedPlace(when, rows)]) is None:
             raise ConditionError(f"{name}: the conditions contradict each other or the constraints: {error}") from None
         return  # whether the linkage reaches there is for the solver to find out
     parts = [c.expression.dep(0) if c.expression.n_dep() else ca.SX(0) for c in limits]

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import MechanismError
-from ..nlp.limits import time_of
-from ..nlp.rows import violations
+from ..nlp.limit_sides import LimitSides
+from ..nlp.limits import time_of, variable_bounds
+from ..nlp.rows import OWN_UNIT, violations
 from .expressions import kinks_of, not_finite
 
 if TYPE_CHECKING:
@@ -18,10 +19,12 @@ if TYPE_CHECKING:
 #: Violation of a scaled row from which it is reported.
 VIOLATION_TOLERANCE = 1e-7
 
+#: Share of the largest violation below which others are not said to be in conflict.
+SMALL_SHARE = 1e-3
+
 _MESSAGES = {
-    "Infeasible_Problem_Detected": "the problem is infeasible: no motion near the guess meets all demands "
-    "(starts= tries others)",
-    "Restoration_Failed": "the problem seems infeasible: the solver could not reduce the violation of the demands",
+    "Infeasible_Problem_Detected": "no motion that meets all demands was found near the guess (starts= tries others)",
+    "Restoration_Failed": "no motion that meets all demands was found: the solver could not reduce their violation",
     "Maximum_Iterations_Exceeded": "the solver ran out of iterations (options={'ipopt.max_iter': …})",
     "Invalid_Option": "the solver refuses an option, or lacks what it names (another linear solver?)",
     "Maximum_CpuTime_Exceeded": "the solver ran out of time",
@@ -88,9 +91,13 @@ class OptimizationError(MechanismError):
         The last iterate; it is not a solution.
     reached : Solution or None
         The last solution of a continuation, or of a refinement of the mesh, that did not reach its end.
+    conflict : tuple of Violation
+        Demands that cannot be met together, and by how much they are violated where all violations together are
+        least; empty if the problem was not found to be infeasible.
     """
 
     reached: Any = None
+    conflict: tuple[Violation, ...] = ()
 
     def __init__(self, message: str, *, largest_violations: list[Violation], partial: Any, time: float | None):
         super().__init__(message, time=time, partial=partial)
@@ -132,6 +139,87 @@ def explain_failure(solution: Solution, status: str) -> OptimizationError:
         partial=solution,
         time=wrong[1] if wrong else violations[0].time if violations else None,
     )
+
+
+def infeasible(
+    failure: OptimizationError, solution: Solution, slacks: dict[str, float], starts: int, tolerance: float
+) -> OptimizationError:
+    """Return the error for a problem whose least violation ends above zero.
+
+    Parameters
+    ----------
+    failure : OptimizationError
+        The failure with which the search began.
+    solution : Solution
+        Motion of the least violation.
+    slacks : dict of str to float
+        Its scaled violations by label.
+    starts : int
+        Number of starts from which the violation ended above zero.
+    tolerance : float
+        Scaled violation from which a demand counts as violated.
+    """
+    least = max(tolerance, SMALL_SHARE * max(slacks.values()))
+    conflict = tuple(_conflicts(solution, {label: x for label, x in slacks.items() if x > least}))
+    listed = ", ".join(map(str, conflict[:3])) + ("" if len(conflict) <= 3 else f" and {len(conflict) - 3} more")
+    text = (
+        f"the problem is infeasible: the least violation of its demands, from {starts} starts, is not zero; violated "
+        f"then: {listed}; {_without_message(failure)}"
+    )
+    error = OptimizationError(
+        text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
+    )
+    error.conflict = conflict
+    return error
+
+
+def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationError:
+    """Return the error for a problem whose solution was not found, though it may have one."""
+    text = (
+        f"no solution was found, and the problem may still have one (tried: {'; '.join(stages)}); starts= and guess= "
+        f"look elsewhere; {_without_message(failure)}"
+    )
+    return OptimizationError(
+        text, largest_violations=failure.largest_violations, partial=failure.partial, time=failure.time
+    )
+
+
+def _without_message(failure: OptimizationError) -> str:
+    """What a failure reports besides the message of the solver: from the least met demand on."""
+    text = str(failure)
+    status = _MESSAGES.get(failure.partial.statistics.status, "")
+    return text.removeprefix(status).removeprefix("; ").removeprefix(" ")
+
+
+def _conflicts(solution: Solution, slacks: dict[str, float]) -> list[Violation]:
+    """Violations by label, the largest first; each where it is largest."""
+    program, rows = solution.program, solution.answer.rows
+    sides, found = LimitSides(program, conditions=True).sides, []
+    for label, slack in slacks.items():
+        side = sides[label]
+        above, below = rows[side.rows_above], program.lower[side.rows_below] - rows[side.rows_below]
+        places = [*side.rows_above, *side.rows_below]
+        if places:
+            row = program.rows[places[int(np.argmax(np.r_[above, below]))]]
+            interval = row.interval if row.repeated else None
+            time = time_of(row, solution)
+            found.append(Violation(label, slack * row.size, row.unit, time, interval, row.tau, slack))
+            continue
+        found.append(_of_bound(solution, label, slack))
+    return sorted(found, key=lambda v: -v.scaled)
+
+
+def _of_bound(solution: Solution, label: str, slack: float) -> Violation:
+    """Violation of a limit that is the bound of variables."""
+    size, interval, time, most = 1.0, 0, 0.0, -np.inf
+    for part in solution.phases:
+        for bound in variable_bounds(part.program) if part.mesh.count else ():
+            excess = bound.sign * (solution.variables[bound.place] - bound.value)
+            scale = float(solution.program.scale[bound.place])
+            if bound.label == label and excess / scale > most:
+                most, size, interval = excess / scale, scale, bound.intervals[0]
+                time = float(part.mesh_times[interval])
+    return Violation(label, slack * size, OWN_UNIT, time, interval, 0.0, slack)
 
 
 def violations_of(solution: Solution) -> list[Violation]:

@@ -19,7 +19,7 @@ from .kinematic_guess import KinematicPath
 from .least_squares_loads import LeastSquaresLoads
 
 if TYPE_CHECKING:
-    from ..nlp.motion_program import MotionProgram
+    from ..nlp.collocation_program import CollocationProgram
     from ..nlp.phase_program import PhaseProgram
 
 #: Values by name (``q, v, z, a, lam, u, rate``), each (k, size), at given times.
@@ -30,13 +30,13 @@ Sampler = Callable[[np.ndarray], dict[str, np.ndarray]]
 class Iterate:
     """Variables and multipliers of a program, scaled, on one mesh."""
 
-    program: MotionProgram
+    program: CollocationProgram
     meshes: Sequence[Mesh]
     x: np.ndarray
     lam_x: np.ndarray
     lam_g: np.ndarray
 
-    def belongs_to(self, program: MotionProgram, meshes: Sequence[Mesh]) -> bool:
+    def belongs_to(self, program: CollocationProgram, meshes: Sequence[Mesh]) -> bool:
         """Return True if it is an iterate of a program on a mesh."""
         return self.program is program and all(map(Mesh.is_same, self.meshes, meshes))
 
@@ -116,7 +116,7 @@ class Guess:
         """Times of start, waypoints and end by phase, s."""
         return [phase.segment_times for phase in self.phases]
 
-    def variables(self, program: MotionProgram, meshes: Sequence[Mesh]) -> np.ndarray:
+    def variables(self, program: CollocationProgram, meshes: Sequence[Mesh]) -> np.ndarray:
         """Variables of a program, scaled."""
         x = np.zeros(program.size)
         for guess, phase, mesh in zip(self.phases, program.phases, meshes, strict=True):

@@ -17,7 +17,7 @@ from ...model.conditions import Condition
 from ...numerics.newton import solve
 from ...results.phases import places_in
 from ...results.state import State
-from ..phase import BEYOND_STATES, Phase
+from ..phase import Phase, on_positions
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 
@@ -38,7 +38,7 @@ class KeyPoses:
     parameters : numpy.ndarray
         Values of the free parameters.
     found : bool
-        Whether all conditions on positions are met.
+        True if all conditions on positions are met.
     """
 
     starts: list[np.ndarray]
@@ -135,7 +135,7 @@ class _Search:
                 rows.append(self.value(phase.equations.q - ca.DM(end.q), k, at_end))
                 continue
             conditions = [*end, *phase.path] if at_end or k else [*end]
-            rows += [self.value(c.expression, k, at_end) for c in conditions if _on_positions(c)]
+            rows += [self.value(c.expression, k, at_end) for c in conditions if _is_on_positions(c)]
         return rows
 
     def _relations(self) -> list[ca.SX]:
@@ -143,10 +143,10 @@ class _Search:
         rows, phases = [], self._problem.phases
         for condition in self._problem.boundary:
             marks = placeholders_in(condition.expression)
-            if not condition.equality or any(p.kind == "integral" or not _positions(p.expression) for p in marks):
+            if not condition.equality or any(p.kind == "integral" or not on_positions(p.expression) for p in marks):
                 continue
             rest = with_values(condition.expression, lambda _: 0.0)
-            if not _positions(rest, allow_none=True):
+            if not on_positions(rest, allow_none=True):
                 continue
 
             def value(mark: Placeholder) -> ca.SX:
@@ -168,16 +168,8 @@ class _Search:
         return ca.substitute([expression], symbols, values)[0]
 
 
-def _positions(expression: ca.SX, *, allow_none: bool = False) -> bool:
-    """Return True if an expression contains positions, and nothing that changes besides."""
-    condition = Condition(ca.SX(expression), True, "")
-    if condition.depends_on("velocity", "state", *BEYOND_STATES):
-        return False
-    return allow_none or condition.depends_on("position")
-
-
-def _on_positions(condition: Condition) -> bool:
-    return condition.equality and _positions(condition.expression)
+def _is_on_positions(condition: Condition) -> bool:
+    return condition.equality and on_positions(condition.expression)
 
 
 def key_poses(

@@ -8,7 +8,7 @@ before. A straight line in the coordinates would tear closed loops apart.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,12 +19,13 @@ from ...assembly.pose import LARGEST_TURN, PoseProblem
 from ...equations.numeric import LARGE, NumericEquations
 from ...errors import AssemblyError
 from ...model.conditions import Condition, stacked
+from ...model.symbols import Parameter
 from ...numerics.console import without_warnings
-from ...numerics.least_squares import largest
+from ...numerics.least_squares import largest, least_norm
 from ...numerics.newton import solve
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
-from ..phase import BEYOND_STATES, Phase, contains_any
+from ..phase import BEYOND_STATES, Phase, contains_any, with_parameters
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 from .linear_conditions import straight_path
@@ -47,11 +48,14 @@ class KinematicPath:
         Times of the poses (k,), s.
     poses : numpy.ndarray
         (k, n).
+    complete : bool
+        Whether the linkage was seen to reach all places on the way.
     """
 
     segment_times: np.ndarray
     times: np.ndarray
     poses: np.ndarray
+    complete: bool = True
 
     def pose_at(self, time: float) -> np.ndarray:
         """The pose nearest to a time."""
@@ -66,6 +70,7 @@ def kinematic_path(
     start: State,
     segment_times: np.ndarray,
     target: np.ndarray | None = None,
+    values: Mapping[Parameter, float] | None = None,
 ) -> KinematicPath:
     """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
@@ -83,8 +88,11 @@ def kinematic_path(
         Times of start, waypoints and end, s.
     target : numpy.ndarray, optional
         Pose at the end, in place of the conditions there.
+    values : mapping of Parameter to float, optional
+        Values of the free parameters, in place of their own.
     """
-    extra = problem.extra_parameters(phase)
+    own = {p: p.value for p in problem.extra_parameters(phase)}
+    extra = own if values is None else {p: values[p] for p in own}
     prescribed = phase.differentiated_path_constraints(problem.free_parameters)
     path = _on_positions(phase.path, extra)
     speeds = [c for c in prescribed if c.depends_on("velocity")]
@@ -97,17 +105,19 @@ def kinematic_path(
     else:
         places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
     begin = float(segment_times[0])
-    times, poses = [np.array([begin])], [start.q]
+    times, poses, complete = [np.array([begin])], [start.q], True
     for k, conditions in enumerate(places):
         if conditions or k == len(places) - 1:  # a place without conditions is passed on the way to the next one
             span = np.linspace(begin, segment_times[k + 1], STEPS + 1)
             times.append(span[1:])
             if conditions or not (np.any(start.v) or speeds):
-                poses += _leg(numeric, conditions, path, poses[-1], start.z, span)
+                leg, reached = _leg(numeric, conditions, path, poses[-1], start.z, span)
+                poses += leg
+                complete = complete and reached
             else:
                 poses += _coasting(numeric, path, speeds, start, poses[-1], span)
             begin = float(segment_times[k + 1])
-    return KinematicPath(segment_times, np.concatenate(times), np.array(poses))
+    return KinematicPath(segment_times, np.concatenate(times), np.array(poses), complete)
 
 
 def has_free_path(problem: OptimalControlProblem, phase: Phase) -> bool:
@@ -128,21 +138,22 @@ def _leg(
     q: np.ndarray,
     z: np.ndarray,
     span: np.ndarray,
-) -> list[np.ndarray]:
-    """Poses from one place to the next; the last one is repeated if the linkage does not reach further."""
+) -> tuple[list[np.ndarray], bool]:
+    """Poses from one place to the next, and whether this is reached; if not, the last pose is repeated."""
     rows = [*conditions, *path]
     if not rows and not numeric.eom.nu.numel():
-        return [q] * (span.size - 1)
+        return [q] * (span.size - 1), True
     straight = None if path else straight_path(numeric, conditions, q, z, span)
     if straight is not None:
-        return list(straight)
+        return list(straight), True
     place = PoseProblem(numeric, rows, float(span[0]), z)
     poses = _steps(numeric, place, conditions, path, q, span)
     if len(poses) == span.size - 1:
-        return poses
+        return poses, True
     if not poses:  # if the path ends further on: whether it continues is for the solver to find out
         poses = _to_assembled_pose(numeric, place, q, z, span)
-    return poses + [poses[-1] if poses else q] * (span.size - 1 - len(poses))
+    missing = span.size - 1 - len(poses)
+    return poses + [poses[-1] if poses else q] * missing, not missing
 
 
 def _steps(
@@ -213,20 +224,16 @@ def _coasting(
             jacobian, nu = numeric.velocity(place.t, q)
             slope, missing = (part.full() for part in slopes(place.t, q, v, numeric.p))
             residual = np.r_[jacobian @ v - nu, missing.ravel()]
-            scaled = np.vstack([jacobian, slope]) * numeric.column_scale
-            v = v - numeric.column_scale * np.linalg.lstsq(scaled, residual, rcond=1e-9)[0]
+            v = v - least_norm(np.vstack([jacobian, slope]), residual, numeric.column_scale**-2)
         poses.append(q)
     return poses
 
 
-def _on_positions(conditions: Sequence[Condition], extra: Sequence[Any]) -> list[Condition]:
-    """Equalities in positions, with their own values substituted for parameters that the mechanism does not have."""
+def _on_positions(conditions: Sequence[Condition], extra: Mapping[Parameter, float]) -> list[Condition]:
+    """Equalities in positions, with values substituted for parameters that the mechanism does not have."""
     rows = [c for c in conditions if c.equality and c.depends_on("position")]
     rows = [c for c in rows if not c.depends_on("velocity", *BEYOND_STATES)]
-    if not extra:
-        return rows
-    symbols, values = ca.vertcat(*extra), ca.DM([p.value for p in extra])
-    return [Condition(ca.substitute(c.expression, symbols, values), True, c.label) for c in rows]
+    return with_parameters(rows, list(extra), extra)
 
 
 def _periodic(problem: OptimalControlProblem, phase: Phase, start: State) -> list[Condition]:

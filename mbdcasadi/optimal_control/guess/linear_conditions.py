@@ -15,6 +15,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...equations.reduced import ReducedEquations, reduced_equations
 from ...model.conditions import Condition, stacked
+from ...numerics.least_squares import least_norm
 
 #: Residual of a linear system up to which it counts as solved, relative to its terms.
 LINEAR_TOLERANCE = 1e-12
@@ -53,8 +54,7 @@ def straight_path(
         return None
     first = q[eom.independent]
     matrix, missing = (part.full() for part in system(times[-1], first, z, numeric.p))
-    root = np.sqrt(numeric.weights[eom.independent])
-    step = -np.linalg.pinv(matrix / root, rcond=1e-9) @ missing.ravel() / root
+    step = -least_norm(matrix, missing.ravel(), numeric.weights[eom.independent])
     if not _is_solved(matrix, step, missing.ravel()):
         return None
     fractions = (times[1:] - times[0]) / (times[-1] - times[0])

@@ -16,6 +16,7 @@ from ...numerics.rank import analyse_rank
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
+from ..nlp.setup import PhaseSetup
 from ..nlp.solver import Solver
 from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
@@ -34,8 +35,6 @@ def guesses(solver: Solver, starts: Any, guess: Any) -> list[Guess]:
     if isinstance(starts, int) and not isinstance(starts, bool):
         if starts < 1:
             raise ModelError(f"optimize: starts must be at least 1, got {starts}")
-        if starts > 1 and len(solver.problem.phases) > 1:
-            raise ModelError("optimize: with several phases starts= takes a list of guesses, not a number")
         random = np.random.default_rng(0)
         first = (_usual_guesses(solver) if guess is None else [read_guess(solver, guess)])[:starts]
         return [*first, *[random_detour(solver, random) for _ in range(starts - len(first))]]
@@ -107,15 +106,14 @@ def _value_in(motion: Trajectory, parameter: Any, otherwise: float) -> float:
     return float(np.clip(motion[parameter][-1], parameter.lower, parameter.upper))
 
 
-def _through_poses(setup: Any) -> PhaseGuess:
+def _through_poses(setup: PhaseSetup) -> PhaseGuess:
     if setup.phase.is_instant:
         return PhaseGuess(lambda _times: {}, setup.path.segment_times)
     return kinematic_guess(setup.loads, setup.start, setup.path)
 
 
 def _guess(solver: Solver, phase: PhaseGuess, description: str) -> Guess:
-    values = np.array([p.value for p in solver.problem.free_parameters])
-    return Guess((phase,), values, description)
+    return Guess((phase,), solver.free_values, description)
 
 
 def _usual_guesses(solver: Solver) -> list[Guess]:
@@ -125,8 +123,19 @@ def _usual_guesses(solver: Solver) -> list[Guess]:
     usual, setup = _usual_guess(solver), solver.setups[0]
     if not setup.scheme.eom.is_chain:
         return [usual]
-    at_rest = guess_at_rest(setup.loads, solver.start, solver.path)
-    return [usual, _guess(solver, at_rest, "kinematic, at rest")]
+    return [usual, at_rest(solver)]
+
+
+def at_rest(solver: Solver) -> Guess:
+    """Return the poses of the kinematic motion without speeds."""
+    parts = []
+    for k, setup in enumerate(solver.setups):
+        if setup.phase.is_instant:
+            parts.append(_through_poses(setup))
+        else:
+            start, path = (solver.start, solver.path) if k == 0 else (setup.start, setup.path)
+            parts.append(guess_at_rest(setup.loads, start, path))
+    return Guess(tuple(parts), solver.free_values, "kinematic, at rest")
 
 
 def _usual_guess(solver: Solver) -> Guess:
@@ -153,13 +162,28 @@ def _free_motion(solver: Solver) -> Trajectory | None:
 
 
 def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
-    """The kinematic motion with a detour: a few half waves in the free directions of each pose."""
-    setup, path = solver.setups[0], solver.path
-    numeric, scales = setup.numeric, setup.scales
-    waves = random.integers(1, 4)
+    """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
+    parts, waves = [], []
+    for setup in solver.setups:
+        if setup.phase.is_instant:
+            parts.append(_through_poses(setup))
+            continue
+        part, count = _detour(setup, random)
+        parts.append(part)
+        waves.append(f"{count} half wave{'s' if count > 1 else ''}")
+    if len(parts) > 1:
+        return Guess(tuple(parts), solver.free_values, f"kinematic with detours of {', '.join(waves)}")
+    return _guess(solver, parts[0], f"kinematic with a detour of {waves[0]}")
+
+
+def _detour(setup: PhaseSetup, random: np.random.Generator) -> tuple[PhaseGuess, int]:
+    """The kinematic motion of a phase with a detour, and its number of half waves; the ends stay as they are."""
+    path, numeric, scales = setup.path, setup.numeric, setup.scales
+    waves = int(random.integers(1, 4))
     direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
-    detour = amplitude * np.sin(np.pi * waves * path.times / path.times[-1])
+    times = path.times - path.times[0]
+    detour = amplitude * np.sin(np.pi * waves * times / times[-1])
     moved, before = [], 0.0
     q = path.poses[0]
     for k, (time, pose) in enumerate(zip(path.times.tolist(), path.poses, strict=True)):
@@ -170,8 +194,7 @@ def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    guess = kinematic_guess(setup.loads, solver.start, replace(path, poses=np.array(moved)))
-    return _guess(solver, guess, f"kinematic with a detour of {waves} half wave{'s' if waves > 1 else ''}")
+    return kinematic_guess(setup.loads, setup.start, replace(path, poses=np.array(moved))), waves
 
 
 def best_of(
@@ -196,7 +219,7 @@ def best_of(
     candidates : list of Guess
         Guesses.
     warm : bool
-        Whether the guesses are solutions of nearly the same problem.
+        True if the guesses are solutions of nearly the same problem.
     settle : callable, optional
         Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
         is chosen by what it is on a mesh that holds.

@@ -13,7 +13,7 @@ from ...errors import ModelError
 from ...model.symbols import Parameter
 from ...numerics.real import real_array
 from ..checks.failure import OptimizationError
-from ..nlp.statistics import Step
+from ..nlp.statistics import ContinuationStep
 from ..problem import OptimalControlProblem
 from ..solution import Solution
 
@@ -93,7 +93,7 @@ def by_continuation(steps: list[dict[Any, float]], solve: Callable[..., Solution
         solution, reached = following, remaining.pop(0)
         s = solution.statistics
         labels = {key.label: value for key, value in reached.items()}
-        done.append(Step(labels, solution.cost, s.iterations, s.seconds))
+        done.append(ContinuationStep(labels, solution.cost, s.iterations, s.seconds))
         solution.statistics = replace(s, steps=list(done))
     assert solution is not None
     return solution

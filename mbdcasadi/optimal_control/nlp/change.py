@@ -1,4 +1,4 @@
-"""What joins a phase to the next one in the program: positions go on, velocities jump by impulses."""
+"""Change from a phase to the next one in the program: positions go on, velocities jump by impulses."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..transcription.points import CollocationPoint
 from .phase_program import Block, Edge, PhaseProgram, condition_rows
 from .rows import Rows, stack
 from .setup import PhaseSetup
-from .sparse_program import Piece
+from .sparse_program import MappedBlock
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Change:
         variables = ca.vertcat(begin.unknowns.variables, end.unknowns.variables, impulses, begin.unknowns.free)
         data = ca.vertcat(begin.unknowns.data, end.unknowns.data)
         index = np.r_[begin.index.ravel(), end.index.ravel(), self.index, free_index][:, None]
-        piece = Piece(variables, data, p, stack(groups), ca.SX(0), index)
+        piece = MappedBlock(variables, data, p, stack(groups), ca.SX(0), index)
         return [Block(piece, [g for g in groups if g.labels], ((begin.interval, end.interval),))]
 
     def _rows(self, begin: Edge, end: Edge, impulses: ca.SX) -> list[Rows]:

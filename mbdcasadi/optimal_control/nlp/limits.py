@@ -79,7 +79,7 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     result |= _of_start(solution)
     multipliers = solution.answer.lam_x * program.cost_scale / program.scale
     for part in solution.phases:
-        for bound in _bounds(part.program) if part.mesh.count else ():
+        for bound in variable_bounds(part.program) if part.mesh.count else ():
             value = max(bound.sign * multipliers[bound.place], 0.0)
             for i in bound.intervals:
                 add(bound.label, part, i, value / len(bound.intervals))
@@ -121,7 +121,7 @@ class _Bound:
     intervals: tuple[int, ...]
 
 
-def _bounds(program: PhaseProgram) -> Iterator[_Bound]:
+def variable_bounds(program: PhaseProgram) -> Iterator[_Bound]:
     """Limits that are bounds of variables, one by one."""
     scheme, mechanism, count = program.scheme, program.phase.mechanism, program.count
     n, inputs = scheme.eom.q.numel(), len(mechanism.inputs)
@@ -165,7 +165,7 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
             places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
     x = solution.variables / program.scale
     for part in solution.phases:
-        for bound in _bounds(part.program) if part.mesh.count else ():
+        for bound in variable_bounds(part.program) if part.mesh.count else ():
             slack = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
             if bound.sign * answer.lam_x[bound.place] > slack:
                 for i in bound.intervals:

@@ -21,7 +21,7 @@ from ..transcription.points import CollocationPoint, Interval
 from .rows import OWN_UNIT, Rows, stack
 from .scaling import Sizes, parameter_size
 from .setup import PhaseSetup
-from .sparse_program import Piece
+from .sparse_program import MappedBlock
 
 #: Shortest segment between free times, as a fraction of the typical duration.
 SHORTEST_SEGMENT = 1e-3
@@ -58,17 +58,17 @@ class Block:
 
     Attributes
     ----------
-    piece : Piece
+    piece : MappedBlock
         Expressions and places of the variables.
     groups : list of Rows
         Rows of one copy.
     copies : tuple
         For each copy the intervals that it sees, as (phase, interval); its rows stand on the last one.
     repeated : bool
-        Whether every interval has a copy.
+        True if every interval has a copy.
     """
 
-    piece: Piece
+    piece: MappedBlock
     groups: list[Rows]
     copies: tuple[tuple[tuple[int, int], ...], ...]
     repeated: bool = False
@@ -305,7 +305,7 @@ class PhaseProgram:
             free = np.tile(free_index[:, None], (1, len(intervals)))
             index = np.vstack([self.interval_index(intervals), free])
             variables = ca.vertcat(unknowns.variables, unknowns.free)
-            piece = Piece(variables, unknowns.data, p, stack(groups), cost / cost_scale, index)
+            piece = MappedBlock(variables, unknowns.data, p, stack(groups), cost / cost_scale, index)
             copies = tuple(((self.number, i),) for i in intervals)
             return Block(piece, [g for g in groups if g.labels], copies, **more)
 
@@ -442,7 +442,7 @@ class PhaseProgram:
         times = ca.SX.sym("m", self.time_count)
 
         def block(groups: list[Rows]) -> Block:
-            piece = Piece(times, ca.SX(0, 1), p, stack(groups), ca.SX(0), self.time_index[:, None])
+            piece = MappedBlock(times, ca.SX(0, 1), p, stack(groups), ca.SX(0), self.time_index[:, None])
             return Block(piece, groups, ((),))
 
         durations = [block(self._duration_rows(times))] if begins_late else []
@@ -544,7 +544,7 @@ class InstantProgram(PhaseProgram):
         groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, "final: ")
         variables = ca.vertcat(edge.unknowns.variables, edge.unknowns.free)
         index = np.vstack([edge.index, free_index[:, None]])
-        piece = Piece(variables, edge.unknowns.data, p, stack(groups), ca.SX(0), index)
+        piece = MappedBlock(variables, edge.unknowns.data, p, stack(groups), ca.SX(0), index)
         return [Block(piece, [g for g in groups if g.labels], ((edge.interval,),))]
 
     def time_blocks(self, p: ca.SX) -> list[Block]:

@@ -53,9 +53,9 @@ class Rows:
     units : tuple of str
         Unit of each row.
     equality : bool
-        Whether the rows are zero, or stay below it.
+        True if the rows are zero, or stay below it.
     condition : bool
-        Whether the user stated them: their multipliers are reported.
+        True if the user stated them: their multipliers are reported.
     spans : numpy.ndarray, optional
         Amount by which each limit may fall below zero, in its unit (k,): two-sided limits.
     opposites : tuple of str

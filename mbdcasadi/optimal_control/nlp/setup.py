@@ -44,9 +44,9 @@ class Settings:
     chosen : object
         The transcription as it was given.
     progress : bool
-        Whether progress is shown.
+        True if progress is shown.
     angles : bool
-        Whether open chains are left with their angles alone.
+        True if open chains are left with their angles alone.
     """
 
     transcription: Transcription

@@ -6,17 +6,18 @@ import itertools
 import time as clock
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from ...arguments.inputs import Signals
 from ...arguments.values import pairs_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
-from ...errors import Interrupted, ModelError
+from ...errors import ConditionError, Interrupted, ModelError
 from ...model.conditions import Condition
 from ...numerics.console import interruptible, quiet
 from ...numerics.least_squares import largest
@@ -24,7 +25,8 @@ from ...numerics.symbolic import numeric_work
 from ...results.state import State
 from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
-from ..guess.guess import Guess
+from ..guess.free_poses import FreePoses, PosedPlace, free_poses, places_of
+from ..guess.guess import Guess, Iterate
 from ..guess.key_poses import key_poses
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..phase import Phase, read_state_or_conditions
@@ -32,13 +34,17 @@ from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
 from .change import ChangeSetup, numeric_at
+from .collocation_program import CollocationProgram, Held
+from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
-from .motion_program import Held, MotionProgram
+from .limit_sides import Bounds, LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
 from .solver_callback import SolverCallback
 from .start import check_start, first_state
 from .statistics import Answer, SolveStatistics
 
+#: Options of CasADi for solvers whose failures are reported by their status.
+QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
 #: Options of IPOPT that were measured best on these programs.
 DEFAULTS = {
     "ipopt.print_level": 0,
@@ -112,6 +118,28 @@ class BestSoFar:
         return Interrupted(f"stopped by the user; {more}", partial=partial)
 
 
+@dataclass(frozen=True)
+class Beginning:
+    """What a solve on a mesh begins with: program, guess, variables and data, scaled, bounds, and the time, s."""
+
+    program: CollocationProgram
+    meshes: Sequence[Mesh]
+    guess: Guess
+    iterate: Iterate | None
+    x: np.ndarray
+    data: np.ndarray
+    bounds: Bounds
+    began: float
+
+
+class Run(NamedTuple):
+    """The last iterate of the solver, whether it is an optimum, and whether the user stopped."""
+
+    solution: Solution
+    succeeded: bool
+    interrupted: bool
+
+
 class Solver:
     """A problem with its parameters and its start, ready to be solved on meshes.
 
@@ -161,16 +189,56 @@ class Solver:
             for phase in problem.phases
         ]
         numerics = [setup.numeric for setup in read]
-        self.start = first_state(problem, first, numerics[0], self.initial, read[0].signals)
+        #: values of the free parameters to begin with
+        self.free_values = np.array([p.value for p in problem.free_parameters])
+        self.start = self._first_state(numerics, read[0].signals)
         if isinstance(self.initial, State):
             check_start(problem, first, numerics[0], self.initial)
         self.changes: list[ChangeSetup] = []
-        #: values of the free parameters to begin with
-        self.free_values = np.array([p.value for p in problem.free_parameters])
         if len(problem.phases) == 1:
-            self.setups = [self._setup(first, numerics[0])]
+            path = self._free_path(numerics, read[0].signals) if problem.free_parameters else None
+            self.setups = [self._setup(first, numerics[0], path)]
         else:
             self._set_up_phases(numerics)
+
+    def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
+        """First state; with other values of free parameters, which the equations then have, if it needs them."""
+        problem, phase = self.problem, self.problem.phases[0]
+        try:
+            return first_state(problem, phase, numerics[0], self.initial, signals)
+        except ConditionError:
+            if isinstance(self.initial, State):
+                raise
+            poses = free_poses(problem, phase, numerics[0], [PosedPlace(0.0, self.initial)])
+            if poses is None:
+                raise
+        self._take(poses, numerics)
+        return first_state(problem, phase, numerics[0], self.initial, signals, poses)
+
+    def _take(self, poses: FreePoses, numerics: list[NumericEquations]) -> None:
+        """Take values of the free parameters over into the equations."""
+        self.free_values = np.array([poses.values[p] for p in self.problem.free_parameters])
+        numerics[:] = [numeric_at(numeric, poses.values) for numeric in numerics]
+
+    def _free_path(self, numerics: list[NumericEquations], signals: Signals) -> KinematicPath:
+        """Poses of the only phase; with other values of free parameters if a place is not reached without."""
+        problem, phase = self.problem, self.problem.phases[0]
+        times = phase.segment_times(typical_duration(phase))
+
+        def path() -> KinematicPath:
+            values = dict(zip(problem.free_parameters, self.free_values.tolist(), strict=True))
+            return kinematic_path(problem, phase, numerics[0], self.start, times, values=values)
+
+        first = path()
+        if first.complete:
+            return first
+        poses = free_poses(problem, phase, numerics[0], places_of(phase, self.initial, times))
+        if poses is None:
+            return first
+        self._take(poses, numerics)
+        if not isinstance(self.initial, State):
+            self.start = first_state(problem, phase, numerics[0], self.initial, signals, poses)
+        return path()
 
     def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
         """Setups of phases that follow each other, with key poses that were assembled together."""
@@ -217,9 +285,9 @@ class Solver:
             check_end(self.problem, phase, "initial", conditions)
         return conditions
 
-    def _setup(self, phase: Phase, numeric: NumericEquations) -> PhaseSetup:
+    def _setup(self, phase: Phase, numeric: NumericEquations, path: KinematicPath | None) -> PhaseSetup:
         """Setup of a phase; starts that are given as states share one."""
-        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial)
+        make = partial(PhaseSetup, self.problem, phase, self.settings, numeric, self.start, self.initial, path)
         if not isinstance(self.initial, State):
             return make()
         key = phase, self.settings.key, numeric.p.tobytes()
@@ -234,15 +302,26 @@ class Solver:
         return kinematic_path(self.problem, setup.phase, setup.numeric, self.start, setup.path.segment_times)
 
     # --- one mesh -------------------------------------------------------------------------
-    def transcribe(self, meshes: Sequence[Mesh]) -> MotionProgram:
+    def transcribe(self, meshes: Sequence[Mesh]) -> CollocationProgram:
         """Return the program for a number of intervals, made once and kept."""
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
         key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts, self.held
-        make = partial(MotionProgram, self.problem, self.setups, meshes, self.changes, self.held)
+        make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
-    def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False) -> Solution:
+    def solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool = False, limit: int | None = None) -> Solution:
         """Solve on a mesh, and again if the solution passes path limits between the points at which they are held.
+
+        Parameters
+        ----------
+        meshes : sequence of Mesh
+            Meshes by phase.
+        guess : Guess
+            Guess.
+        warm : bool
+            Whether the guess is a solution of nearly the same problem.
+        limit : int, optional
+            Largest number of iterations.
 
         Raises
         ------
@@ -253,7 +332,7 @@ class Solver:
         """
         if guess.iterate is not None:
             self.held = tuple(sorted({*self.held, *guess.iterate.program.held}))
-        solution = self._solve(meshes, guess, warm=warm)
+        solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
             more = points_to_hold(solution) if passed > LIMIT_TOLERANCE else set()
@@ -276,7 +355,7 @@ class Solver:
         except OptimizationError:
             return None
 
-    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool) -> Solution:
+    def _solve(self, meshes: Sequence[Mesh], guess: Guess, *, warm: bool, limit: int | None = None) -> Solution:
         """Solve on a mesh.
 
         Raises
@@ -286,72 +365,169 @@ class Solver:
         Interrupted
             After Ctrl-C.
         """
-        began = clock.perf_counter()
-        program = self.transcribe(meshes)
-        iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
-        lower, upper = program.bounds(self.start)
-        x0 = np.clip(iterate.x if iterate else guess.variables(program, meshes), lower, upper)
-        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
-        if program.has_integrals and not iterate:
-            x0 = program.with_integrals(x0, _rows(program, x0, data))
+        begin = self._beginning(meshes, guess)
+        program, iterate = begin.program, begin.iterate
         warmth = ("hot" if iterate else "warm") if warm else "cold"
-        if warmth == "warm" and program.violation(_rows(program, x0, data)) > WARM_VIOLATION:
+        x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
+        if warmth == "warm" and program.violation(_rows(program, x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
-        with self._lent_solver(program, warmth) as (solver, callback):
-            built = clock.perf_counter()
-            arguments = dict(x0=x0, p=data, lbx=lower, ubx=upper, lbg=program.lower, ubg=0.0)
-            arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-            with interruptible(raising=False) as interruption:
-                with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
-                    answer = solver(**arguments)
-                stats = solver.stats()
-                seconds = clock.perf_counter() - began
-                # CasADi leaves the count open if IPOPT refuses to begin
-                iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
-                statistics = SolveStatistics(
-                    iterations, status, seconds, built - began, program.size, program.lower.size
-                )
-                # IPOPT relaxes bounds by the last digits; a mass must not become negative
-                answer["x"] = np.clip(answer["x"].full().ravel(), lower, upper)
-                solution = self._solution(program, meshes, guess, answer, statistics)
-                error = self._other_branch(solution) if stats["success"] else explain_failure(solution, status)
-                if error is None:
-                    self.best.add(solution)
-                else:
-                    self.best.iterate = solution
-        if interruption.requested:
+        options = {} if limit is None else {"ipopt.max_iter": limit}
+        run = self._run(begin, begin.bounds, warmth, iterate, options)
+        solution, status = run.solution, run.solution.statistics.status
+        error = self._other_branch(solution) if run.succeeded else explain_failure(solution, status)
+        if error is None:
+            self.best.add(solution)
+        else:
+            self.best.iterate = solution
+        if run.interrupted:
             raise self.best.interrupted()
         if error is not None:
             raise error
         return solution
 
+    # --- limits that yield ------------------------------------------------------------------
+    def solve_loosened(
+        self, meshes: Sequence[Mesh], guess: Guess, amounts: dict[str, float] | None, limit: int
+    ) -> tuple[Solution, dict[str, float], bool]:
+        """Solve with limits that may be passed: no solution of the problem, but perhaps a guess for one.
+
+        Parameters
+        ----------
+        meshes : sequence of Mesh
+            Meshes by phase.
+        guess : Guess
+            Guess.
+        amounts : dict of str to float, optional
+            Scaled amounts by which limits may be passed, by label; without any limit if it is left out.
+        limit : int
+            Largest number of iterations.
+
+        Returns
+        -------
+        Solution, dict of str to float, bool
+            The last iterate, scaled amounts by which it passes limits, and whether the solver succeeded.
+
+        Raises
+        ------
+        Interrupted
+            After Ctrl-C.
+        """
+        begin = self._beginning(meshes, guess)
+        sides = LimitSides(begin.program)
+        loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
+        warmth = "cold" if begin.iterate is None else "warm"
+        run = self._run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
+        self._keep_iterate(run)
+        x = run.solution.variables / begin.program.scale
+        return run.solution, sides.excess(begin.bounds, x, run.solution.answer.rows), run.succeeded
+
+    def least_violation(self, meshes: Sequence[Mesh], guess: Guess) -> tuple[Solution, dict[str, float], bool]:
+        """Look for the motion near a guess that violates limits and conditions least.
+
+        Returns
+        -------
+        Solution, dict of str to float, bool
+            The last iterate, its scaled violations by label, and whether the solver succeeded.
+
+        Raises
+        ------
+        Interrupted
+            After Ctrl-C.
+        """
+        begin = self._beginning(meshes, guess)
+        program = begin.program
+        elastic = ElasticProgram(program, begin.bounds)
+        arguments = elastic.arguments(begin.x, begin.data, _rows(program, begin.x, begin.data))
+        callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
+        with quiet():
+            solver = elastic.solver(QUIET | DEFAULTS | {"iteration_callback": callback} | self.settings.options)
+        answer, statistics, interrupted = self._call(begin, solver, callback, arguments)
+        x, slacks = elastic.split(answer["x"].full().ravel())
+        x = np.clip(x, *elastic.limits)
+        rows = _rows(program, x, begin.data)
+        zeros = {"lam_x": np.zeros(x.size), "lam_g": np.zeros(rows.size)}
+        cost = program.nlp.evaluate(x, begin.data)[0]
+        solution = self._solution(begin, zeros | {"x": x, "g": rows, "f": cost}, statistics)
+        run = Run(solution, bool(solver.stats()["success"]), interrupted)
+        self._keep_iterate(run)
+        return solution, slacks, run.succeeded
+
+    def _keep_iterate(self, run: Run) -> None:
+        """Keep the last iterate of a solve whose result is no solution; Ctrl-C raises."""
+        self.best.iterate = run.solution
+        if run.interrupted:
+            raise self.best.interrupted()
+
+    # --- one run of the solver --------------------------------------------------------------
+    def _beginning(self, meshes: Sequence[Mesh], guess: Guess) -> Beginning:
+        began = clock.perf_counter()
+        program = self.transcribe(meshes)
+        iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
+        x = iterate.x if iterate else guess.variables(program, meshes)
+        lower, upper = program.bounds(self.start)
+        data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
+        if program.has_integrals and not iterate:
+            x = program.with_integrals(x, _rows(program, np.clip(x, lower, upper), data))
+        bounds = Bounds(lower, upper, program.lower, np.zeros(program.lower.size))
+        return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
+
+    def _run(
+        self,
+        begin: Beginning,
+        bounds: Bounds,
+        warmth: str,
+        iterate: Iterate | None,
+        options: dict[str, Any] | None = None,
+    ) -> Run:
+        """Run IPOPT between bounds, from the multipliers of an iterate if there is one."""
+        arguments: dict[str, Any] = {
+            "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
+            "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
+        }  # fmt: skip
+        arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
+        with self._lent_solver(begin.program, warmth, options or {}) as (solver, callback):
+            answer, statistics, interrupted = self._call(begin, solver, callback, arguments)
+            succeeded = bool(solver.stats()["success"])
+        # IPOPT relaxes bounds by the last digits; a mass must not become negative
+        answer["x"] = np.clip(answer["x"].full().ravel(), bounds.lower, bounds.upper)
+        return Run(self._solution(begin, answer, statistics), succeeded, interrupted)
+
+    def _call(
+        self, begin: Beginning, solver: ca.Function, callback: SolverCallback, arguments: dict[str, Any]
+    ) -> tuple[dict[str, Any], SolveStatistics, bool]:
+        """Answer of the solver, what it took, and whether the user stopped it."""
+        built = clock.perf_counter()
+        with interruptible(raising=False) as interruption:
+            with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
+                answer = solver(**arguments)
+            stats = solver.stats()
+            seconds = clock.perf_counter() - begin.began
+            # CasADi leaves the count open if IPOPT refuses to begin
+            iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+        sizes = begin.program.size, begin.program.lower.size
+        statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+        return answer, statistics, interruption.requested
+
     def _lent_solver(
-        self, program: MotionProgram, warmth: str
+        self, program: CollocationProgram, warmth: str, more: dict[str, Any]
     ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
-        """A compiled solver of a program, and its callback."""
-        options = self.settings.options
+        """A compiled solver of a program, and its callback; options of the user prevail."""
+        options = more | self.settings.options
         key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
         return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
 
-    def _solution(
-        self,
-        program: MotionProgram,
-        meshes: Sequence[Mesh],
-        guess: Guess,
-        answer: dict[str, Any],
-        statistics: SolveStatistics,
-    ) -> Solution:
+    def _solution(self, begin: Beginning, answer: dict[str, Any], statistics: SolveStatistics) -> Solution:
         x, *rest = (np.array(answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
         return Solution(
             self.problem,
-            program,
+            begin.program,
             self.settings,
             self.initial,
             [setup.numeric.p for setup in self.setups],
-            meshes,
-            guess.segment_times,
-            x * program.scale,
-            float(answer["f"]) * program.cost_scale,
+            begin.meshes,
+            begin.guess.segment_times,
+            x * begin.program.scale,
+            float(answer["f"]) * begin.program.cost_scale,
             statistics,
             Answer(*rest),
         )
@@ -395,20 +571,19 @@ def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:
     return State(phase.mechanism, t, q, v, a, eom.estimate[2], np.zeros(eom.lam.numel()), eom.input_values, p)
 
 
-def _rows(program: MotionProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+def _rows(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
     """Rows of a program at an iterate, scaled."""
     rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
     return rows
 
 
 def _make_solver(
-    program: MotionProgram, settings: dict[str, Any], options: dict[str, Any]
+    program: CollocationProgram, settings: dict[str, Any], options: dict[str, Any]
 ) -> tuple[ca.Function, SolverCallback]:
     """An IPOPT function and its callback; options of the user prevail."""
     callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
-    more: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
     try:
         with quiet():
-            return program.nlp.solver(more | settings | {"iteration_callback": callback} | options), callback
+            return program.nlp.solver(QUIET | settings | {"iteration_callback": callback} | options), callback
     except RuntimeError as error:
         raise ModelError(f"optimize: the solver refuses the options: {error}") from None

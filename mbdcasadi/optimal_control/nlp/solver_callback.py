@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from ...numerics.console import Interruption
+from ...numerics.progress import progress_bar
 from .rows import violations
 
 
@@ -47,16 +48,12 @@ class SolverCallback(ca.Callback):
     def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
         """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
         self.interruption = interruption
-        if show:
-            from tqdm.auto import tqdm
-
-            form = "{desc}: {n} iterations{postfix}"
-            self._bar = tqdm(desc="optimize", unit=" iterations", bar_format=form, file=sys.stderr)
-        try:
-            yield
-        finally:
-            if self._bar is not None:
-                self._bar.close()
+        form = "{desc}: {n} iterations{postfix}"
+        with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
+            self._bar = bar if show else None
+            try:
+                yield
+            finally:
                 self._bar = None
 
     # --- what CasADi calls --------------------------------------------------------------------

@@ -15,7 +15,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Piece:
+class MappedBlock:
     """Rows and cost of one kind, in variables gathered from those of the program.
 
     Attributes
@@ -49,13 +49,13 @@ class SparseProgram:
     ----------
     size : int
         Number of variables.
-    pieces : sequence of Piece
+    pieces : sequence of MappedBlock
         In the order of their rows.
     parameters : casadi.SX
         Shared by all pieces.
     """
 
-    def __init__(self, size: int, pieces: list[Piece], parameters: ca.SX):
+    def __init__(self, size: int, pieces: list[MappedBlock], parameters: ca.SX):
         self.size = size
         self.pieces = pieces
         self._x = ca.MX.sym("x", size)
@@ -102,7 +102,9 @@ class SparseProgram:
         return ca.Function("program", [self._x, self._p], list(self._values), ["x", "p"], ["f", "g"])
 
     # --- values and derivatives --------------------------------------------------------------
-    def _mapped(self, piece: Piece, data: ca.MX, results: list[ca.SX], extra: list[tuple[ca.SX, ca.MX]]) -> list[ca.MX]:
+    def _mapped(
+        self, piece: MappedBlock, data: ca.MX, results: list[ca.SX], extra: list[tuple[ca.SX, ca.MX]]
+    ) -> list[ca.MX]:
         """Results of a piece for all copies, side by side."""
         copies = piece.index.shape[1]
         arguments = [piece.variables, piece.data, piece.parameters, *[symbol for symbol, _ in extra]]

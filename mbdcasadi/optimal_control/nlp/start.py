@@ -14,8 +14,9 @@ from ...errors import AssemblyError, ConditionError
 from ...model.conditions import Condition
 from ...numerics.least_squares import largest
 from ...results.state import State
+from ..guess.free_poses import FreePoses
 from ..guess.linear_conditions import state_by_linear_conditions
-from ..phase import Phase, contains_any, on_states, with_rates
+from ..phase import Phase, contains_any, on_states, with_parameters, with_rates
 from ..problem import OptimalControlProblem
 
 #: Miss of a constraint, or of a path condition that prescribes the motion, up to which a state given as the start
@@ -29,8 +30,24 @@ def first_state(
     numeric: NumericEquations,
     initial: State | Sequence[Condition],
     signals: Signals,
+    poses: FreePoses | None = None,
 ) -> State:
     """Return the state at the start, as far as the initial conditions decide it.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem to which the phase belongs.
+    phase : Phase
+        First phase.
+    numeric : NumericEquations
+        Equations at given parameters; at those of `poses` if these are given.
+    initial : State or sequence of Condition
+        Conditions at the start.
+    signals : Signals
+        The inputs.
+    poses : FreePoses, optional
+        Values of the free parameters, and the first pose, that were found together.
 
     Raises
     ------
@@ -40,14 +57,19 @@ def first_state(
     if isinstance(initial, State):
         return initial
     extra = problem.extra_parameters(phase)
-    conditions = [c for c in on_states(initial) if not contains_any(c.expression, extra)]
+    conditions = on_states(initial)
+    if poses is None:
+        conditions = [c for c in conditions if not contains_any(c.expression, extra)]
+    else:
+        conditions = with_parameters(conditions, extra, poses.values)
     prescribed = with_rates(phase.differentiated_path_constraints(problem.free_parameters))
     z = phase.equations.estimate[2]
     state = state_by_linear_conditions(numeric, [*conditions, *prescribed], 0.0, z)
     if state is not None:
         return complete_state(numeric, signals, 0.0, *state, z)
     try:
-        return consistent_start(numeric, [*conditions, *prescribed], 0.0, signals)
+        near = None if poses is None else poses.poses[0]
+        return consistent_start(numeric, [*conditions, *prescribed], 0.0, signals, near)
     except (AssemblyError, ConditionError) as error:
         more = " together with the path conditions that prescribe the motion" if prescribed else ""
         raise ConditionError(f"the initial conditions cannot be met{more}: {error}") from None

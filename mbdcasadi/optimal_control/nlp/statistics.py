@@ -55,7 +55,7 @@ class Pass:
 
 
 @dataclass(frozen=True)
-class Step:
+class ContinuationStep:
     """One step of a continuation.
 
     Attributes
@@ -77,6 +77,28 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Stage:
+    """One stage of a search that went on after a solve had failed.
+
+    Attributes
+    ----------
+    description : str
+        Limits that were kept, or what was minimised.
+    iterations : int
+        Iterations of the solver.
+    status : str
+        Message of the solver.
+    seconds : float
+        Time of building and solving, s.
+    """
+
+    description: str
+    iterations: int
+    status: str
+    seconds: float
+
+
+@dataclass(frozen=True)
 class SolveStatistics:
     """Record of how a solution was found.
 
@@ -94,8 +116,10 @@ class SolveStatistics:
         Results of the starts if there were several.
     passes : list of Pass
         Meshes of the refinement.
-    steps : list of Step
+    steps : list of ContinuationStep
         Values of a continuation, including those inserted in between.
+    stages : list of Stage
+        Stages of a search with limits that close in, if the solver failed at first.
     """
 
     iterations: int
@@ -106,7 +130,8 @@ class SolveStatistics:
     rows: int
     starts: list[Start] = field(default_factory=list)
     passes: list[Pass] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    steps: list[ContinuationStep] = field(default_factory=list)
+    stages: list[Stage] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ class Mesh:
         pieces : numpy.ndarray of int
             Number of pieces into which each interval is split (N,).
         merge : numpy.ndarray of bool
-            Whether an interval is joined with the next one (N,).
+            True if an interval is joined with the next one (N,).
         """
         segments, first = [], 0
         for fractions in self.segments:

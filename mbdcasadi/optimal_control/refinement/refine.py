@@ -146,7 +146,7 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, mer
     order : int
         Order of the scheme: local errors go with the power ``order + 1`` of the length.
     merging : bool
-        Whether intervals may be merged: not after a pass that did not bring the error down.
+        True if intervals may be merged: not after a pass that did not bring the error down.
     """
     pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / (order + 1))), 1, PIECES).astype(int)
     pieces[errors <= tolerance] = 1

@@ -100,7 +100,7 @@ class Transcription(ABC):
         Parameters
         ----------
         lower_degree : bool
-            Whether the degree is to be one less than the stages determine.
+            True if the degree is to be one less than the stages determine.
         """
 
     @abstractmethod

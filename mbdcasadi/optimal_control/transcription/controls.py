@@ -29,10 +29,10 @@ class InputBasis:
     inner : tuple of float
         Points, as ``tau`` from 0 to 1, whose values belong to the interval alone.
     joined : bool
-        Whether the values at both ends count too; they belong to the mesh
+        True if the values at both ends count too; they belong to the mesh
         points, so that the inputs are continuous.
     limited : bool
-        Whether the unknowns are Bernstein coefficients.
+        True if the unknowns are Bernstein coefficients.
     """
 
     name: str
@@ -88,9 +88,9 @@ def input_basis(control: str, inner: tuple[float, ...], joined: bool, *, rates: 
     inner, joined : tuple of float, bool
         The polynomial that suits the transcription.
     rates : bool
-        Whether the problem contains rates of inputs: these must then be continuous.
+        True if the problem contains rates of inputs: these must then be continuous.
     limited : bool
-        Whether inputs have limits.
+        True if inputs have limits.
     """
     if control == "linear":
         return InputBasis(control, (), True)

@@ -38,9 +38,9 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
     numeric : NumericEquations
         Equations at the parameters of the run.
     integrator : Integrator
-        What is to take them.
+        Integrator that takes them.
     redundant : bool
-        Whether rows are dependent.
+        True if rows are dependent.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from ...integrators.compiled import Clock, Dae
 from ..compiled_elements import CompiledElements
 from ..explicit_system import input_of
 
-#: What the equations of a piece depend on: ``t, q, v, z, u, p`` and the rate at which drift decays.
+#: Arguments of the equations of a piece: ``t, q, v, z, u, p`` and the rate at which drift decays.
 Arguments = tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]
 
 
@@ -27,9 +27,9 @@ class Formulation(ABC):
     name : str
         Its name in the statistics of a run.
     is_algebraic : bool
-        Whether accelerations and multipliers are unknowns of the integrator.
+        True if accelerations and multipliers are unknowns of the integrator.
     tolerates_redundancy : bool
-        Whether rows may depend on each other.
+        True if rows may depend on each other.
     """
 
     name: ClassVar[str]

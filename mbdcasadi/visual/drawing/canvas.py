@@ -18,6 +18,10 @@ MOVE, LINE, CLOSE = 1, 2, 79
 LOWEST, STEP = 2.0, 0.5
 
 
+#: Size of names, points: they are read where a drawing stands in a column.
+NAME = 9.5
+
+
 class Canvas:
     """Artists of a scene in axes.
 
@@ -30,7 +34,7 @@ class Canvas:
     strength : float, default 1
         Opacity; below 1 for poses behind another one.
     still : bool, default True
-        Whether marks of the ground are drawn.
+        True if marks of the ground are drawn.
     """
 
     def __init__(self, axes: Axes, scene: Scene, strength: float = 1.0, still: bool = True):
@@ -39,7 +43,7 @@ class Canvas:
 
         self.scene = scene
         self._marks = [m for m in scene.marks if still or not (m.layer == GROUND or m.frame == 0)]
-        self._patches, self._codes, self._texts = [], [], []
+        self._patches, self._codes, self._texts, self._leaders = [], [], [], []
         for order, mark in enumerate(self._marks):
             fill, stroke = colours_of(STYLES[mark.style], mark.body, LIGHT, BODIES_LIGHT)
             style = STYLES[mark.style]
@@ -61,11 +65,12 @@ class Canvas:
             self._codes.append(codes)
         for label in scene.labels:
             self._texts.append(_text(axes, label))
+            self._leaders.append(_leader(axes, label))
 
     @property
     def artists(self) -> list[Any]:
         """All artists, to be drawn apart from what stays."""
-        return [*self._patches, *self._texts]
+        return [*self._patches, *self._texts, *filter(None, self._leaders)]
 
     def show(self, pose: np.ndarray) -> None:
         """Move everything to a pose (frames, 4)."""
@@ -73,9 +78,11 @@ class Canvas:
 
         for mark, patch, codes in zip(self._marks, self._patches, self._codes, strict=True):
             patch.set_path(Path(vertices(mark, pose[mark.frame]), codes))
-        for label, text in zip(self.scene.labels, self._texts, strict=True):
+        for label, text, leader in zip(self.scene.labels, self._texts, self._leaders, strict=True):
             (place,) = placed(np.array([label.point]), pose[label.frame])
             text.xy = tuple(place)
+            if leader is not None:
+                leader.xy = tuple(place)
 
 
 def _codes(mark: Mark) -> np.ndarray:
@@ -101,8 +108,19 @@ def _text(axes: Axes, label: Any) -> Any:
 
     return axes.annotate(
         label.text, (0, 0), xytext=label.shift, textcoords="offset points", ha="center", va="center",
-        fontsize="small", fontstyle="italic" if label.body else "normal",
-        color=LIGHT["ink" if label.body else "muted"],
+        fontsize=NAME, fontstyle="italic" if label.body else "normal",
+        color=LIGHT["ink" if label.body else "ground"],
         path_effects=[withStroke(linewidth=2.5, foreground=LIGHT["paper"])],
         zorder=LOWEST + 9 * STEP, annotation_clip=True, parse_math=False,
+    )  # fmt: skip
+
+
+def _leader(axes: Axes, label: Any) -> Any:
+    """A thin line from a point to its name, with a dot at the point; None if the name is beside it."""
+    if label.leader is None:
+        return None
+    return axes.annotate(
+        "", (0, 0), xytext=label.leader, textcoords="offset points", annotation_clip=True,
+        arrowprops=dict(arrowstyle="-", color=LIGHT["muted"], linewidth=0.7, shrinkA=0, shrinkB=0),
+        zorder=LOWEST + 9 * STEP - 1e-3,
     )  # fmt: skip

@@ -10,12 +10,13 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...model.bodies import Body, Marker, ground
+from ...model.joints.gears import Gear
 from ...model.joints.lower_pairs import Translational
 from ..symbols import glyph, glyph_of
 from . import lines, scene
 from .labels import wrapped
 from .loads import draw_loads, draw_velocities
-from .outlines import points_on, shape_loops
+from .outlines import on_material, points_on, shape_loops
 from .pen import Pen
 from .sample import Sample
 from .scene import Label, Scene
@@ -35,9 +36,9 @@ class Options:
     trace : tuple of Marker or casadi.SX
         Points whose path is drawn.
     tooltips : bool
-        Whether items carry numbers.
+        True if items carry numbers.
     velocities : bool
-        Whether velocities of the centres of mass are drawn, as a group that can be left out.
+        True if velocities of the centres of mass are drawn, as a group that can be left out.
     """
 
     forces: bool = False
@@ -63,7 +64,7 @@ def compose(sample: Sample, options: Options) -> tuple[Scene, dict[str, float]]:
     sample : Sample
         The times; places that parts take over all of them shape guides, racks and the size of symbols.
     options : Options
-        What is drawn.
+        Mechanism that is drawn.
 
     Returns
     -------
@@ -179,11 +180,15 @@ def _names(pen: Pen) -> None:
     for body in mechanism.bodies:
         points = points_on(body, mechanism.joints, pen)
         middle = points.mean(axis=0) if len(points) > 1 and body.shape is None else np.zeros(2)
+        middle = on_material(pen.loops.get(body, ()), middle)
         pen.scene.labels.append(Label(pen.of_body(body).number, tuple(middle), body.name))
     named: dict[tuple, tuple[Marker, list[str]]] = {}
     for joint in mechanism.joints:
         markers = getattr(joint, "markers", ())
-        if markers:
+        if isinstance(joint, Gear):
+            frame = pen.at(_mesh_point(joint, pen))
+            pen.scene.labels.append(Label(frame.number, (0.0, 0.0), joint.name, False))
+        elif markers:
             # a slider is named at its block, not at the start of its guide
             marker = next((m for m in reversed(markers) if not m.body.is_ground), markers[0])
             place = tuple(np.round(pen.first(marker.position) / u, 2))
@@ -191,3 +196,11 @@ def _names(pen: Pen) -> None:
     for marker, names in named.values():
         frame = pen.on(marker)
         pen.scene.labels.append(Label(frame.number, (frame.shift[0], frame.shift[1]), wrapped(names), False))
+
+
+def _mesh_point(joint: Gear, pen: Pen) -> ca.SX:
+    """Point (2,) at which two gears mesh, m: on the line of their centres, at the pitch radius of the first."""
+    apart = joint.b.position - joint.a.position
+    outside = joint.internal and pen.number(joint.radius_a) < pen.number(joint.radius_b)
+    side = -1 if outside else 1  # a gear inside a ring touches it on the side away from the ring's centre
+    return joint.a.position + side * joint.radius_a * apart / ca.norm_2(apart)

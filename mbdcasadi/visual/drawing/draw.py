@@ -58,10 +58,10 @@ def draw(
     axes : matplotlib.axes.Axes, optional
         Axes to draw into; by default those of a new figure.
     forces : bool, default False
-        Whether reactions (green), all applied forces (red) and weights (grey) are
+        True if reactions (green), all applied forces (red) and weights (grey) are
         drawn, to scale; forces of :class:`Force` elements always are.
     names, frames, centroids : bool, default False
-        Whether bodies and joints are named, and the axes of bodies and their centres of mass drawn.
+        True if bodies and joints are named, and the axes of bodies and their centres of mass drawn.
     trace : sequence of Marker, Body or expression (2,)
         Points whose path is drawn, of a motion.
     poses : int, optional

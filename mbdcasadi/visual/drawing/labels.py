@@ -15,14 +15,20 @@ import numpy as np
 from .scene import Label, Mark, Scene, placed
 
 #: Height of a line of text and mean width of a letter, points; side of a cell in which lines are looked for.
-LINE, LETTER, CELL = 11.5, 5.0, 1.5
+LINE, LETTER, CELL = 13.0, 5.6, 1.5
 #: Directions from a point, the usual ones first, and distances, points, of a name from its point.
-WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1]])
-DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0)
-#: What is bad: a line across a name, the share of it that lies on other names, that is cut off, a point of distance.
-ON_LINES, ON_NAMES, CUT_OFF, FAR = 1.0, 6.0, 30.0, 0.03
-#: Poses of a motion that are looked at, and letters to a line of several names.
-POSES, LETTERS = 7, 22
+WAYS = np.array([[1, -1], [1, 1], [-1, 1], [-1, -1], [1, 0], [-1, 0], [0, 1], [0, -1],
+                 [1, 0.5], [1, -0.5], [-1, 0.5], [-1, -0.5], [0.5, 1], [-0.5, 1], [0.5, -1], [-0.5, -1]])  # fmt: skip
+DISTANCES = (6.0, 9.0, 13.0, 18.0, 25.0, 34.0, 46.0, 60.0, 78.0, 100.0, 125.0)
+#: Distance of a name from its point, points, from which on a line leads from one to the other.
+LED = 17.0
+#: Penalties: a line across a name, the share of it that lies on other names, that is cut off, a point of distance,
+#: a leader that runs through a name.
+ON_LINES, ON_NAMES, CUT_OFF, FAR, LED_ACROSS = 1.0, 6.0, 30.0, 0.022, 2.0
+#: Places whose leaders are looked at, and where along a leader.
+SHORTLIST, ALONG = 40, np.linspace(0.0, 1.0, 24)[1:, None]
+#: Poses of a motion that are looked at, or two for so many names; letters to a line of several names.
+POSES, MANY, LETTERS = 7, 60, 22
 
 
 def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: float) -> Scene:
@@ -31,7 +37,7 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     Parameters
     ----------
     scene : Scene
-        What is drawn.
+        Drawing to which they belong.
     poses : numpy.ndarray
         (n_t, frames, 4); a name keeps its side of the point over all of them.
     box : numpy.ndarray
@@ -41,10 +47,11 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
     """
     if not scene.labels:
         return scene
-    some = poses[np.unique(np.linspace(0, len(poses) - 1, POSES).round().astype(int))]
-    marks = [mark for mark in scene.marks if mark.group != "loads"]
+    count = POSES if len(scene.labels) < MANY else 2
+    some = poses[np.unique(np.linspace(0, len(poses) - 1, count).round().astype(int))]
+    marks = [mark for mark in scene.marks if not mark.group]
     tables = [_ink(marks, pose, box, scale) for pose in some]
-    taken: list[tuple[np.ndarray, np.ndarray]] = []
+    taken = _Taken(len(some))
     placed_labels: dict[int, Label] = {}
     # joints first: there is less room about them than along a body
     for k in sorted(range(len(scene.labels)), key=lambda k: scene.labels[k].body):
@@ -55,13 +62,57 @@ def with_placed_names(scene: Scene, poses: np.ndarray, box: np.ndarray, scale: f
         shifts, far = _candidates(size, label.body)
         # the name of a body would be taken for that of its neighbour
         cost = (2 if label.body else 1) * FAR * far + sum(
-            _price(point + shifts, size, table, [(c[j], s) for c, s in taken])
+            _price(point + shifts, size, table) + ON_NAMES * taken.shares(j, point + shifts, size)
             for j, (point, table) in enumerate(zip(points, tables, strict=True))
         ) / len(some)
-        best = shifts[int(np.argmin(cost))]
-        taken.append((points + best, size))
-        placed_labels[k] = replace(label, shift=(float(best[0]), float(best[1])))
+        cheap = np.argsort(cost, kind="stable")[:SHORTLIST]
+        crossed = np.array([taken.crossings(points[0], shifts[i], size) for i in cheap])
+        best = shifts[cheap[np.argmin(cost[cheap] + LED_ACROSS * crossed)]]
+        leader = _leader(best, size)
+        taken.add(points, best, size, leader)
+        placed_labels[k] = replace(
+            label,
+            shift=(float(best[0]), float(best[1])),
+            leader=None if leader is None else (float(leader[0]), float(leader[1])),
+        )
     return replace(scene, labels=[placed_labels[k] for k in range(len(scene.labels))])
+
+
+class _Taken:
+    """Names that have their places, over some poses, and the lines that lead to them in the first."""
+
+    def __init__(self, poses: int):
+        self._middles, self._sizes = np.zeros((poses, 0, 2)), np.zeros((0, 2))
+        self._tracks = np.zeros((0, len(ALONG), 2))
+
+    def add(self, points: np.ndarray, shift: np.ndarray, size: np.ndarray, leader: np.ndarray | None) -> None:
+        """Take a place (2,) from points (poses, 2)."""
+        self._middles = np.concatenate([self._middles, (points + shift)[:, None]], axis=1)
+        self._sizes = np.vstack([self._sizes, size])
+        if leader is not None:
+            self._tracks = np.concatenate([self._tracks, (points[0] + ALONG * leader)[None]])
+
+    def shares(self, pose: int, middles: np.ndarray, size: np.ndarray) -> np.ndarray:
+        """Parts (k,) of a name with its middle at places (k, 2) that lie on other names."""
+        common = (size + self._sizes) / 2 - np.abs(middles[:, None] - self._middles[pose])
+        return np.prod(np.clip(common, 0, np.minimum(size, self._sizes)), axis=2).sum(axis=1) / float(np.prod(size))
+
+    def crossings(self, point: np.ndarray, shift: np.ndarray, size: np.ndarray) -> int:
+        """Number of names that the leader of a place runs through, and of leaders that run through the place."""
+        count = np.sum(np.any(np.all(np.abs(self._tracks - point - shift) < size / 2, axis=2), axis=1))
+        end = _leader(shift, size)
+        if end is not None:
+            apart = np.abs((point + ALONG * end)[:, None] - self._middles[0])
+            count = count + np.sum(np.any(np.all(apart < self._sizes / 2, axis=2), axis=0))
+        return int(count)
+
+
+def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
+    """End (2,) of the line that leads from a point to its name, points from it; None if the name is beside it."""
+    gap = np.maximum(np.abs(shift) - size / 2, 0.0)
+    if np.hypot(*gap) < LED:
+        return None
+    return np.clip(np.zeros(2), shift - size / 2, shift + size / 2)
 
 
 def wrapped(names: Sequence[str]) -> str:
@@ -107,19 +158,12 @@ def _dense(points: np.ndarray) -> np.ndarray:
     return np.column_stack([np.interp(at, passed, column) for column in points.T]).astype(int)
 
 
-def _price(
-    middles: np.ndarray, size: np.ndarray, table: np.ndarray, taken: Sequence[tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    """Cost of places (k, 2) of a name."""
+def _price(middles: np.ndarray, size: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Cost of places (k, 2) of a name by the lines that it covers, and what of it is cut off."""
     most = np.array(table.shape) - 1
     low, high = (np.clip(np.round((middles + s * size / 2) / CELL), 0, most).astype(int) for s in (-1, 1))
     lines = table[high[:, 0], high[:, 1]] - table[low[:, 0], high[:, 1]]
     lines = lines - table[high[:, 0], low[:, 1]] + table[low[:, 0], low[:, 1]]
-    area = float(np.prod(size))
     # a row of teeth is no worse than some lines
-    cost = ON_LINES * np.minimum(lines * CELL / LINE, 3.0)
-    cost = cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)
-    for centre, extent in taken:
-        common = np.clip((size + extent) / 2 - np.abs(middles - centre), 0, np.minimum(size, extent))
-        cost = cost + ON_NAMES * np.prod(common, axis=1) / area
-    return cost
+    cost = ON_LINES * np.minimum(lines * CELL / LINE, 5.0)
+    return cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)

@@ -145,7 +145,7 @@ def teeth(radius: float, count: int, phase: float = 0.0, inward: bool = False) -
     phase : float
         Angle of the middle of a tooth (of a gap, if they point inward), rad.
     inward : bool
-        Whether it is the inside of a ring.
+        True if it is the inside of a ring.
     """
     module, pitch = 2 * radius / count, 2 * np.pi / count
     # half widths at root and tip, in parts of the pitch; gaps of a ring are wider, since teeth stand askew in them

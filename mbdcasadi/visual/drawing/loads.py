@@ -13,8 +13,9 @@ from ...model.bodies import Marker
 from . import lines, scene
 from .pen import Pen
 
-#: The longest usual arrow and the radius of the largest usual couple, in parts of the picture's diagonal.
-ARROW, COUPLE = 0.16, 0.07
+#: The longest usual arrow and the radius of the largest usual couple, in parts of the picture's diagonal; the latter in
+#: units at most, so that the couples of a chain of many links do not cover it.
+ARROW, COUPLE, COUPLE_UNITS = 0.16, 0.07, 2.0
 #: Loads below this part of the largest are rounding errors.
 NOISE = 1e-9
 
@@ -30,9 +31,9 @@ class Load:
     value : casadi.SX
         Force (2,), N, or couple (1,), N m.
     style : str
-        "force", "reaction" or "weight".
+        "force", "reaction", "weight", "velocity" or "motion" (of a drive).
     always : bool
-        Whether it is part of the symbol. Other loads are drawn on request, and form the group "loads".
+        True if it is part of the symbol. Other loads are drawn on request, and form the group "loads".
     """
 
     place: Marker | ca.SX
@@ -47,9 +48,9 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     Parameters
     ----------
     pen : Pen
-        What to draw with.
+        Pen to draw with.
     loads : sequence of (element, Load)
-        What is drawn.
+        Loads to draw.
 
     Returns
     -------
@@ -66,7 +67,8 @@ def draw_loads(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> dict[str, float]:
     scale = {}
     # rounding errors of what is zero are no loads: a couple is compared with forces at the size of the picture
     noise = NOISE * float(np.max(values / np.where(couple, diagonal, 1.0)))
-    for kind, which, longest in (("N", ~couple, ARROW), ("N m", couple, COUPLE)):
+    turning = min(COUPLE, COUPLE_UNITS * pen.unit / diagonal)
+    for kind, which, longest in (("N", ~couple, ARROW), ("N m", couple, turning)):
         largest = _usual_largest(values[:, which])
         if largest <= noise * (diagonal if kind == "N m" else 1.0):
             continue

@@ -54,6 +54,15 @@ def _crossings(loop: np.ndarray, x: float) -> list[float]:
     return list(p[:, 1] + (x - p[:, 0]) / (q[:, 0] - p[:, 0]) * (q[:, 1] - p[:, 1]))
 
 
+def on_material(loops: Sequence[np.ndarray], point: np.ndarray) -> np.ndarray:
+    """Return a point of a body, or, if it lies in the hole of a ring, one on the rim above it (2,)."""
+    heights = sorted(h for loop in loops if len(loop) > 2 for h in _crossings(loop, float(point[0])))
+    around = [sum(h > point[1] for h in _crossings(loop, float(point[0]))) % 2 for loop in loops if len(loop) > 2]
+    if sum(around) < 2 or sum(around) % 2:  # not inside both a rim and its hole
+        return point
+    return np.array([point[0], (heights[-1] + heights[-2]) / 2])
+
+
 def points_on(body: Body, elements: Sequence[Any], pen: Pen) -> np.ndarray:
     """Different places of elements on a body (k, 2), in its frame, m."""
     markers = [m for e in elements for m in getattr(e, "markers", ()) if m.body is body]

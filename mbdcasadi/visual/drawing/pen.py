@@ -14,6 +14,9 @@ from . import lines, scene
 from .sample import Sample
 from .scene import Mark, MovingFrame, Scene
 
+#: Mean height of a body above its pin, in parts of the distance, from which on it hides a support on its side.
+HIDES = 0.8
+
 
 class Frame:
     """Frame that marks are put into: a frame of the scene, and a fixed place in it.
@@ -82,7 +85,7 @@ class Pen:
     stands, arrows : set
         Places with a support or a curved arrow.
     hanging : bool
-        Whether the mechanism hangs from its supports.
+        True if the mechanism hangs from its supports.
     traced : tuple of Marker
         Points of bodies whose path is drawn.
     """
@@ -249,18 +252,30 @@ class Pen:
         taken.add(key)
         return new
 
-    def stand(self, frame: Frame) -> None:
-        """Support of a pin on the ground: a triangle on hatching, or under it if the mechanism hangs."""
+    def stand(self, frame: Frame, body: Body | None = None) -> None:
+        """Support of a pin on the ground: a triangle on hatching, or under it if the mechanism, or the body, hangs."""
         place = frame.shift if frame.number == 0 else self.first(self.scene.frames[frame.number].position)
         if not self.is_new(place, self.stands):
             return
-        u, sign = self.unit, -1.0 if self.hanging else 1.0
+        u, sign = self.unit, self._side(place, body)
         upright = Frame(self, frame.number, frame.shift, 0.0)
         feet = np.array([[-1.15, -1.9], [1.15, -1.9]]) * u * sign
         corners = np.array([[0.32, 0.5], [-0.32, 0.5]]) * u * sign
-        upright.area("ground", lines.convex_hull(np.vstack([feet, corners])), layer=scene.GROUND)
+        upright.area("ground", lines.convex_hull(np.vstack([feet, corners])), layer=scene.SUPPORT)
         ends = np.array([[-1.7, -1.9], [1.7, -1.9]]) * u * sign
-        self.hatched(upright, ends[0], ends[1])
+        self.hatched(upright, ends[0], ends[1], layer=scene.SUPPORT)
+
+    def _side(self, place: np.ndarray, body: Body | None) -> float:
+        """Return 1 for a support below a pin and -1 above it: on the side where the body is not, on average."""
+        usual = -1.0 if self.hanging else 1.0
+        if body is None or body.is_ground:
+            return usual
+        away = self.over(body.x, body.y) - place
+        lengths = np.hypot(*away.T)
+        if lengths.min() < self.unit:
+            return usual
+        height = float(np.mean(away[:, 1] / lengths))
+        return float(np.sign(height)) if abs(height) > HIDES else usual
 
     def replaces(self, body: Body, radius: float) -> None:
         """Say that a symbol draws the outline of a body, up to a radius."""

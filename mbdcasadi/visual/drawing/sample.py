@@ -23,8 +23,7 @@ def between(motion: Trajectory, times: np.ndarray) -> Trajectory:
     follows its velocities and accelerations.
     """
     if isinstance(motion, PhasedTrajectory):
-        moved = motion.at(times)
-        return moved.with_absent_bodies(motion.last_seen) if isinstance(moved, PhasedTrajectory) else moved
+        return motion.by_parts(np.asarray(times, float), between).with_absent_bodies(motion.last_seen)
     if motion.interpolates:
         return motion.at(times)
     q, v = hermite(motion.t, motion.q, motion.v, motion.a, times)

@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-#: What lies above what; bodies keep the order of the mechanism.
-GROUND, GUIDE, BODY, TRACE, SLOT, SPRING, PIN, ARROW = range(8)
+#: Layers from the lowest to the highest; bodies keep the order of the mechanism.
+GROUND, GUIDE, BODY, SUPPORT, TRACE, SLOT, SPRING, PIN, ARROW = range(9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,16 +20,16 @@ class Mark:
     Attributes
     ----------
     frame : int
-        Which frame it is fixed in.
+        Frame in which it is fixed.
     loops : tuple of numpy.ndarray
         Points (k, 2) in m, or (k, 4) where they stretch with the frame (see :mod:`lines`); of
         several that are closed, those that run clockwise are holes.
     closed : bool
-        Whether the loops close.
+        True if the loops close.
     style : str
         Key of :data:`style.STYLES`.
     layer : int
-        What lies above what.
+        Layer; higher ones cover lower ones.
     body : int or None
         Number of the body whose colour it has; None for the ground.
     item : int or None
@@ -59,9 +59,11 @@ class Label:
     text : str
         The name, of one line or more.
     body : bool
-        Whether a body is named.
+        True if a body is named.
     shift : tuple of float
         Middle of the text from the point, points of the paper.
+    leader : tuple of float or None
+        End of a line that leads from the point to the text, points of the paper; None if the text is beside its point.
     """
 
     frame: int
@@ -69,6 +71,7 @@ class Label:
     text: str
     body: bool = True
     shift: tuple[float, float] = (0.0, 0.0)
+    leader: tuple[float, float] | None = None
 
 
 @dataclass(eq=False)
@@ -156,9 +159,11 @@ class Scene:
         return replace(self, marks=[mark for mark in self.marks if mark.group != group])
 
     @property
-    def has_arrows(self) -> bool:
-        """True if there are arrows that are to scale."""
-        return any(mark.loops[0].shape[1] == 4 and mark.layer == ARROW for mark in self.marks)
+    def arrow_units(self) -> set[str]:
+        """Units of the arrows to scale that are always shown: those of forces and of torques."""
+        units = {"force": "N", "motion": "N m"}
+        shown = [m for m in self.marks if not m.group and m.layer == ARROW and m.loops[0].shape[1] == 4]
+        return {units[mark.style] for mark in shown if mark.style in units}
 
     def poses(self, sample: Any) -> np.ndarray:
         """Poses (n_t, frames, 4) over the times of a sample: x, y (m), angle (rad), length (m)."""

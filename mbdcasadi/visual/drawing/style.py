@@ -70,6 +70,7 @@ STYLES = {
     "rubber": Style("rubber", "ink", 0.9),
     "tie": Style(None, "muted", 1.0, (4.0, 3.0)),
     "belt": Style(None, "ink", 1.8),
+    "drive": Style(None, "motion", 1.0),
     "motion": Style(None, "motion", 1.8),
     "motion head": Style("motion", "motion", 0.8),
     "force": Style(None, "force", 1.9),

@@ -43,7 +43,7 @@ class Column:
     size : float
         Of what is drawn: its value for the length 1 m, or the angle 1 rad.
     optional : bool
-        Whether it is left out if it is not known.
+        True if it is left out if it is not known.
     index : int
         Its number in the page; -1 if it is not known.
     decimals : int

@@ -41,7 +41,7 @@ class LiveModel:
     initial : sequence of relations, or State
         The start.
     parameters, inputs : sequence, optional
-        What sliders change; by default all parameters and inputs of the mechanism.
+        Symbols that sliders change; by default all parameters and inputs of the mechanism.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class LiveModel:
         Parameters
         ----------
         outputs : casadi.SX
-            What the page shows (k,).
+            Expressions that the page shows (k,).
         """
         eom = self.eom
         entries = _entries(eom.Phi_q)

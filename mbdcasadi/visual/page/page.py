@@ -35,9 +35,9 @@ def page(film: Film, forces: bool) -> str:
     Parameters
     ----------
     film : Film
-        What it shows.
+        Motion that it shows.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     """
     store = Columns(film.motion, float(np.hypot(*(film.box[1] - film.box[0]))))
     data = page_data(film, store, forces) | {"count": len(film.t), "t1": float(film.t[-1])}
@@ -57,7 +57,7 @@ def filled(
     Parameters
     ----------
     data : dict
-        What the scripts read.
+        Data that the scripts read.
     title : str
         Title of the page.
     controls : str
@@ -89,16 +89,16 @@ def filled(
 
 
 def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
-    """What the scripts of a page read: the drawing, the items that one points at, and the plots.
+    """Data for the scripts of a page: the drawing, the items that one points at, and the plots.
 
     Parameters
     ----------
     film : Film
-        What is shown.
+        Motion that is shown.
     store : Columns
         Takes the expressions, and gives them their numbers.
     forces : bool
-        Whether forces are shown from the start.
+        True if forces are shown from the start.
     """
     scene, t = film.scene, film.t
     frames = _frames(film, store)
@@ -117,14 +117,15 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
     packed = store.packed()
     shapes: Shapes = {}
     return {
-        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces,
+        "t0": float(t[0]), "title": film.title, "speed": film.speed, "forces": forces, "names": film.names,
         "digits": film.digits,
         "box": [_short(x) for x in film.box.ravel()], "scale": _scale(film), "traceLayer": SLOT,
         "frames": [frame | {"c": [column.index for column in frame["c"]]} for frame in frames],
         "marks": [_mark(mark, shapes) for mark in scene.marks],
         "shapes": [points for _, points in shapes.values()],
         "labels": [{"f": x.frame, "x": _short(x.point[0]), "y": _short(x.point[1]), "t": x.text.split("\n"),
-                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift]}
+                    "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift],
+                    **({"e": [round(d * PIXELS, 1) for d in x.leader]} if x.leader else {})}
                    for x in scene.labels],
         "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label")}
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
@@ -177,12 +178,13 @@ def _short(value: float) -> float:
 
 def _mark(mark: Mark, shapes: Shapes) -> dict[str, Any]:
     """A mark, and its points among the shapes: links of a chain and their pins are all alike."""
-    points = [[_short(x) for x in loop.ravel()] for loop in mark.loops]
+    points = [[float(f"{x:.5g}") for x in loop.ravel()] for loop in mark.loops]
     number, _ = shapes.setdefault(repr(points), (len(shapes), points))
-    return {
+    described = {
         "f": mark.frame, "s": mark.style, "b": mark.body, "i": mark.item, "l": mark.layer, "c": int(mark.closed),
         "g": mark.group, "k": mark.loops[0].shape[1], "p": number,
     }  # fmt: skip
+    return {key: value for key, value in described.items() if value or key not in ("c", "g")}
 
 
 def _scale(film: Film) -> str:

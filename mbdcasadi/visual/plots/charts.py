@@ -57,7 +57,7 @@ def plot_phase(motions: Any, expressions: Mapping[str, Any]) -> Figure:
     if len(pair) != 2 or any(e.numel() != 1 for e in pair.values()):
         raise MechanismError("plot_phase: takes two scalars {label: expression}, the first across, the second up")
     named = motions if isinstance(motions, Mapping) else {"": motions}
-    figure = Figure(figsize=(5.6, 4.6), layout="constrained")
+    figure = Figure(figsize=(7.2, 4.8), layout="constrained")
     axes, drawn = figure.subplots(), {}
     for k, (name, motion) in enumerate(named.items()):
         colour = SERIES_LIGHT[k % len(SERIES_LIGHT)]
@@ -95,7 +95,7 @@ def plot_energy(motion: Any) -> Figure:
     change = energy.total - energy.total[0]
     position, velocity = violations(run)
     drift = {"|Phi|, m or rad": position} if run.equations.Phi.numel() else {}
-    drift |= {"its rate": velocity} if run.equations.lam.numel() else {}
+    drift |= {"its rate, m/s or rad/s": velocity} if run.equations.lam.numel() else {}
     count = 3 if drift else 2
     figure = Figure(figsize=(7.2, 1.0 + 2.0 * count), layout="constrained")
     stack = list(figure.subplots(count, 1, sharex=True))
@@ -105,7 +105,7 @@ def plot_energy(motion: Any) -> Figure:
     if drift:
         held = {name: np.maximum(values, LEAST_VIOLATION) for name, values in drift.items()}
         stack[2].set_yscale("log")
-        lines_over(stack[2], run, held, "violation")
+        lines_over(stack[2], run, held, "violation of constraints")
     stack[-1].set_xlabel("t, s")
     figure.align_ylabels(stack)
     return figure
@@ -119,7 +119,7 @@ def plot_path(path: EquilibriumPath, expressions: Mapping[str, Any]) -> Figure:
     path : EquilibriumPath
         Result of :func:`equilibrium_path`.
     expressions : dict of str to expression
-        What is drawn, by label; a vector with a line for each component, or scalars by the names of their lines.
+        Expressions, by label; a vector with a line for each component, or scalars by the names of their lines.
 
     Returns
     -------

@@ -18,7 +18,7 @@ from ..drawing.sample import Sample
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: How far the largest motion of a part goes, in parts of the picture's diagonal, and the largest turn, rad.
+#: Largest motion of a part, in parts of the picture's diagonal, and the largest turn, rad.
 REACH, TURN = 0.09, 0.35
 
 

@@ -133,7 +133,10 @@ def _loads(motion: Trajectory) -> Panels:
             drivers = [driver for driver in mechanism.drivers if effort_unit(driver) == unit]
             label = f"{drivers[0].name}, {unit}" if len(drivers) == 1 else f"driver effort, {unit}"
             panels[label] = columns(motion, {driver.name: -driver.multipliers for driver in drivers})
-    panels["input"] = columns(motion, {u.label: u for u in mechanism.inputs})
+    for measure in dict.fromkeys(u.unit for u in mechanism.inputs):
+        inputs = [u for u in mechanism.inputs if u.unit == measure]
+        label = inputs[0].quantity if len(inputs) == 1 else "input" + (f", {measure}" if measure else "")
+        panels[label] = panels.get(label, {}) | columns(motion, {u.label: u for u in inputs})
     energy = motion.energy
     panels["energy, J"] = {"kinetic": energy.kinetic, "potential": energy.potential, "total": energy.total}
     return {label: lines for label, lines in panels.items() if lines}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 #: Times at which curves between mesh points are drawn.
 TIMES = 600
-#: How far beyond the curve of an input a limit may lie to be shown, in parts of the range of the curve.
+#: Largest distance of a limit from the curve of an input at which it is shown, in parts of the range of the curve.
 FAR = 1.0
 #: Letters of the name of a limit: a longer one would leave no room for the curves.
 LABEL = 34
@@ -123,7 +123,7 @@ def _input(axes: Axes, solution: Solution, fine: Any, symbol: Any) -> None:
             low, high = min(low, values.min()), max(high, values.max())
     margin = 0.04 * (high - low)
     axes.set_ylim(low - margin, high + margin)
-    dress(axes, symbol.label, name=True)
+    dress(axes, symbol.quantity, name=True)
 
 
 def _limits(solution: Solution, symbol: Any) -> list[ca.SX]:

@@ -27,7 +27,7 @@ def glyph(element: Any, pen: Pen) -> None:
     element : Element
         A joint, driver or force.
     pen : Pen
-        What to draw with.
+        Pen to draw with.
 
     Examples
     --------
@@ -51,7 +51,7 @@ class Glyph:
     element : Body or Element
         The element.
     pen : Pen
-        What to draw with.
+        Pen to draw with.
 
     Examples
     --------

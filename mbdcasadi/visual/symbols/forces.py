@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from ...model.forces.applied import Force, Torque
 from ...model.forces.field import FieldForce, Gravity
 from ...model.forces.friction.joint_friction import FrictionInJoint
 from ...model.forces.motors import DCMotor
+from ...model.joints.lower_pairs import Revolute
+from ..drawing import lines, scene
 from ..drawing.loads import Load
 from .base import Glyph, Hidden
-from .motions import pivot_of, sense, turning
+from .lower_pairs import rubbing_edge
+from .motions import pivot_of
 
 
 class ForceGlyph(Glyph, of=Force):
@@ -30,16 +34,18 @@ class ForceGlyph(Glyph, of=Force):
 
 
 class TorqueGlyph(Glyph, of=(Torque, DCMotor)):
-    """A curved arrow about the pin that the couple turns."""
+    """A ring about the pin that the couple turns; the arrow, which is to scale, comes with the loads."""
 
     def draw(self) -> None:
-        """Draw the arrow."""
-        turning(self.pen, self.element.body, self.element.bodies, sense(self.pen, self.element.torque))
+        """Draw the ring."""
+        pivot = pivot_of(self.pen, self.element.body, self.element.bodies)
+        if self.pen.is_new(self.pen.first(pivot.position), self.pen.arrows):
+            self.pen.on(pivot).area("drive", lines.circle((0, 0), 1.1 * self.pen.unit), layer=scene.SLOT)
 
     def loads(self) -> list[Load]:
-        """Return the couple."""
+        """Return the couple, which is drawn in any case."""
         pivot = pivot_of(self.pen, self.element.body, self.element.bodies)
-        return [Load(pivot, ca.SX(self.element.torque), "force")]
+        return [Load(pivot, ca.SX(self.element.torque), "motion", always=True)]
 
     def tooltip(self) -> dict[str, ca.SX]:
         """Return the couple."""
@@ -63,5 +69,27 @@ class GravityGlyph(Hidden, of=Gravity):
         return [Load(body.at(0, 0), ca.SX(body.mass) * g, "weight") for body in bodies]
 
 
-class FrictionGlyph(Hidden, of=FrictionInJoint):
-    """Friction in a joint, which is drawn itself."""
+class FrictionGlyph(Glyph, of=FrictionInJoint):
+    """A brake shoe at the pin, or between the block and its guide."""
+
+    def draw(self) -> None:
+        """Draw the shoe."""
+        pen, joint, u = self.pen, self.element.joint, self.pen.unit
+        frame = pen.on(joint.b if joint.a.body.is_ground else joint.a)
+        if isinstance(joint, Revolute):
+            inner, outer = (lines.arc(r * u, np.pi / 5, 0.6 * np.pi) for r in (0.7, 1.3))
+            frame.area("rubber", np.vstack([outer, inner[::-1]]), layer=scene.PIN)
+        else:
+            edge = rubbing_edge(pen, joint)
+            frame.area("rubber", lines.rectangle((-1.3 * u, edge), (1.3 * u, edge + 0.6 * u)), layer=scene.PIN)
+
+    def loads(self) -> list[Load]:
+        """Return no arrow: what acts is in the tooltip."""
+        return []
+
+    def tooltip(self) -> dict[str, ca.SX]:
+        """Return friction along the sliding, unless it is a multiplier that is not known."""
+        if self.element.modes and not self.pen.sample.has_multipliers:
+            return {}
+        turns = isinstance(self.element.joint, Revolute)
+        return {"friction, N m": self.element.torque} if turns else {"friction, N": self.element.force}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...model.bodies import Marker
 from ...model.joints.lower_pairs import Distance, PointOnLine, Revolute, Translational, Weld
 from ..drawing import lines, scene
-from ..drawing.outlines import local_outlines, sections
+from ..drawing.outlines import local_outlines, points_on, sections
 from ..drawing.pen import Frame, Pen
 from .base import glyph
 
@@ -20,9 +22,9 @@ ROD = 3.0
 @glyph.register
 def revolute(joint: Revolute, pen: Pen) -> None:
     """A circle, on a stand if it is on the ground."""
-    for marker in joint.markers:
+    for marker, other in (joint.markers, joint.markers[::-1]):
         if marker.body.is_ground:
-            pen.stand(pen.on(marker))
+            pen.stand(pen.on(marker), other.body)
     pen.pin(pen.on(joint.b if joint.a.body.is_ground else joint.a))
 
 
@@ -73,11 +75,21 @@ def block_on_rail(pen: Pen, marker: Marker, rail: Frame, low: float, high: float
         pen.replaces(body, BLOCK[1] * u)
         loops = [block]
     back, front, bottom, top = sections(loops)
-    if body.shape is not None and front - back > ROD * (top - bottom):
+    if (rod := _rod_through(loops)) is not None:
+        _two_sleeves(rail, pen, rod, (low, high))
+    elif body.shape is not None and front - back > ROD * (top - bottom):
         _sleeve(rail, pen, (max(high + back, low + back), low + front), bottom, top)
     else:
         margin = 1.2 * u if high - low > u else 0.45 * (front - back) + u
         _rail(rail, pen, (low + back - margin, high + front + margin), bottom, top)
+
+
+def rubbing_edge(pen: Pen, joint: Translational) -> float:
+    """Height of the edge of a block on its rail, in the axes of its marker, m."""
+    marker = joint.a if joint.b.body.is_ground else joint.b
+    if marker.body.shape is None:
+        return -BLOCK[1] * pen.unit
+    return sections(local_outlines(marker.body, marker, pen))[2]
 
 
 def _drawn(pen: Pen, frame: Frame) -> list[np.ndarray]:
@@ -102,6 +114,28 @@ def _rail(frame: Frame, pen: Pen, reach: tuple[float, float], bottom: float, top
         # the rail lies beside the marker, and is held by a post there
         post = lines.rectangle((-0.6 * u, bottom - 0.6 * u), (0.6 * u, max(0.6 * u, bottom)))
         frame.area("body", bar, post)
+
+
+def _rod_through(loops: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Boxes ``[[x, y], [x, y]]`` of a rod along x and of what it carries between its ends, if loops are like that."""
+    boxes = [np.array([loop.min(axis=0), loop.max(axis=0)]) for loop in loops if len(loop) > 2]
+    for rod in boxes:
+        others = [box for box in boxes if box is not rod]
+        long, wide = rod[1] - rod[0]
+        if not others or long < ROD * wide or not rod[0, 1] < 0 < rod[1, 1]:
+            continue
+        carried = np.array([np.min(others, axis=0)[0], np.max(others, axis=0)[1]])
+        if rod[0, 0] < carried[0, 0] and carried[1, 0] < rod[1, 0]:
+            return rod, carried
+    return None
+
+
+def _two_sleeves(frame: Frame, pen: Pen, rod: tuple[np.ndarray, np.ndarray], span: tuple[float, float]) -> None:
+    """Bearings about both ends of a rod that carries something in the middle."""
+    (low, high), (whole, carried) = span, rod
+    bottom, top = whole[:, 1]
+    _sleeve(frame, pen, (high + whole[0, 0], low + carried[0, 0]), bottom, top)
+    _sleeve(frame, pen, (high + carried[1, 0], low + whole[1, 0]), bottom, top)
 
 
 def _sleeve(frame: Frame, pen: Pen, common: tuple[float, float], bottom: float, top: float) -> None:
@@ -132,15 +166,33 @@ def point_on_line(joint: PointOnLine, pen: Pen) -> None:
     u, height, body = pen.unit, pen.number(joint.offset), joint.a.body
     low, high = pen.span(joint.displacement)
     frame = pen.on(joint.a)
-    # of one pose the slot is drawn as if the block went to and fro
-    margin = 2.0 * u if high - low > 1e-3 * u else 6.0 * u
+    # of one pose the slot is drawn as if the block went to and fro, in a shape from end to end
+    moves = high - low > 1e-3 * u
+    margin = 2.0 * u if moves else 6.0 * u
     ends = np.array([[low - margin, height], [high + margin, height]])
     if body.shape is None and not body.is_ground:
         frame.area("body", lines.plate(np.vstack([ends, [[0, height]]]), 1.25 * u))
     elif not body.is_ground:
         back, front, _, _ = sections(local_outlines(body, joint.a, pen))
-        ends[:, 0] = min(low, max(ends[0, 0], back + u)), max(high, min(ends[1, 0], front - u))
+        back, front = _between_pins(pen, joint, (back + u, front - u), (low, high))
+        reach = (max(ends[0, 0], back), min(ends[1, 0], front)) if moves else (back, front)
+        ends[:, 0] = min(low, reach[0]), max(high, reach[1])
     frame.area("slot", lines.plate(ends, 0.75 * u), layer=scene.SLOT)
     die = pen.at(joint.b.position, joint.a.angle, joint.b.body)
     die.area("block", lines.rectangle((-1.1 * u, -0.75 * u), (1.1 * u, 0.75 * u)), layer=scene.SLOT)
     pen.pin(pen.on(joint.b), 0.4)
+
+
+def _between_pins(
+    pen: Pen, joint: PointOnLine, ends: tuple[float, float], span: tuple[float, float]
+) -> tuple[float, float]:
+    """Ends of a slot that leave room about the pins of its body on both sides of the block."""
+    u, frame = pen.unit, pen.on(joint.a)
+    pins = [other for other in pen.sample.mechanism.joints if isinstance(other, Revolute)]
+    places = points_on(joint.a.body, pins, pen)
+    back, front = ends
+    for x, y in lines.turned(places - frame.shift, -frame.angle):
+        if abs(y - pen.number(joint.offset)) < 1.5 * u:
+            back = max(back, x + 1.9 * u) if x < span[0] else back
+            front = min(front, x - 1.9 * u) if x > span[1] else front
+    return back, front

@@ -3,7 +3,7 @@ const element = function (id) { return document.getElementById(id); };
 const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M3 1l11 7-11 7z"/></svg>',
                 pause: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="M2 1h4v14H2zM10 1h4v14h-4z"/></svg>' };
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
-const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: !DATA.live || LIVE.names,
+const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: DATA.names,
                 dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
 let shownAt = null;
 
@@ -89,6 +89,8 @@ const KEYS = {
   ArrowUp: function () { setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.factor) + 1, SPEEDS.length - 1)]); },
   ArrowDown: function () { setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.factor) - 1, 0)]); },
   f: function () { element("forces").click(); },
+  v: function () { element("velocities").click(); },
+  n: function () { element("names").click(); },
   d: function () { element("theme").click(); },
   "0": function () { view.x = view.y = 0; view.zoom = 1; letScroll(); show(); },
 };
@@ -220,6 +222,12 @@ const controls = {
     const plot = plots.find(function (one) { return one.label === label; }), lines = {};
     for (const line of plot.lines) lines[line.name] = { value: valueAt(line.column, state.time), points: pointsOf(line.column) };
     return lines;
+  },
+  // the arrow of a body's velocity as it is drawn, m
+  arrow: function (name) {
+    const number = DATA.items.findIndex(function (one) { return one.name === name; });
+    const pose = poseOf(DATA.marks.find(function (one) { return one.i === number && one.g === "velocities"; }).f, state.time);
+    return [pose[2] * pose[4], pose[3] * pose[4]];
   },
   // where a mark of an item is drawn, in pixels of the drawing; null if it has none
   place: function (name) {

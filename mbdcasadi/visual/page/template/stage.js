@@ -78,9 +78,17 @@ function drawLabel(label, pose, theme) {
   pen.font = (label.b ? "italic " : "") + "12px system-ui, sans-serif";
   pen.textAlign = "center";
   pen.textBaseline = "middle";
+  if (label.e) {
+    pen.beginPath();
+    pen.moveTo(at[0], at[1]);
+    pen.lineTo(at[0] + label.e[0], at[1] - label.e[1]);
+    pen.lineWidth = 1;
+    pen.strokeStyle = theme.muted;
+    pen.stroke();
+  }
   pen.lineWidth = 3;
   pen.strokeStyle = theme.paper;
-  pen.fillStyle = label.b ? theme.ink : theme.muted;
+  pen.fillStyle = label.b ? theme.ink : theme.ground;
   label.t.forEach(function (line, k) {
     const x = at[0] + label.d[0], y = at[1] - label.d[1] + 14 * (k - (label.t.length - 1) / 2);
     pen.strokeText(line, x, y);

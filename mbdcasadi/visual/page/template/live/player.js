@@ -21,7 +21,7 @@ function setPlaying(on) {
   if (on) { tell(""); window.requestAnimationFrame(step); }
 }
 
-// Integrate on; a linkage that stops is told, and left where it is.
+// Integrate on; a linkage that stops is reported, and left in its pose.
 function solveOn(seconds) {
   try {
     advance(now.t[0] + seconds);
@@ -131,7 +131,7 @@ function single(seconds) {
 }
 element("step").addEventListener("click", function () { single(DATA.speed * state.factor / 30); });
 element("reset").addEventListener("click", reset);
-Object.assign(KEYS, { r: reset, v: function () { element("velocities").click(); }, n: function () { element("names").click(); }, ArrowRight: function (event) { single(DATA.speed * state.factor / 30 * (event.shiftKey ? 10 : 1)); } });
+Object.assign(KEYS, { r: reset, ArrowRight: function (event) { single(DATA.speed * state.factor / 30 * (event.shiftKey ? 10 : 1)); } });
 element("precision").textContent = "The equations of motion are solved in this page, by an adaptive integrator that keeps to the constraints.";
 
 restart();

@@ -20,13 +20,13 @@ from .compiled import SolverPool
 from .phase_program import Block, Edge, InstantProgram, PhaseProgram, condition_rows
 from .rows import Row, stack, violations
 from .setup import PhaseSetup
-from .sparse_program import Piece, SparseProgram
+from .sparse_program import MappedBlock, SparseProgram
 
 #: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
 Held = tuple[tuple[int, str, float], ...]
 
 
-class MotionProgram:
+class CollocationProgram:
     """The nonlinear program of an optimal-control problem on a mesh.
 
     Variables are those of the phases in turn, then the impulses between them and the free parameters.
@@ -173,7 +173,7 @@ class MotionProgram:
         index = np.r_[np.concatenate([x.index.ravel() for x in parts]), self.parameter_index][:, None]
         variables = ca.vertcat(*[x.unknowns.variables for x in parts], free)
         data = ca.vertcat(*[x.unknowns.data for x in parts])
-        piece = Piece(variables, data, p, stack(groups), cost, index)
+        piece = MappedBlock(variables, data, p, stack(groups), cost, index)
         return [Block(piece, groups, (tuple(x.interval for x in parts),))]
 
     def _boundary_sizes(self, conditions: Sequence[Condition], placeholders: Sequence[Placeholder]) -> np.ndarray:

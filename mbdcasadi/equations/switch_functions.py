@@ -1,0 +1,154 @@
+"""Functions whose zeros, or whole values, are the instants at which an expression switches.
+
+The graph of an expression shows them: each operation that switches (a comparison, ``fabs``, ``floor``, ``fmax`` …) is a
+function of time, or of the state, that passes zero there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+#: Functions that switch when their operands compare: ``a - b`` is zero.
+_COMPARE = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX)
+#: Functions that switch, or have no derivative, when their operand is zero.
+_AT_ZERO = (ca.OP_FABS, ca.OP_SIGN, ca.OP_SQRT, ca.OP_LOG, ca.OP_INV)
+#: Functions that switch when their operand is an integer.
+_AT_INTEGERS = (ca.OP_FLOOR, ca.OP_CEIL)
+#: Operations that switch. The values of comparisons are compared in their turn by and, or, not and if_else.
+_SWITCHING = (
+    *_COMPARE, *_AT_ZERO, *_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
+    ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
+)  # fmt: skip
+#: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
+_TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
+
+#: Operations that switch with the motion.
+_IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
+#: Operations by whose values geometry divides: the lengths of springs, and powers of these.
+_OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
+
+
+def time_switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
+    """Functions that switch at zero, that switch at integers, and that bring a transient about."""
+    function = ca.Function("parts", [t, p], [parts])
+    nodes = function.instructions_sx()
+    wanted = set(_SWITCHING) | set(_TRANSIENT)
+    zeros, integers, transients = [], [], []
+    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
+        if op not in wanted:
+            continue
+        node = nodes[k]
+        a = node.dep(0)
+        b = node.dep(1) if node.n_dep() > 1 else a
+        if op in _COMPARE:
+            zeros.append(a - b)
+        elif op in _AT_ZERO:
+            zeros.append(a)
+        elif op in _AT_INTEGERS:
+            integers.append(a)
+        elif op in (ca.OP_FMOD, ca.OP_REMAINDER):
+            integers.append(a / b - (0.5 if op == ca.OP_REMAINDER else 0.0))
+        elif op in (ca.OP_COPYSIGN, ca.OP_DIV):
+            zeros.append(b)
+        elif op in (ca.OP_ATAN2, ca.OP_POW, ca.OP_CONSTPOW):
+            zeros.append(a)
+        elif op in (ca.OP_ASIN, ca.OP_ACOS):
+            zeros.append(a * a - 1)
+        elif op == ca.OP_TAN:
+            zeros.append(ca.cos(a))
+        if op in _TRANSIENT:
+            transients.append(b if op == ca.OP_DIV else a)
+    return depending_on_time(zeros, t), depending_on_time(integers, t), depending_on_time(transients, t)
+
+
+def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Functions of a state at whose zeros expressions switch, and at whose zeros or extrema they may pass quickly.
+
+    Parameters
+    ----------
+    expressions : casadi.SX
+        Of any shape.
+    state : casadi.SX
+        Symbols on one of which a function must depend.
+    unknown : casadi.SX
+        Symbols on none of which it may depend.
+
+    Examples
+    --------
+    >>> x = ca.SX.sym("x")
+    >>> state_switches(ca.if_else(x > 2, ca.exp(-(x**2)), 0), x, ca.SX(0, 1))
+    ([SX((2-x))], [SX((-sq(x)))])
+    """
+    symbols = ca.vertcat(ca.SX(0, 1), *ca.symvar(expressions))
+    function = ca.Function("expressions", [symbols], [ca.vec(ca.densify(expressions))])
+    nodes = function.instructions_sx()
+    switches, transients = [], []
+    for k, op in enumerate(map(function.instruction_id, range(function.n_instructions()))):
+        if op not in _IN_STATE and op not in _TRANSIENT:
+            continue
+        node = nodes[k]
+        operands = [node.dep(i) for i in range(node.n_dep())]
+        if op in _COMPARE:
+            switches.append(operands[0] - operands[1])
+        elif op in (ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN):
+            switches.append(operands[-1])
+        elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
+            whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
+            switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
+        elif operands[-1].op() not in _OF_GEOMETRY:
+            transients.append(operands[-1])
+    return _moving(switches, state, unknown), _moving(transients, state, unknown)
+
+
+def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:
+    """Those of the functions that depend on a state and on nothing unknown, each once."""
+    functions = distinct(functions)
+    if not functions:
+        return []
+    column = ca.vertcat(*functions)
+    moving = ca.which_depends(column, state, 1, True)
+    blurred = ca.which_depends(column, unknown, 1, True) if unknown.numel() else [False] * len(functions)
+    return [f for f, moves, blur in zip(functions, moving, blurred, strict=True) if moves and not blur]
+
+
+def divisors_among(rest: ca.SX, names: Sequence[ca.SX], parts: Sequence[ca.SX]) -> list[ca.SX]:
+    """Those of the parts by which other expressions are divided."""
+    known = {name.element_hash(): part for name, part in zip(names, parts, strict=True)}
+    function = ca.Function("rest", ca.symvar(rest), [rest])
+    nodes = function.instructions_sx()
+    operations = map(function.instruction_id, range(function.n_instructions()))
+    divisors = [nodes[k].dep(1) for k, op in enumerate(operations) if op == ca.OP_DIV]
+    return [known[node.element_hash()] for node in divisors if node.element_hash() in known]
+
+
+def depending_on_time(functions: list[ca.SX], t: ca.SX) -> list[ca.SX]:
+    """Those of the functions that depend on time, each once."""
+    functions = distinct(functions)
+    flags = ca.which_depends(ca.vertcat(*functions), t, 1, True) if functions else []
+    return [f for f, flag in zip(functions, flags, strict=True) if flag]
+
+
+def distinct(functions: list[ca.SX]) -> list[ca.SX]:
+    return list({f.element_hash(): f for f in functions}.values())
+
+
+def nesting_depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
+    """Number of operations that switch, nested in each of the functions (k,)."""
+    function = ca.Function("depths", [t, p], [column])
+    operations = list(map(function.instruction_id, range(function.n_instructions())))
+    level = np.zeros(column.numel(), int)
+    if not set(operations) & set(_SWITCHING):
+        return level
+    work: dict[int, int] = {}
+    for k, op in enumerate(operations):
+        places, to = function.instruction_input(k), function.instruction_output(k)
+        if op in (ca.OP_INPUT, ca.OP_CONST):
+            work[to[0]] = 0
+        elif op == ca.OP_OUTPUT:
+            level[to[1]] = work[places[0]]
+        else:
+            work[to[0]] = max(work[place] for place in places) + (op in _SWITCHING)
+    return level

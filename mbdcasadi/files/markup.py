@@ -1,0 +1,157 @@
+"""XML files whose elements know their line, for messages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+
+from ..errors import FileError
+
+
+@dataclass(eq=False)
+class XmlElement:
+    """One element of a file.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    tag : str
+        Kind of the element.
+    line : int
+        Line of its beginning.
+    attributes : dict of str to str
+        Its attributes.
+    children : list of XmlElement
+        Elements inside it.
+    """
+
+    file: str
+    tag: str
+    line: int
+    attributes: dict[str, str]
+    children: list[XmlElement] = field(default_factory=list)
+    text: str = ""
+
+    @property
+    def description(self) -> str:
+        """Kind, name and place, for messages."""
+        name = self.attributes.get("name", "")
+        return f"{self.file}, line {self.line}: {self.tag}{f' {name!r}' if name else ''}"
+
+    def refuse(self, reason: str) -> FileError:
+        """Return the error that names this element and its line."""
+        return FileError(f"{self.description} {reason}")
+
+    def all(self, *tags: str) -> Iterator[XmlElement]:
+        """Iterate over the children of some kinds; of all kinds if none is given."""
+        return (child for child in self.children if not tags or child.tag in tags)
+
+    def one(self, tag: str) -> XmlElement | None:
+        """Return the child of a kind, or None.
+
+        Raises
+        ------
+        FileError
+            If there are several.
+        """
+        found = list(self.all(tag))
+        if len(found) > 1:
+            raise found[1].refuse("is the second one where one is meant")
+        return found[0] if found else None
+
+    def known(self, *tags: str) -> None:
+        """Raise for a child of a kind that is none of these."""
+        for child in self.children:
+            if child.tag not in tags:
+                raise child.refuse("is not supported here")
+
+    def get(self, name: str, default: str | None = None) -> str:
+        """Return an attribute as text.
+
+        Raises
+        ------
+        FileError
+            If it is missing, and there is no default.
+        """
+        value = self.attributes.get(name, default)
+        if value is None:
+            raise self.refuse(f"has no attribute '{name}'")
+        return value
+
+    def numbers(self, name: str, default: str | None = None, sizes: tuple[int, ...] = ()) -> np.ndarray:
+        """Return an attribute that is a list of finite numbers.
+
+        Raises
+        ------
+        FileError
+            For anything else, and for another number of them than one of `sizes`.
+        """
+        text = self.get(name, default)
+        try:
+            values = np.array([float(part) for part in text.split()])
+        except ValueError:
+            values = np.full(1, np.nan)
+        if not np.all(np.isfinite(values)) or (sizes and values.size not in sizes):
+            many = f" ({' or '.join(map(str, sizes))})" if sizes else ""
+            raise self.refuse(f"has {name} = '{text}', which are not finite numbers{many}")
+        return values
+
+    def number(self, name: str, default: str | None = None, *, least: float = -np.inf) -> float:
+        """Return an attribute that is one number, at least of a size."""
+        value = float(self.numbers(name, default, (1,))[0])
+        if value < least:
+            raise self.refuse(f"has {name} = {value:g}, which must be at least {least:g}")
+        return value
+
+    def has(self, name: str) -> bool:
+        """Return True if an attribute is there."""
+        return name in self.attributes
+
+    def with_defaults(self, defaults: Mapping[str, str]) -> XmlElement:
+        """Return the element with attributes that it does not give itself."""
+        return XmlElement(self.file, self.tag, self.line, {**defaults, **self.attributes}, self.children, self.text)
+
+
+def read_xml(path: str | Path, root: str) -> XmlElement:
+    """Read a file with a given outermost element.
+
+    Raises
+    ------
+    FileError
+        For a file that does not exist, is no XML, or begins with another element.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    parser = expat.ParserCreate()
+    outermost = XmlElement(path.name, "", 0, {})
+    stack = [outermost]
+
+    def begin(tag: str, attributes: dict[str, str]) -> None:
+        element = XmlElement(path.name, tag, parser.CurrentLineNumber, attributes)
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def declared(*_: object) -> None:
+        raise FileError(f"{path.name}, line {parser.CurrentLineNumber}: declarations of entities are not read")
+
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: stack.pop()
+    parser.EntityDeclHandler = declared
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        reason = re.sub(r":? line \d+, column \d+", "", str(error))
+        raise FileError(f"{path}: not valid XML in line {error.lineno}: {reason}") from None
+    found = outermost.children[0]
+    if found.tag != root:
+        raise FileError(f"{path}: the outermost element must be {root}, got {found.tag}")
+    return found

@@ -1,0 +1,406 @@
+"""Planar mechanisms from the model files of MuJoCo (MJCF)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from ..model.forces.applied import GeneralizedForce
+from ..model.joints.constraints import Constraint
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input
+from .markup import XmlElement, read_xml
+from .spatial import (
+    Coordinate,
+    Law,
+    Link,
+    Loop,
+    Mass,
+    PlanarBuilder,
+    Robot,
+    SpatialJoint,
+    rotation_about,
+    rotation_around,
+)
+
+#: Density of geoms that give neither it nor a mass, kg/m³.
+DENSITY = 1000.0
+#: Geoms that have no mass.
+_MASSLESS = ("plane", "hfield")
+#: What is for the eye, for sensors or for the solver, and changes no equation of motion.
+_IGNORED = ("asset", "visual", "statistic", "size", "sensor", "keyframe", "custom", "extension")
+
+
+def read_mjcf(path: str | Path) -> Mechanism:
+    """Read a model whose motion is planar.
+
+    All hinges must be parallel, and slides lie in the plane across them; bodies without joints become
+    one with their parents. The plane is seen so that gravity points down and the axes of the world to
+    the right; the pose of the file has ``phi = 0`` for all bodies. ``connect`` and ``weld`` under ``equality``
+    close loops, ``joint`` couples coordinates; actuators (``motor``, ``position``,
+    ``velocity``) become inputs of their names.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    Mechanism
+        Bodies and joints by their names; the springs and dampers of joints as forces.
+
+    Raises
+    ------
+    FileError
+        For what is not planar or not known, with the element and its line.
+
+    Warns
+    -----
+    MechanismWarning
+        For contacts of geoms, and for limits, dry friction and armature of joints, which are left out.
+
+    References
+    ----------
+    MuJoCo documentation, *XML reference*.
+    """
+    root = read_xml(path, "mujoco")
+    return PlanarBuilder(_Reader(root, Path(path).stem).robot()).mechanism()
+
+
+@dataclass
+class _Class:
+    """A class of defaults: attributes by tag."""
+
+    values: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def extended(self, element: XmlElement) -> _Class:
+        """With the entries of one element ``default``."""
+        values = {tag: dict(attributes) for tag, attributes in self.values.items()}
+        for child in element.children:
+            if child.tag != "default":
+                values.setdefault(child.tag, {}).update(child.attributes)
+        return _Class(values)
+
+
+class _Reader:
+    """One file."""
+
+    def __init__(self, root: XmlElement, stem: str):
+        self.root = root
+        self.degrees, self.sequence, self.from_geoms, self.has_auto_limits = True, "xyz", "auto", True
+        self.classes: dict[str, _Class] = {"main": _Class()}
+        gravity = np.array([0.0, 0.0, -9.81])
+        for element in root.children:
+            if element.tag == "compiler":
+                self._read_compiler(element)
+            elif element.tag == "option":
+                gravity = element.numbers("gravity", "0 0 -9.81", (3,))
+            elif element.tag == "default":
+                self._read_defaults(element, _Class(), "main")
+            elif element.tag == "contact":
+                continue
+            elif element.tag in ("include", "tendon", "deformable", "flex"):
+                raise element.refuse("is not read; write the model into one file of bodies, joints and actuators")
+            elif element.tag not in ("worldbody", "equality", "actuator", *_IGNORED):
+                raise element.refuse("is not known")
+        self._robot = Robot(root, root.get("model", stem), gravity)
+        self._sites: dict[str, tuple[Link, np.ndarray]] = {}
+        self._has_contacts = False
+        self._count = 0
+
+    def _read_compiler(self, element: XmlElement) -> None:
+        self.degrees = element.get("angle", "degree") == "degree"
+        self.sequence = element.get("eulerseq", "xyz")
+        self.from_geoms = element.get("inertiafromgeom", "auto")
+        self.has_auto_limits = element.get("autolimits", "true") == "true"
+        if element.get("coordinate", "local") != "local":
+            raise element.refuse("has coordinate = 'global', which MuJoCo gave up; give local ones")
+
+    def _read_defaults(self, element: XmlElement, above: _Class, name: str) -> None:
+        found = above.extended(element)
+        self.classes[name] = found
+        for child in element.all("default"):
+            self._read_defaults(child, found, child.get("class"))
+
+    def _filled(self, element: XmlElement, childclass: str, tag: str | None = None) -> XmlElement:
+        """An element with the defaults of its class."""
+        name = element.get("class", childclass)
+        if name not in self.classes:
+            raise element.refuse(f"is of the class '{name}', which is not there")
+        return element.with_defaults(self.classes[name].values.get(tag or element.tag, {}))
+
+    def _angle(self, value: float) -> float:
+        return float(np.radians(value)) if self.degrees else value
+
+    # --- the tree ------------------------------------------------------------------------
+    def robot(self) -> Robot:
+        """Return what the file describes."""
+        robot = self._robot
+        world = Link(self.root, "world", None, np.eye(3), np.zeros(3))
+        robot.links.append(world)
+        for body in self.root.all("worldbody"):
+            self._read_children(body, world, "main")
+        for equality in self.root.all("equality"):
+            for element in equality.children:
+                self._read_equality(element)
+        for actuators in self.root.all("actuator"):
+            for element in actuators.children:
+                self._read_actuator(element)
+        if self._has_contacts:
+            robot.left_out.append("the contacts of geoms (Contact has them)")
+        return robot
+
+    def _read_children(self, element: XmlElement, link: Link, childclass: str) -> None:
+        geoms: list[XmlElement] = []
+        inertial: XmlElement | None = None
+        for child in element.children:
+            if child.tag == "body":
+                self._read_body(child, link, child.get("childclass", childclass))
+            elif child.tag in ("joint", "freejoint"):
+                if link.parent is None:
+                    raise child.refuse("stands outside of a body")
+                link.joints.append(self._joint(self._filled(child, childclass, "joint"), link))
+            elif child.tag == "geom":
+                geoms.append(self._filled(child, childclass))
+            elif child.tag == "inertial":
+                inertial = child
+            elif child.tag == "site":
+                site = self._filled(child, childclass)
+                if site.has("name"):
+                    point = link.position + link.rotation @ site.numbers("pos", "0 0 0", (3,))
+                    self._sites[site.get("name")] = link, point
+            elif child.tag not in ("light", "camera"):
+                raise child.refuse("is not supported here")
+        self._read_masses(link, inertial, geoms)
+
+    def _read_body(self, element: XmlElement, parent: Link, childclass: str) -> None:
+        self._count += 1
+        name = element.get("name", f"body {self._count}")
+        position = parent.position + parent.rotation @ element.numbers("pos", "0 0 0", (3,))
+        link = Link(element, name, parent, parent.rotation @ self._rotation(element), position)
+        self._robot.links.append(link)
+        self._read_children(element, link, childclass)
+
+    def _rotation(self, element: XmlElement) -> np.ndarray:
+        """Rotation of a frame that gives it in one of the ways of the format."""
+        if element.has("quat"):
+            w, *vector = element.numbers("quat", None, (4,)) / np.linalg.norm(element.numbers("quat", None, (4,)))
+            size = float(np.linalg.norm(vector))
+            return rotation_around(np.array(vector) / size, 2 * np.arctan2(size, w)) if size > 0 else np.eye(3)
+        if element.has("axisangle"):
+            *axis, angle = element.numbers("axisangle", None, (4,))
+            return rotation_around(np.array(axis) / np.linalg.norm(axis), self._angle(angle))
+        if element.has("euler"):
+            found = np.eye(3)
+            for letter, angle in zip(self.sequence, element.numbers("euler", None, (3,)), strict=True):
+                turn = rotation_about("xyz".index(letter.lower()), self._angle(angle))
+                found = found @ turn if letter.islower() else turn @ found
+            return found
+        if element.has("xyaxes"):
+            values = element.numbers("xyaxes", None, (6,))
+            x = values[:3] / np.linalg.norm(values[:3])
+            y = values[3:] - (values[3:] @ x) * x
+            y = y / np.linalg.norm(y)
+            return np.column_stack([x, y, np.cross(x, y)])
+        return _to_z(element.numbers("zaxis", None, (3,))) if element.has("zaxis") else np.eye(3)
+
+    def _joint(self, element: XmlElement, link: Link) -> SpatialJoint:
+        kind = "free" if element.tag == "freejoint" else element.get("type", "hinge")
+        if kind not in ("hinge", "slide"):
+            raise element.refuse(f"is of the type '{kind}', which moves in space; planar are hinge and slide")
+        name = element.get("name", f"{link.name} joint{f' {len(link.joints) + 1}' if link.joints else ''}")
+        axis = element.numbers("axis", "0 0 1", (3,))
+        length = float(np.linalg.norm(axis))
+        if length == 0:
+            raise element.refuse("has an axis without direction")
+        robot = self._robot
+        turns = self._angle if kind == "hinge" else float
+        limited = element.get("limited", "auto")
+        if limited == "true" or (limited == "auto" and self.has_auto_limits and element.has("range")):
+            robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
+        for attribute, words in (
+            ("frictionloss", "the dry friction of joint '{}' (LoadIndependentFriction has it)"),
+            ("armature", "the armature of joint '{}' (add the inertia of its rotor)"),
+        ):
+            if element.number(attribute, "0", least=0.0) > 0:
+                robot.left_out.append(words.format(name))
+        return SpatialJoint(
+            element,
+            name,
+            kind,
+            axis / length,
+            element.numbers("pos", "0 0 0", (3,)),
+            turns(element.number("ref", "0")),
+            element.number("damping", "0", least=0.0),
+            element.number("stiffness", "0", least=0.0),
+            turns(element.number("springref", "0")),
+        )
+
+    # --- masses ---------------------------------------------------------------------------
+    def _read_masses(self, link: Link, inertial: XmlElement | None, geoms: Sequence[XmlElement]) -> None:
+        solid = [geom for geom in geoms if geom.get("type", "sphere") not in _MASSLESS]
+        self._has_contacts |= any(
+            geom.get("contype", "1") != "0" or geom.get("conaffinity", "1") != "0" for geom in geoms
+        )
+        if link.parent is None:
+            return
+        if inertial is not None and self.from_geoms != "true":
+            link.masses.append(self._inertial(inertial))
+        elif self.from_geoms != "false":
+            link.masses += [mass for mass in map(self._geom, solid) if mass is not None]
+
+    def _inertial(self, element: XmlElement) -> Mass:
+        if element.has("fullinertia"):
+            xx, yy, zz, xy, xz, yz = element.numbers("fullinertia", None, (6,))
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        else:
+            tensor = np.diag(element.numbers("diaginertia", None, (3,)))
+        rotation = self._rotation(element)
+        center = element.numbers("pos", None, (3,))
+        return Mass(element.number("mass", least=0.0), center, rotation @ tensor @ rotation.T)
+
+    def _geom(self, element: XmlElement) -> Mass | None:
+        """Mass of a geom, homogeneous."""
+        kind = element.get("type", "sphere")
+        if element.has("mass") and element.number("mass", least=0.0) == 0:
+            return None
+        center, rotation = element.numbers("pos", "0 0 0", (3,)), self._rotation(element)
+        size = np.zeros(0) if not element.has("size") else element.numbers("size")
+        if element.has("fromto"):
+            ends = element.numbers("fromto", None, (6,))
+            center, way = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
+            rotation = _to_z(way)
+            half = float(np.linalg.norm(way)) / 2
+            size = np.r_[size[:2], half] if kind in ("box", "ellipsoid") and size.size > 1 else np.r_[size[:1], half]
+            if kind in ("box", "ellipsoid") and size.size == 2:
+                size = np.r_[size[0], size]
+        volume, moments = self._solid(element, kind, size)
+        mass = element.number("mass") if element.has("mass") else element.number("density", str(DENSITY)) * volume
+        return Mass(mass, center, rotation @ np.diag(mass * moments) @ rotation.T) if mass > 0 else None
+
+    @staticmethod
+    def _solid(element: XmlElement, kind: str, size: np.ndarray) -> tuple[float, np.ndarray]:
+        """Volume of a solid, and its moments of inertia by its mass in its own axes."""
+        needed = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3, "ellipsoid": 3}
+        if kind not in needed:
+            raise element.refuse(f"is of the type '{kind}', whose mass is not computed; give the body an inertial")
+        if size.size < needed[kind] or np.any(size[: needed[kind]] <= 0):
+            raise element.refuse(f"needs {needed[kind]} positive numbers in size, a {kind} as it is")
+        if kind == "sphere":
+            r = size[0]
+            return 4 / 3 * np.pi * r**3, np.full(3, 0.4 * r**2)
+        if kind == "box":
+            squares = size[:3] ** 2
+            return 8 * float(np.prod(size[:3])), (np.sum(squares) - squares) / 3
+        if kind == "ellipsoid":
+            squares = size[:3] ** 2
+            return 4 / 3 * np.pi * float(np.prod(size[:3])), (np.sum(squares) - squares) / 5
+        r, h = size[0], 2 * size[1]
+        tube = np.pi * r**2 * h
+        tube_moments = np.array([r**2 / 4 + h**2 / 12, r**2 / 4 + h**2 / 12, r**2 / 2])
+        if kind == "cylinder":
+            return tube, tube_moments
+        caps = 4 / 3 * np.pi * r**3
+        across = 0.4 * r**2 + h**2 / 4 + 3 / 8 * r * h
+        moments = (tube * tube_moments + caps * np.array([across, across, 0.4 * r**2])) / (tube + caps)
+        return tube + caps, moments
+
+    # --- equalities and actuators -----------------------------------------------------------
+    def _read_equality(self, element: XmlElement) -> None:
+        element = self._filled(element, "main", "equality")
+        robot = self._robot
+        if element.get("active", "true") == "false":
+            return
+        self._count += 1
+        name = element.get("name", f"{element.tag} {self._count}")
+        if element.tag == "joint":
+            self._read_coupling(element, name)
+        elif element.tag not in ("connect", "weld"):
+            raise element.refuse("is not supported; connect, weld and joint are")
+        elif element.has("site1"):
+            (a, point), (b, there) = (self._site(element, key) for key in ("site1", "site2"))
+            if np.linalg.norm(there - point) > 1e-3:
+                raise element.refuse("connects sites that are apart in the pose of the file")
+            robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
+        else:
+            a = robot.link(element.get("body1"), element)
+            b = robot.link(element.get("body2", "world"), element)
+            anchor = element.numbers("anchor", None if element.tag == "connect" else "0 0 0", (3,))
+            point = a.position + a.rotation @ anchor
+            robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
+
+    def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray]:
+        name = element.get(key)
+        if name not in self._sites:
+            raise element.refuse(f"names the site '{name}', which is not there")
+        return self._sites[name]
+
+    def _read_coupling(self, element: XmlElement, name: str) -> None:
+        robot = self._robot
+        names = [element.get("joint1"), *([element.get("joint2")] if element.has("joint2") else [])]
+        references = [robot.joint(joint, element).reference for joint in names]
+        polynomial = [float(x) for x in element.numbers("polycoef", "0 1 0 0 0")]
+        robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))
+
+    def _read_actuator(self, element: XmlElement) -> None:
+        if element.tag not in ("motor", "position", "velocity"):
+            raise element.refuse("is not supported; motor, position and velocity are")
+        element = self._filled(element, "main")
+        robot = self._robot
+        if not element.has("joint"):
+            raise element.refuse("does not act on a joint, as motors do here")
+        joint = element.get("joint")
+        robot.joint(joint, element)
+        name = element.get("name", f"{joint} {element.tag}")
+        limited = element.get("ctrllimited", "auto")
+        limits = [-np.inf, np.inf]
+        if limited == "true" or (limited == "auto" and self.has_auto_limits and element.has("ctrlrange")):
+            limits = [float(x) for x in element.numbers("ctrlrange", None, (2,))]
+        if element.has("forcerange"):
+            robot.left_out.append(f"the range of the force of actuator '{name}'")
+        drive = Input(name, lower=limits[0], upper=limits[1])
+        gear = float(element.numbers("gear", "1")[0])
+        gains = {
+            "motor": (1.0, 0.0, 0.0),
+            "position": (element.number("kp", "1"), element.number("kp", "1"), element.number("kv", "0")),
+            "velocity": (element.number("kv", "1"), 0.0, element.number("kv", "1")),
+        }[element.tag]
+        robot.inputs.append(drive)
+        robot.forces.append(((joint,), _actuator(name, drive, gear, gains)))
+
+
+def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float]) -> Law:
+    """``y - y0 = a0 + a1 (x - x0) + …``."""
+
+    def law(coordinates: Sequence[Coordinate]) -> Constraint:
+        first, *others = (c.value - r for c, r in zip(coordinates, references, strict=True))
+        x = others[0] if others else ca.SX(0)
+        return Constraint(name, first - sum(a * x**k if k else a for k, a in enumerate(polynomial)))
+
+    return law
+
+
+def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, float]) -> Law:
+    """Force ``gear (k u - k_p gear x - k_v gear v)`` along a coordinate."""
+
+    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
+        along = coordinates[0]
+        force = gains[0] * drive - gains[1] * gear * along.value - gains[2] * gear * along.rate
+        return GeneralizedForce(name, [(along.value, gear * force)])
+
+    return law
+
+
+def _to_z(way: np.ndarray) -> np.ndarray:
+    """Rotation that brings the z axis into a direction (3, 3)."""
+    z = way / np.linalg.norm(way)
+    axis = np.cross([0.0, 0.0, 1.0], z)
+    size = float(np.linalg.norm(axis))
+    if size < 1e-12:
+        return np.eye(3) if z[2] > 0 else np.diag([1.0, -1.0, -1.0])
+    return rotation_around(axis / size, float(np.arctan2(size, z[2])))

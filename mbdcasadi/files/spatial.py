@@ -1,0 +1,437 @@
+"""Robots in space whose motion is planar, as planar mechanisms.
+
+The formats of robots describe bodies in space. If all hinges are parallel, and all slides lie in the plane across
+them, the bodies move in parallel planes; what is then of use of a body is its mass, its centre of mass in the
+plane, and its moment of inertia about the normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import casadi as ca
+import numpy as np
+
+from ..errors import FileError, MechanismError, warn
+from ..model.bodies import Body, Marker, ground
+from ..model.element import Element
+from ..model.forces.applied import GeneralizedForce
+from ..model.forces.field import Gravity
+from ..model.joints.coordinates import RelativeAngle
+from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input
+from .markup import XmlElement
+
+#: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
+PARALLEL = 1e-3
+
+
+@dataclass(eq=False)
+class Mass:
+    """A mass in the frame of its link: kg, centre (3,), inertia about it (3, 3)."""
+
+    mass: float
+    center: np.ndarray
+    inertia: np.ndarray
+
+
+@dataclass(eq=False)
+class SpatialJoint:
+    """A hinge or slide with which a link moves relative to its parent.
+
+    Attributes
+    ----------
+    source : XmlElement
+        Where it stands.
+    name : str
+        Its name.
+    kind : {"hinge", "slide"}
+        What it is.
+    axis, point : numpy.ndarray
+        In the frame of the link (3,).
+    reference : float
+        Its coordinate in the pose of the file.
+    damping, stiffness, rest : float
+        Of its damper, its spring, and the coordinate at which that is free.
+    """
+
+    source: XmlElement
+    name: str
+    kind: str
+    axis: np.ndarray
+    point: np.ndarray
+    reference: float = 0.0
+    damping: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+@dataclass(eq=False)
+class Link:
+    """A body in space, in the pose of the file.
+
+    Attributes
+    ----------
+    source : XmlElement
+        Where it stands.
+    name : str
+        Its name.
+    parent : Link or None
+        None for the world.
+    rotation, position : numpy.ndarray
+        Of its frame in the world (3, 3), (3,).
+    masses : list of Mass
+        What it consists of.
+    joints : list of SpatialJoint
+        By which it moves, the first one next to the parent; none if it is fixed to it.
+    """
+
+    source: XmlElement
+    name: str
+    parent: Link | None
+    rotation: np.ndarray
+    position: np.ndarray
+    masses: list[Mass] = field(default_factory=list)
+    joints: list[SpatialJoint] = field(default_factory=list)
+
+    @property
+    def root(self) -> Link:
+        """The link that moves with this one: itself, or the one it is fixed to."""
+        return self if self.joints or self.parent is None else self.parent.root
+
+
+@dataclass(eq=False)
+class Loop:
+    """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file."""
+
+    source: XmlElement
+    name: str
+    a: Link
+    b: Link
+    point: np.ndarray
+    fixed: bool = False
+
+
+#: What depends on the coordinates of joints: actuators and couplings.
+Law = Callable[[Sequence["Coordinate"]], Element | None]
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """The coordinate of a joint, with what a force along it needs.
+
+    Attributes
+    ----------
+    value, rate : casadi.SX
+        Coordinate and its rate: rad or m.
+    """
+
+    value: ca.SX
+    rate: ca.SX
+
+
+@dataclass(eq=False)
+class Robot:
+    """What a file describes.
+
+    Attributes
+    ----------
+    source : XmlElement
+        The outermost element.
+    name : str
+        Its name.
+    links : list of Link
+        All links, parents first; the world is the first one.
+    gravity : numpy.ndarray
+        m/s² (3,).
+    loops : list of Loop
+        Points at which loops are closed.
+    forces, constraints : list
+        Names of joints, and what makes an element of their coordinates.
+    inputs : list of Input
+        Inputs of the actuators.
+    left_out : list of str
+        What the file holds and no element stands for.
+    """
+
+    source: XmlElement
+    name: str
+    gravity: np.ndarray
+    links: list[Link] = field(default_factory=list)
+    loops: list[Loop] = field(default_factory=list)
+    forces: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
+    constraints: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
+    inputs: list[Input] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+    def joint(self, name: str, source: XmlElement) -> SpatialJoint:
+        """Return a joint by its name, or raise for the element that names it."""
+        for link in self.links:
+            for joint in link.joints:
+                if joint.name == name:
+                    return joint
+        raise source.refuse(f"names the joint '{name}', which is not there")
+
+    def link(self, name: str, source: XmlElement) -> Link:
+        """Return a link by its name, or raise for the element that names it."""
+        for link in self.links:
+            if link.name == name:
+                return link
+        raise source.refuse(f"names the body '{name}', which is not there")
+
+
+class Plane:
+    """The plane of a motion.
+
+    Parameters
+    ----------
+    robot : Robot
+        A robot with at least one joint.
+
+    Attributes
+    ----------
+    axes : numpy.ndarray
+        Horizontal and vertical axis of the plane, and its normal, by row (3, 3).
+
+    Raises
+    ------
+    FileError
+        For a hinge that is not parallel to others, and a slide across the plane, by name and line.
+    """
+
+    def __init__(self, robot: Robot):
+        moving = [(link, joint) for link in robot.links for joint in link.joints]
+        hinges = [(joint, link.rotation @ joint.axis) for link, joint in moving if joint.kind == "hinge"]
+        slides = [(joint, link.rotation @ joint.axis) for link, joint in moving if joint.kind == "slide"]
+        if not moving:
+            raise robot.source.refuse("has no joint that moves")
+        normal = self._normal(hinges, slides, robot)
+        for joint, axis in hinges:
+            if np.linalg.norm(np.cross(axis, normal)) > PARALLEL:
+                raise joint.source.refuse(
+                    f"turns about the axis {_triple(axis)}, and '{hinges[0][0].name}' about {_triple(normal)}: the "
+                    "motion is not planar; hinges must be parallel"
+                )
+        for joint, axis in slides:
+            if abs(axis @ normal) > PARALLEL:
+                raise joint.source.refuse(
+                    f"slides along {_triple(axis)}, out of the plane across {_triple(normal)}: the motion is not planar"
+                )
+        down = robot.gravity - (robot.gravity @ normal) * normal
+        size = float(np.linalg.norm(down))
+        up = -down / size if size > PARALLEL * float(np.linalg.norm(robot.gravity)) else _across(normal)
+        across = np.cross(up, normal)
+        # to the right is where the axes of the world point
+        if across[np.argmax(np.abs(across))] < 0:
+            normal, across = -normal, -across
+        self.axes = np.array([across, up, normal])
+
+    @staticmethod
+    def _normal(
+        hinges: Sequence[tuple[SpatialJoint, np.ndarray]],
+        slides: Sequence[tuple[SpatialJoint, np.ndarray]],
+        robot: Robot,
+    ) -> np.ndarray:
+        """Normal of the plane: that of the hinges, else across two slides, or a slide and gravity."""
+        if hinges:
+            return hinges[0][1]
+        directions = [axis for _, axis in slides] + [robot.gravity, *np.eye(3)]
+        for second in directions[1:]:
+            across = np.cross(directions[0], second)
+            if np.linalg.norm(across) > PARALLEL * max(float(np.linalg.norm(second)), 1e-12):
+                found: np.ndarray = across / np.linalg.norm(across)
+                return found
+        raise robot.source.refuse("has no plane")
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Its normal (3,)."""
+        return self.axes[2]
+
+    def place(self, point: np.ndarray) -> np.ndarray:
+        """Point in the plane (2,)."""
+        return self.axes[:2] @ point
+
+
+def _across(normal: np.ndarray) -> np.ndarray:
+    """A direction across a normal: that of the axis of the world that is most nearly so."""
+    axis = np.eye(3)[np.argmin(np.abs(normal[::-1]))][::-1]
+    found = axis - (axis @ normal) * normal
+    return found / np.linalg.norm(found)
+
+
+def _triple(values: np.ndarray) -> str:
+    return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 6)) + ")"
+
+
+class PlanarBuilder:
+    """Bodies, joints and forces of a robot, in its plane.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    """
+
+    def __init__(self, robot: Robot):
+        self.robot, self.plane = robot, Plane(robot)
+        self.bodies: dict[int, Body] = {}
+        self.joints: list[Element] = []
+        self.forces: list[Element] = []
+        self.coordinates: dict[str, Coordinate] = {}
+        self._names: set[str] = set()
+
+    def mechanism(self) -> Mechanism:
+        """Return the mechanism.
+
+        Raises
+        ------
+        FileError
+            For what is not planar or has no mass, by name and line.
+        """
+        robot = self.robot
+        for link in robot.links:
+            if link.joints:
+                self.bodies[id(link)] = self._body(link)
+        for link in robot.links:
+            if link.joints:
+                self._connect(link)
+        for loop in robot.loops:
+            self._close(loop)
+        for laws, elements in ((robot.constraints, self.joints), (robot.forces, self.forces)):
+            for names, law in laws:
+                element = law([self.coordinates[name] for name in names])
+                if element is not None:
+                    elements.append(element)
+        down = self.plane.axes[:2] @ robot.gravity
+        weight = [Gravity(tuple(float(x) for x in np.round(down, 12)))] if np.any(np.abs(down) > 1e-12) else []
+        if robot.left_out:
+            warn(f"{robot.source.file}: left out {'; '.join(robot.left_out)}")
+        try:
+            return Mechanism(
+                bodies=list(self.bodies.values()),
+                joints=self.joints,
+                forces=[*weight, *self.forces],
+                inputs=robot.inputs,
+                name=robot.name,
+            )
+        except MechanismError as error:
+            raise FileError(f"{robot.source.file}: {error}") from None
+
+    # --- bodies ---------------------------------------------------------------------------
+    def _body(self, link: Link) -> Body:
+        parts = [(other, mass) for other in self.robot.links if other.root is link for mass in other.masses]
+        total = sum(part.mass for _, part in parts)
+        origin = self.plane.place(link.position)
+        if not parts or total <= 0:
+            if total < 0:
+                raise link.source.refuse(f"has the mass {total:g}, which must not be negative")
+            return Body(link.name, mass=0.0, inertia=0.0, pose=(*map(float, origin), 0.0))
+        normal = self.plane.normal
+        places = [self.plane.place(other.position + other.rotation @ part.center) for other, part in parts]
+        center = np.sum([part.mass * place for (_, part), place in zip(parts, places, strict=True)], axis=0) / total
+        inertia = 0.0
+        for (other, part), place in zip(parts, places, strict=True):
+            axis = other.rotation.T @ normal
+            inertia += float(axis @ part.inertia @ axis) + part.mass * float(np.sum((place - center) ** 2))
+        try:
+            return Body(link.name, mass=float(total), inertia=inertia, pose=(float(center[0]), float(center[1]), 0.0))
+        except MechanismError as error:
+            raise link.source.refuse(f"is no body: {error}") from None
+
+    def _at(self, link: Link, point: np.ndarray, angle: float = 0.0) -> Marker:
+        """Marker of the body of a link at a point of the world, in the pose of the file."""
+        place = self.plane.place(point)
+        body = self.bodies.get(id(link.root), ground)
+        center = np.zeros(2) if body.is_ground else np.array(body.pose_estimate[:2])
+        return body.at(float(place[0] - center[0]), float(place[1] - center[1]), angle)
+
+    # --- joints ----------------------------------------------------------------------------
+    def _connect(self, link: Link) -> None:
+        """Joints between a link and its parent, by what moves between them."""
+        hinges = [joint for joint in link.joints if joint.kind == "hinge"]
+        slides = [joint for joint in link.joints if joint.kind == "slide"]
+        assert link.parent is not None
+        if len(hinges) > 1 or len(slides) > 2:
+            extra = (hinges[1:] or slides[2:])[0]
+            raise extra.source.refuse("is one joint too many between two bodies: one hinge and two slides are planar")
+        if slides and hinges and link.joints[0].kind == "hinge":
+            raise slides[0].source.refuse("slides on a body that turns first; give the hinge last, or a body between")
+        hinge = hinges[0] if hinges else None
+        point = link.position + link.rotation @ (hinge.point if hinge else link.joints[0].point)
+        directions = [self.plane.axes[:2] @ (link.rotation @ slide.axis) for slide in slides]
+        base, moved = self._at(link.parent, point), self._at(link, point)
+        if not slides:
+            assert hinge is not None
+            joint = Revolute(hinge.name, base, moved)
+            self.joints.append(joint)
+        elif len(slides) == 1:
+            angle = float(np.arctan2(directions[0][1], directions[0][0]))
+            a, b = self._at(link.parent, point, angle), self._at(link, point, angle)
+            kind = Translational if hinge is None else PointOnLine
+            self.joints.append(kind(slides[0].name, a, b))
+        elif hinge is None:
+            self.joints.append(RelativeAngle(slides[0].name, base, moved, 0.0))
+        if len(slides) == 2 and abs(np.linalg.det(directions)) < PARALLEL:
+            raise slides[1].source.refuse("slides along the axis of the other slide")
+        for slide, shift, rate in zip(slides, *self._shifts(base, moved, directions), strict=True):
+            self._coordinate(slide, shift, rate)
+        if hinge is not None:
+            sign = float(np.sign((link.rotation @ hinge.axis) @ self.plane.normal))
+            turn = moved.angle - base.angle
+            self._coordinate(hinge, sign * turn, sign * (moved.angular_velocity - base.angular_velocity))
+
+    @staticmethod
+    def _shifts(base: Marker, moved: Marker, directions: Sequence[np.ndarray]) -> tuple[list[ca.SX], list[ca.SX]]:
+        """Displacements along directions of the parent that the slides share out, and their rates."""
+        if not directions:
+            return [], []
+        frame = ca.horzcat(base.x_axis, base.y_axis)
+        away = frame.T @ (moved.position - base.position)
+        # the parent may turn: the rate of a displacement is that of an expression in its coordinates
+        turning = base.angular_velocity * ca.vertcat(away[1], -away[0])
+        rate = frame.T @ (moved.velocity - base.velocity) + turning
+        matrix = np.column_stack(directions)
+        shares = np.linalg.pinv(matrix)
+        along, speeds = ca.DM(shares) @ away, ca.DM(shares) @ rate
+        return ca.vertsplit(along), ca.vertsplit(speeds)
+
+    def _coordinate(self, joint: SpatialJoint, value: ca.SX, rate: ca.SX) -> None:
+        """Keep the coordinate of a joint, with its spring and damper."""
+        if joint.name in self.coordinates:
+            raise joint.source.refuse("has the name of another joint")
+        self.coordinates[joint.name] = Coordinate(value + joint.reference, rate)
+        force = -joint.damping * rate - joint.stiffness * (value + joint.reference - joint.rest)
+        if joint.damping or joint.stiffness:
+            self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(value, force)]))
+
+    def _close(self, loop: Loop) -> None:
+        kind = Weld if loop.fixed else Revolute
+        if loop.a.root is loop.b.root:
+            raise loop.source.refuse("connects a body with itself")
+        self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))
+
+
+def rotation_of_rpy(angles: np.ndarray) -> np.ndarray:
+    """Rotation by roll, pitch and yaw about fixed axes (3, 3)."""
+    return rotation_about(2, angles[2]) @ rotation_about(1, angles[1]) @ rotation_about(0, angles[0])
+
+
+def rotation_about(axis: int, angle: float) -> np.ndarray:
+    """Rotation about an axis of the frame (3, 3)."""
+    c, s = np.cos(angle), np.sin(angle)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    found = np.eye(3)
+    found[first, first] = found[second, second] = c
+    found[second, first], found[first, second] = s, -s
+    return found
+
+
+def rotation_around(axis: np.ndarray, angle: float) -> np.ndarray:
+    """Rotation about a unit vector (3, 3), by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    found: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return found

@@ -1,0 +1,185 @@
+"""Planar mechanisms from the robot descriptions of ROS (``.urdf``)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..model.forces.applied import GeneralizedForce
+from ..model.joints.constraints import Constraint
+from ..model.mechanism import Mechanism
+from ..model.symbols import Input
+from .markup import XmlElement, read_xml
+from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy
+
+#: Kinds of joints, and what they are here.
+_KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
+
+
+def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Mechanism:
+    """Read a robot whose motion is planar.
+
+    The outermost link is the ground; links that are fixed to others become one
+    body with them. All hinges must be parallel, and slides lie across them. The
+    plane is seen so that gravity points down and the axes of the world to the right; the pose of the file,
+    with all joints at zero, has ``phi = 0`` for all bodies. An actuated joint of a
+    ``transmission`` gets an :class:`Input` of its name, with the effort as its limit, and
+    ``mimic`` becomes a constraint.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    gravity : sequence of float, default (0, 0, -9.81)
+        In the frame of the outermost link, m/s².
+
+    Returns
+    -------
+    Mechanism
+        Bodies by the names of the links, joints by theirs. Loops, which the format does
+        not know, are closed with ``mechanism.replace(joints=[*mechanism.joints, mbd.Revolute(…)])``.
+
+    Raises
+    ------
+    FileError
+        For what is not planar or not known, with the element and its line.
+
+    Warns
+    -----
+    MechanismWarning
+        For limits and dry friction of joints, which are left out.
+    """
+    root = read_xml(path, "robot")
+    direction = np.asarray(gravity, float)
+    robot = Robot(root, root.get("name", Path(path).stem), direction)
+    links = {}
+    for element in root.all("link"):
+        name = element.get("name")
+        if name in links:
+            raise element.refuse("has the name of another link")
+        links[name] = element
+    joints = list(root.all("joint"))
+    children = {_reference(joint, "child"): joint for joint in joints}
+    for joint in joints:
+        for end in ("parent", "child"):
+            if _reference(joint, end) not in links:
+                raise joint.refuse(f"names the link '{_reference(joint, end)}', which is not there")
+        if children[_reference(joint, "child")] is not joint:
+            raise joint.refuse(f"moves the link '{_reference(joint, 'child')}', which another joint moves already")
+    tops = [name for name in links if name not in children]
+    if len(tops) != 1:
+        raise root.refuse(f"has {len(tops)} outermost links ({', '.join(tops[:3])}), where one is meant")
+    world = Link(links[tops[0]], tops[0], None, np.eye(3), np.zeros(3))
+    robot.links.append(world)
+    _add_children(robot, world, links, joints)
+    if len(robot.links) < len(links):
+        lost = next(element for name, element in links.items() if name not in {link.name for link in robot.links})
+        raise lost.refuse("hangs on a ring of joints that reaches no outermost link")
+    _read_mimics(robot, joints)
+    _read_transmissions(robot, root, joints)
+    return PlanarBuilder(robot).mechanism()
+
+
+def _reference(joint: XmlElement, end: str) -> str:
+    element = joint.one(end)
+    if element is None:
+        raise joint.refuse(f"has no {end}")
+    return element.get("link")
+
+
+def _origin(element: XmlElement) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation and position of an ``origin``."""
+    origin = element.one("origin")
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    return rotation_of_rpy(origin.numbers("rpy", "0 0 0", (3,))), origin.numbers("xyz", "0 0 0", (3,))
+
+
+def _add_children(robot: Robot, parent: Link, links: dict[str, XmlElement], joints: Sequence[XmlElement]) -> None:
+    waiting = [parent]
+    while waiting:
+        above = waiting.pop(0)
+        for joint in joints:
+            if _reference(joint, "parent") != above.name:
+                continue
+            rotation, position = _origin(joint)
+            name = _reference(joint, "child")
+            link = Link(
+                links[name], name, above, above.rotation @ rotation, above.position + above.rotation @ position,
+                _masses(links[name]), _joints(joint, robot),
+            )  # fmt: skip
+            robot.links.append(link)
+            waiting.append(link)
+
+
+def _masses(link: XmlElement) -> list[Mass]:
+    inertial = link.one("inertial")
+    if inertial is None:
+        return []
+    mass, inertia = inertial.one("mass"), inertial.one("inertia")
+    if mass is None or inertia is None:
+        raise inertial.refuse(f"of link '{link.get('name')}' must give mass and inertia")
+    rotation, center = _origin(inertial)
+    xx, xy, xz, yy, yz, zz = (inertia.number(f"i{axes}", "0") for axes in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return [Mass(mass.number("value", least=0.0), center, rotation @ tensor @ rotation.T)]
+
+
+def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
+    kind = joint.get("type")
+    name = joint.get("name")
+    if kind == "fixed":
+        return []
+    if kind not in _KINDS:
+        raise joint.refuse(f"is of the type '{kind}'; planar are revolute, continuous, prismatic and fixed")
+    axis_element = joint.one("axis")
+    axis = np.array([1.0, 0.0, 0.0]) if axis_element is None else axis_element.numbers("xyz", None, (3,))
+    length = float(np.linalg.norm(axis))
+    if length == 0:
+        raise joint.refuse("has an axis without direction")
+    dynamics, limit = joint.one("dynamics"), joint.one("limit")
+    damping = 0.0 if dynamics is None else dynamics.number("damping", "0", least=0.0)
+    if dynamics is not None and dynamics.number("friction", "0") != 0:
+        robot.left_out.append(f"the dry friction of joint '{name}' (JointFriction and LoadIndependentFriction have it)")
+    if limit is not None and kind != "continuous" and (limit.has("lower") or limit.has("upper")):
+        robot.left_out.append(f"the limits of joint '{name}' (EndStop holds them)")
+    return [SpatialJoint(joint, name, _KINDS[kind], axis / length, np.zeros(3), damping=damping)]
+
+
+def _read_mimics(robot: Robot, joints: Sequence[XmlElement]) -> None:
+    for joint in joints:
+        mimic = joint.one("mimic")
+        if mimic is None:
+            continue
+        other, name = mimic.get("joint"), joint.get("name")
+        robot.joint(name, mimic)
+        robot.joint(other, mimic)
+        ratio, offset = mimic.number("multiplier", "1"), mimic.number("offset", "0")
+        robot.constraints.append(((name, other), _mimic(f"{name} mimic", ratio, offset)))
+
+
+def _mimic(name: str, ratio: float, offset: float) -> Law:
+    return lambda both: Constraint(name, both[0].value - ratio * both[1].value - offset)
+
+
+def _read_transmissions(robot: Robot, root: XmlElement, joints: Sequence[XmlElement]) -> None:
+    by_name = {joint.get("name"): joint for joint in joints}
+    for transmission in root.all("transmission"):
+        for element in transmission.all("joint"):
+            name = element.get("name")
+            robot.joint(name, element)
+            limit = by_name[name].one("limit")
+            effort = np.inf if limit is None or not limit.has("effort") else limit.number("effort", least=0.0)
+            effort = effort if effort > 0 else np.inf
+            drive = Input(name, lower=-effort, upper=effort)
+            robot.inputs.append(drive)
+            robot.forces.append(((name,), _effort(f"{name} actuator", drive)))
+
+
+def _effort(name: str, drive: Input) -> Law:
+    def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
+        return GeneralizedForce(name, [(coordinates[0].value, drive)])
+
+    return law

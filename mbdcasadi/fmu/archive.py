@@ -1,0 +1,72 @@
+"""The binary of this machine, and the archive."""
+
+from __future__ import annotations
+
+import platform
+import sys
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from ..errors import MechanismError
+from ..integrators.dop853 import build
+from ..numerics.writing import whole_file
+from .sources import OPTIMISATION
+
+#: Time of every file in an archive: the same model gives the same archive.
+TIME = (1980, 1, 1, 0, 0, 0)
+
+
+def binary_of(
+    files: Mapping[str, str], compiled: Sequence[str], identifier: str, version: int
+) -> dict[str, bytes] | None:
+    """Return the binary of this machine by its name in the archive; None without a compiler.
+
+    Raises
+    ------
+    CompilationError
+        If the compiler fails.
+    """
+    using = build.compiler()
+    folder = _folder(version)
+    if using is None or folder is None:
+        return None
+    name, ending = folder
+    options = [(source, OPTIMISATION[source]) for source in compiled]
+    return {f"binaries/{name}/{identifier}{ending}": build.compiled(files, options, using)}
+
+
+def _folder(version: int) -> tuple[str, str] | None:
+    """Folder of the binaries of this machine, and how they end; None on a machine that FMI does not name."""
+    machine = platform.machine().lower()
+    is_64 = sys.maxsize > 2**32
+    arm, intel = machine in ("aarch64", "arm64"), machine in ("x86_64", "amd64", "x86", "i386", "i686")
+    system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform)
+    if system is None or not (arm or intel):
+        return None
+    ending = {"linux": ".so", "darwin": ".dylib", "windows": ".dll"}[system]
+    if version == 3:
+        return f"{'aarch64' if arm else 'x86_64' if is_64 else 'x86'}-{system}", ending
+    if arm and system != "darwin":
+        return None
+    short = {"linux": "linux", "darwin": "darwin", "windows": "win"}[system]
+    return f"{short}{'64' if is_64 else '32'}", ending
+
+
+def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
+    """Write an archive whole or not at all, the same for the same files."""
+    with whole_file(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            entry = zipfile.ZipInfo(name, TIME)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, files[name])
+
+
+def refuse_paths(files: Mapping[str, bytes]) -> None:
+    """Raise if a file holds the path of a folder of this machine."""
+    home = str(Path.home()).encode()
+    for name, content in files.items():
+        if len(home) > 1 and home in content:
+            raise MechanismError(f"export_fmu: {name} would hold the folder {home.decode()} of this machine")

@@ -1,0 +1,373 @@
+/* The interface of FMI 2.0, for co-simulation and model exchange.
+
+   Functional Mock-up Interface for Model Exchange and Co-Simulation, version 2.0.4, Modelica Association 2022. */
+
+#include "model.h"
+#include "engine.c"
+#include "instance.c"
+
+typedef void* fmi2Component;
+typedef void* fmi2ComponentEnvironment;
+typedef void* fmi2FMUstate;
+typedef unsigned int fmi2ValueReference;
+typedef double fmi2Real;
+typedef int fmi2Integer;
+typedef int fmi2Boolean;
+typedef char fmi2Char;
+typedef const fmi2Char* fmi2String;
+typedef char fmi2Byte;
+typedef enum { fmi2OK, fmi2Warning, fmi2Discard, fmi2Error, fmi2Fatal, fmi2Pending } fmi2Status;
+typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
+typedef enum { fmi2DoStepStatus, fmi2PendingStatus, fmi2LastSuccessfulTime, fmi2Terminated } fmi2StatusKind;
+
+typedef struct {
+  void (*logger)(fmi2ComponentEnvironment, fmi2String instanceName, fmi2Status, fmi2String category, fmi2String message,
+                 ...);
+  void* (*allocateMemory)(size_t count, size_t size);
+  void (*freeMemory)(void*);
+  void (*stepFinished)(fmi2ComponentEnvironment, fmi2Status);
+  fmi2ComponentEnvironment componentEnvironment;
+} fmi2CallbackFunctions;
+
+typedef struct {
+  fmi2Boolean newDiscreteStatesNeeded, terminateSimulation, nominalsOfContinuousStatesChanged,
+      valuesOfContinuousStatesChanged, nextEventTimeDefined;
+  fmi2Real nextEventTime;
+} fmi2EventInfo;
+
+#if defined(_WIN32)
+#define SHOWN __declspec(dllexport)
+#elif defined(__GNUC__)
+#define SHOWN __attribute__((visibility("default")))
+#else
+#define SHOWN
+#endif
+#ifdef FMI2_FUNCTION_PREFIX
+#define PASTE(a, b) a##b
+#define PASTED(a, b) PASTE(a, b)
+#define NAMED(name) PASTED(FMI2_FUNCTION_PREFIX, name)
+#else
+#define NAMED(name) name
+#endif
+#define STATUS SHOWN fmi2Status
+
+typedef struct {
+  instance* s;
+  fmi2CallbackFunctions callbacks;
+  char* name;
+  fmi2Status last;
+} unit;
+
+static const fmi2Status STATUSES[] = {fmi2OK, fmi2Warning, fmi2Discard, fmi2Error};
+static const char* const CATEGORIES[] = {"logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError"};
+
+static void report(void* host, int status, const char* message) {
+  unit* c = host;
+  if (c->callbacks.logger)
+    c->callbacks.logger(c->callbacks.componentEnvironment, c->name, STATUSES[status], CATEGORIES[status], "%s", message);
+}
+
+static instance* of(fmi2Component c) { return ((unit*)c)->s; }
+
+SHOWN const char* NAMED(fmi2GetTypesPlatform)(void) { return "default"; }
+
+SHOWN const char* NAMED(fmi2GetVersion)(void) { return "2.0"; }
+
+STATUS NAMED(fmi2SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t count, const fmi2String categories[]) {
+  (void)c; (void)on; (void)count; (void)categories;
+  return fmi2OK;
+}
+
+SHOWN fmi2Component NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
+                                           const fmi2CallbackFunctions* functions, fmi2Boolean visible,
+                                           fmi2Boolean logging) {
+  (void)resources; (void)visible; (void)logging;
+  unit* c = calloc(1, sizeof(unit));
+  if (!c) return NULL;
+  if (functions) c->callbacks = *functions;
+  c->name = calloc(1, (name ? strlen(name) : 0) + 1);
+  if (c->name && name) strcpy(c->name, name);
+  if (!guid || strcmp(guid, MODEL_TOKEN)) {
+    report(c, ERROR_, "the GUID is that of another model description");
+  } else if (type == fmi2ModelExchange ? !HAS_MODEL_EXCHANGE : !HAS_CO_SIMULATION) {
+    report(c, ERROR_, type == fmi2ModelExchange ? "this unit was exported for co-simulation alone"
+                                                : "this unit was exported for model exchange alone");
+  } else if (c->name && (c->s = create(report, c)) != NULL) return c;
+  free(c->name);
+  free(c);
+  return NULL;
+}
+
+SHOWN void NAMED(fmi2FreeInstance)(fmi2Component component) {
+  unit* c = component;
+  if (!c) return;
+  dismiss(c->s);
+  free(c->name);
+  free(c);
+}
+
+STATUS NAMED(fmi2SetupExperiment)(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
+                                  fmi2Boolean has_stop, fmi2Real stop) {
+  instance* s = of(c);
+  if (has_tolerance && tolerance > 0.0) s->block[RELTOL] = tolerance;
+  s->block[START_TIME] = s->block[TIME] = start;
+  s->block[STOP_TIME] = has_stop ? stop : INFINITY;
+  s->block[IS_UNSETTLED] = 1.0;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2EnterInitializationMode)(fmi2Component c) {
+  of(c)->block[MODE] = INITIALIZING;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2ExitInitializationMode)(fmi2Component c) {
+  instance* s = of(c);
+  const int status = settle(s);
+  /* co-simulation and model exchange go on from here in different modes, and ask for nothing that tells them apart */
+  if (status == OK_) s->block[MODE] = EVENT_MODE;
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2Terminate)(fmi2Component c) {
+  of(c)->block[MODE] = TERMINATED;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2Reset)(fmi2Component c) {
+  reset(of(c));
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t count, fmi2Real value[]) {
+  int status = OK_;
+  for (size_t i = 0; i < count && status == OK_; ++i) status = get_value(of(c), vr[i], &value[i]);
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t count, const fmi2Real value[]) {
+  int status = OK_;
+  for (size_t i = 0; i < count && status == OK_; ++i) status = set_value(of(c), vr[i], value[i]);
+  return STATUSES[status];
+}
+
+static fmi2Status no_such(fmi2Component c, size_t count) {
+  if (!count) return fmi2OK;
+  say(of(c), ERROR_, "all variables of this unit are of type Real");
+  return fmi2Error;
+}
+
+#define ABSENT(type, kind)                                                                                         \
+  STATUS NAMED(fmi2Get##type)(fmi2Component c, const fmi2ValueReference vr[], size_t count, kind value[]) {        \
+    (void)vr; (void)value;                                                                                         \
+    return no_such(c, count);                                                                                      \
+  }                                                                                                                \
+  STATUS NAMED(fmi2Set##type)(fmi2Component c, const fmi2ValueReference vr[], size_t count, const kind value[]) {  \
+    (void)vr; (void)value;                                                                                         \
+    return no_such(c, count);                                                                                      \
+  }
+ABSENT(Integer, fmi2Integer)
+ABSENT(Boolean, fmi2Boolean)
+ABSENT(String, fmi2String)
+
+STATUS NAMED(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate* state) {
+  if (!*state) return (*state = save(of(c))) != NULL ? fmi2OK : fmi2Error;
+  memcpy(*state, of(c)->block, SAVED_BYTES);
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) { return STATUSES[restore(of(c), state)]; }
+
+STATUS NAMED(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate* state) {
+  (void)c;
+  if (state) { free(*state); *state = NULL; }
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t* size) {
+  (void)c; (void)state;
+  *size = SAVED_BYTES;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
+  if (size < SAVED_BYTES || !state) {
+    say(of(c), ERROR_, "a saved state takes %d bytes", (int)SAVED_BYTES);
+    return fmi2Error;
+  }
+  memcpy(bytes, state, SAVED_BYTES);
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate* state) {
+  double identity = 0.0;
+  if (size >= SAVED_BYTES) memcpy(&identity, bytes, sizeof identity);
+  if (identity != MODEL_IDENTITY) {
+    say(of(c), ERROR_, "the serialized state is none of this model");
+    return fmi2Error;
+  }
+  if (!*state && !(*state = malloc(SAVED_BYTES))) return fmi2Error;
+  memcpy(*state, bytes, SAVED_BYTES);
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
+                                           const fmi2ValueReference known[], size_t knowns, const fmi2Real seed[],
+                                           fmi2Real result[]) {
+  return STATUSES[derivative_along(of(c), unknown, unknowns, known, knowns, seed, result)];
+}
+
+/* --- model exchange ------------------------------------------------------------------------------------- */
+
+STATUS NAMED(fmi2EnterEventMode)(fmi2Component c) {
+  of(c)->block[MODE] = EVENT_MODE;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2NewDiscreteStates)(fmi2Component c, fmi2EventInfo* info) {
+  instance* s = of(c);
+  const int moves = s->block[IS_UNSETTLED] != 0.0, status = settle(s);
+  memset(info, 0, sizeof *info);
+  info->valuesOfContinuousStatesChanged = moves;
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2EnterContinuousTimeMode)(fmi2Component c) {
+  of(c)->block[MODE] = CONTINUOUS;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2CompletedIntegratorStep)(fmi2Component c, fmi2Boolean no_return, fmi2Boolean* enter_event_mode,
+                                          fmi2Boolean* terminate) {
+  (void)c; (void)no_return;
+  *enter_event_mode = *terminate = 0;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2SetTime)(fmi2Component c, fmi2Real time) {
+  of(c)->block[TIME] = time;
+  changed(of(c));
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2SetContinuousStates)(fmi2Component c, const fmi2Real x[], size_t count) {
+  if (count != N_X) return fmi2Error;
+  memcpy(of(c)->x, x, sizeof(double) * N_X);
+  changed(of(c));
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetDerivatives)(fmi2Component c, fmi2Real rates[], size_t count) {
+  if (count != N_X) return fmi2Error;
+  const int status = update_derivatives(of(c));
+  memcpy(rates, of(c)->xdot, sizeof(double) * N_X);
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2GetEventIndicators)(fmi2Component c, fmi2Real values[], size_t count) {
+  instance* s = of(c);
+  if (count != N_INDICATORS) return fmi2Error;
+  const int status = settle(s);
+  find_indicators(s, s->block[TIME], s->x, values);
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2GetContinuousStates)(fmi2Component c, fmi2Real x[], size_t count) {
+  if (count != N_X) return fmi2Error;
+  const int status = settle(of(c));
+  memcpy(x, of(c)->x, sizeof(double) * N_X);
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nominals[], size_t count) {
+  (void)c;
+  if (count != N_X) return fmi2Error;
+  memcpy(nominals, NOMINALS, sizeof(double) * N_X);
+  return fmi2OK;
+}
+
+/* --- co-simulation -------------------------------------------------------------------------------------- */
+
+static int set_slope(instance* s, unsigned reference, int order, double slope) {
+  if (reference < FIRST_INPUT || reference >= FIRST_PARAMETER || order != 1 || !isfinite(slope)) {
+    say(s, ERROR_, "derivatives of order 1 can be set, of inputs alone");
+    return ERROR_;
+  }
+  const int k = INPUT_PLACES[reference - FIRST_INPUT];
+  if (s->levels[N_INPUTS + k] == slope) return OK_;
+  const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
+  for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
+  s->levels[2 * N_INPUTS] = s->block[TIME];
+  s->levels[N_INPUTS + k] = slope;
+  turned(s);
+  return OK_;
+}
+
+STATUS NAMED(fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t count,
+                                          const fmi2Integer order[], const fmi2Real value[]) {
+  int status = OK_;
+  for (size_t i = 0; i < count && status == OK_; ++i) status = set_slope(of(c), vr[i], order[i], value[i]);
+  return STATUSES[status];
+}
+
+STATUS NAMED(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t count,
+                                           const fmi2Integer order[], fmi2Real value[]) {
+  (void)vr; (void)order; (void)value;
+  if (!count) return fmi2OK;
+  say(of(c), ERROR_, "derivatives of outputs in time are not there");
+  return fmi2Error;
+}
+
+STATUS NAMED(fmi2DoStep)(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean no_return) {
+  unit* c = component;
+  instance* s = c->s;
+  (void)no_return;
+  if (s->block[MODE] == TERMINATED || s->block[MODE] < EVENT_MODE) {
+    say(s, ERROR_, "a step is possible between initialization and termination");
+    return c->last = fmi2Error;
+  }
+  if (!(fabs(time - s->block[TIME]) <= 1e-9 * (fabs(time) + fabs(step)))) {
+    say(s, ERROR_, "the step is to begin at t = %.12g s, and the unit is at t = %.12g s", time, s->block[TIME]);
+    return c->last = fmi2Error;
+  }
+  if (!(step >= 0.0)) {
+    say(s, ERROR_, "the communication step must not be negative, got %g s", step);
+    return c->last = fmi2Error;
+  }
+  s->block[MODE] = STEPPING;
+  return c->last = STATUSES[step_to(s, time + step)];
+}
+
+STATUS NAMED(fmi2CancelStep)(fmi2Component c) {
+  say(of(c), ERROR_, "no step is pending");
+  return fmi2Error;
+}
+
+STATUS NAMED(fmi2GetStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Status* value) {
+  if (kind != fmi2DoStepStatus) return fmi2Discard;
+  *value = ((unit*)c)->last;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetRealStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Real* value) {
+  if (kind != fmi2LastSuccessfulTime) return fmi2Discard;
+  *value = of(c)->block[TIME];
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetIntegerStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Integer* value) {
+  (void)c; (void)kind; (void)value;
+  return fmi2Discard;
+}
+
+STATUS NAMED(fmi2GetBooleanStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Boolean* value) {
+  (void)c;
+  if (kind != fmi2Terminated) return fmi2Discard;
+  *value = 0;
+  return fmi2OK;
+}
+
+STATUS NAMED(fmi2GetStringStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2String* value) {
+  (void)c; (void)kind; (void)value;
+  return fmi2Discard;
+}

@@ -1,0 +1,736 @@
+/* One instance of the mechanism: start, co-simulation, derivatives and values; the same for every version of FMI.
+
+   Above this file stand model.h, which is written for the mechanism, and engine.c, the integrator.
+
+   A state is x = (q, v, z). All that changes in the course of a simulation is one block of doubles, so that a saved
+   state is a copy of it. In co-simulation the integrator takes steps of its own size, also beyond the communication
+   point: as long as inputs and parameters stay as they are, later points are read from the dense output of the step
+   that passed them, and brought onto the constraints. */
+
+#include <stdarg.h>
+#include <stdio.h>
+
+enum { OK_, WARNING_, DISCARD_, ERROR_ };
+
+enum mode { INSTANTIATED, INITIALIZING, EVENT_MODE, CONTINUOUS, STEPPING, TERMINATED };
+
+/* Places of single numbers in the block. */
+enum {
+  IDENTITY,      /* of the model, so that no saved state of another one is taken */
+  TIME, START_TIME, STOP_TIME, RELTOL, MODE,
+  IS_UNSETTLED,  /* parameters changed, and the state is not on the constraints yet */
+  STEP,          /* size of the next step of the integrator */
+  IS_AHEAD,      /* the integrator is ahead of the communication point, between these times: */
+  AHEAD_BEGIN, AHEAD_END, HAS_DENSE,
+  SCALARS
+};
+
+#define N_X (2 * N_COORDINATES + N_STATES)
+#define N_LEVELS (2 * N_INPUTS + 1)
+#define BLOCK (SCALARS + 10 * N_X + N_PARAMETERS + N_LEVELS)
+#define LENGTH(n) ((n) > 0 ? (n) : 1)
+/* Points inside a step at which gaps are looked at; rows that the integrator may return. */
+#define LOOKS 7
+#define ROWS_OUT (MOST_SAMPLES + 64)
+/* Steps within one communication step after which the motion counts as too stiff. */
+#define TOO_MANY 500000
+/* Samples of the functions that switch in time, and steps over which they are looked ahead. */
+#define TIME_SAMPLES 32
+#define TIME_WINDOW 20.0
+/* Depth of a contact, m, below which it counts as open. */
+#define SHALLOW 1e-9
+/* Part of a step before a contact below which it is not cut off. */
+#define NEAR_CONTACT 1e-6
+/* Steps of Newton's method, and of the parameters on their way from the values at the export. */
+#define NEWTON_STEPS 50
+#define NEAREST_STEPS 300
+#define PARAMETER_STEPS 16
+#define MET 1e-11
+#define NEARLY_MET 1e-8
+
+typedef void (*report_t)(void* host, int status, const char* message);
+
+typedef struct {
+  double* block;
+  double *x, *p, *levels;                 /* in the block */
+  double *start, *finish, *dense;         /* ends and dense output of the step that is ahead, in the block */
+  system_t system;
+  run_t* run;
+  stretch_t task;
+  int halt;
+  double *times_out, *x_out;
+  integer* index_out;
+  double *a, *zdot, *lam, *y, *xdot, *work, *scratch, *switches;
+  int has_outputs, has_derivatives;       /* whether y, xdot belong to the present state */
+  char* warned;
+  report_t report;
+  void* host;
+} instance;
+
+static void say(instance* s, int status, const char* format, ...) {
+  char text[1024];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  if (s->report) s->report(s->host, status, text);
+}
+
+static void changed(instance* s) { s->has_outputs = s->has_derivatives = 0; }
+
+static void turned(instance* s) {
+  changed(s);
+  s->block[IS_AHEAD] = 0.0;
+}
+
+/* --- functions of the equations that are not one tape -------------------------------------------------- */
+
+/* Inputs are straight lines in time: levels, slopes, and the time from which these count. */
+static int find_levels(const double** arg, double** res, long long int* iw, double* w, int mem) {
+  (void)iw; (void)w; (void)mem;
+  for (int i = 0; i < N_INPUTS; ++i) res[0][i] = arg[5][i] + arg[5][N_INPUTS + i] * (arg[0][0] - arg[5][2 * N_INPUTS]);
+  return 0;
+}
+
+#if HAS_NEWTON
+/* Forces that depend on reactions: Newton's method for (a, lam), from zero. */
+static int find_dynamics(const double** arg, double** res, long long int* iw, double* w, int mem) {
+  const int count = N_COORDINATES + N_MULTIPLIERS;
+  double *found = w, *next = w + count, *work = next + count, left = INFINITY;
+  int solved = 0, k, i;
+  memset(found, 0, sizeof(double) * (size_t)count);
+  for (k = 0; k < 60 && !solved; ++k) {
+    const double* known[7] = {arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found};
+    double* given[2] = {next, &left};
+    double change = 0.0, size = 0.0;
+    newton(known, given, iw, work, mem);
+    for (i = 0; i < count; ++i) {
+      change = fmax(change, fabs(next[i] - found[i]));
+      size = fmax(size, fabs(next[i]));
+    }
+    memcpy(found, next, sizeof(double) * (size_t)count);
+    if (!isfinite(change)) break;
+    solved = change <= 1e-13 * (1.0 + size) || (k > 8 && change <= 1e-10 * (1.0 + size));
+  }
+  if (!solved) for (i = 0; i < count; ++i) found[i] = NAN;
+  if (res[0]) memcpy(res[0], found, sizeof(double) * N_COORDINATES);
+  if (res[1]) {
+    const double* known[7] = {arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found};
+    double* given[1] = {res[1]};
+    state_rates(known, given, iw, work, mem);
+  }
+  if (res[2]) memcpy(res[2], found + N_COORDINATES, sizeof(double) * N_MULTIPLIERS);
+  if (res[3]) *res[3] = 1.0;
+  return 0;
+}
+#define WORK_dynamics (2 * (N_COORDINATES + N_MULTIPLIERS) + WORK_newton + WORK_state_rates)
+#else
+#define find_dynamics dynamics
+#endif
+
+/* --- life ---------------------------------------------------------------------------------------------- */
+
+static void reset(instance* s) {
+  memset(s->block, 0, sizeof(double) * BLOCK);
+  s->block[IDENTITY] = MODEL_IDENTITY;
+  s->block[TIME] = s->block[START_TIME] = START_AT;
+  s->block[STOP_TIME] = INFINITY;
+  s->block[RELTOL] = DEFAULT_RELTOL;
+  s->block[IS_UNSETTLED] = 1.0;
+  memcpy(s->x, START_X, sizeof(double) * N_X);
+  memcpy(s->p, START_P, sizeof(double) * N_PARAMETERS);
+  memcpy(s->levels, START_U, sizeof(double) * N_INPUTS);
+  if (N_VALIDITY) memset(s->warned, 0, N_VALIDITY);
+  changed(s);
+}
+
+static void dismiss(instance* s) {
+  if (!s) return;
+  mbd_free(s->run);
+  free(s->block);
+  free(s->times_out);
+  free(s->index_out);
+  free(s->warned);
+  free(s);
+}
+
+static instance* create(report_t report, void* host) {
+  instance* s = calloc(1, sizeof(instance));
+  if (!s) return NULL;
+  s->report = report;
+  s->host = host;
+  const size_t values = 2 * N_COORDINATES + 2 * N_STATES + 2 * N_MULTIPLIERS + 3 * N_OUTPUTS + 8 * N_X + 2 * N_PARAMETERS +
+                        2 * N_INPUTS + N_CHECKS + N_VALIDITY + N_FORCES + 3 * N_INDICATORS + 2 * WORK_LARGEST + 16;
+  s->block = calloc(BLOCK + values, sizeof(double));
+  s->times_out = calloc(ROWS_OUT * (1 + (size_t)N_X), sizeof(double));
+  s->index_out = calloc(ROWS_OUT, sizeof(integer));
+  s->warned = calloc(LENGTH(N_VALIDITY), 1);
+  if (!s->block || !s->times_out || !s->index_out || !s->warned) { dismiss(s); return NULL; }
+  double* place = s->block + SCALARS;
+  s->x = place; place += N_X;
+  s->start = place; place += N_X;
+  s->finish = place; place += N_X;
+  s->dense = place; place += 7 * N_X;
+  s->p = place; place += N_PARAMETERS;
+  s->levels = place; place += N_LEVELS;
+  s->a = place; place += N_COORDINATES;
+  s->zdot = place; place += N_STATES;
+  s->lam = place; place += N_MULTIPLIERS;
+  s->y = place; place += N_OUTPUTS;
+  s->xdot = place; place += N_X;
+  s->switches = place; place += 3 * N_INDICATORS;
+  s->work = place; place += WORK_LARGEST + 8;
+  s->scratch = place;
+  s->x_out = s->times_out + ROWS_OUT;
+  s->system.coordinates = N_COORDINATES;
+  s->system.states = N_STATES;
+  s->system.multipliers = N_MULTIPLIERS;
+  s->system.inputs = N_INPUTS;
+  s->system.input.code = find_levels;
+  s->system.dynamics.code = find_dynamics;
+  s->system.dynamics.work = WORK_dynamics;
+  s->system.projection.code = projection;
+  s->system.projection.work = WORK_projection;
+  s->run = mbd_new(&s->system);
+  if (!s->run) { dismiss(s); return NULL; }
+  s->task.p = s->p;
+  s->task.levels = s->levels;
+  s->task.weights = PROJECTION_WEIGHTS;
+  s->task.accuracy = ACCURACY;
+  s->task.halt = &s->halt;
+  s->task.out_times = s->times_out;
+  s->task.out_x = s->x_out;
+  s->task.out_index = s->index_out;
+  s->task.max_step = INFINITY;
+  s->task.spacing = INFINITY;
+  s->run->task = &s->task;
+  reset(s);
+  return s;
+}
+
+/* --- the start ------------------------------------------------------------------------------------------ */
+
+/* Newton's method: `function(known) -> (unknown, residual)`; 0 if the rows are not met. */
+static int newton_steps(code_t function, const double** known, int place, double* unknown, int count, int steps,
+                        double* work, double* next) {
+  double before = INFINITY, left = INFINITY;
+  for (int k = 0; k < steps; ++k) {
+    double* res[2] = {next, &left};
+    known[place] = unknown;
+    function(known, res, NULL, work, 0);
+    if (!isfinite(left)) return 0;
+    if (left <= MET || (left <= NEARLY_MET && left >= before / 2)) return 1;
+    for (int i = 0; i < count; ++i)
+      if (!isfinite(next[i])) return 0;
+    memcpy(unknown, next, sizeof(double) * (size_t)count);
+    before = left;
+  }
+  return left <= NEARLY_MET;
+}
+
+/* The nearest to an estimate of all that meet the rows, from one of them; what meets them is left if this fails. */
+static void nearest_steps(code_t function, const double** known, int place, int estimate, const double* wanted,
+                          double* unknown, int count, double* work, double* next, double* kept) {
+  double before = INFINITY;
+  memcpy(kept, unknown, sizeof(double) * (size_t)count);
+  for (int k = 0; k < NEAREST_STEPS; ++k) {
+    double left = INFINITY, change = 0.0, size = 1.0, *res[2] = {next, &left};
+    known[place] = unknown;
+    known[estimate] = wanted;
+    function(known, res, NULL, work, 0);
+    for (int i = 0; i < count; ++i) {
+      change = fmax(change, fabs(next[i] - unknown[i]));
+      size = fmax(size, fabs(next[i]));
+    }
+    if (!isfinite(change)) break;
+    memcpy(unknown, next, sizeof(double) * (size_t)count);
+    if (change <= 1e-13 * size || (change <= 1e-9 * size && change >= before)) {
+      known[estimate] = unknown;
+      if (newton_steps(function, known, place, unknown, count, NEWTON_STEPS, work, next)) return;
+      break;
+    }
+    before = change;
+  }
+  memcpy(unknown, kept, sizeof(double) * (size_t)count);
+}
+
+/* The consistent state at the start; 0 if there is none. */
+static int find_start(instance* s) {
+  double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES, *t = &s->block[START_TIME];
+  double *p = s->scratch, *next = p + N_PARAMETERS, *kept = next + N_X, *work = kept + N_X;
+  int moved = *t != START_AT, i, k;
+  memcpy(s->x, START_X, sizeof(double) * N_X);
+  for (i = 0; i < N_PARAMETERS; ++i) moved |= s->p[i] != START_P[i];
+  if (!moved) return 1;
+  for (k = 1; k <= PARAMETER_STEPS; ++k) {
+    const double part = (double)k / PARAMETER_STEPS;
+    for (i = 0; i < N_PARAMETERS; ++i) p[i] = k < PARAMETER_STEPS ? START_P[i] + part * (s->p[i] - START_P[i]) : s->p[i];
+    if (N_STATES) {
+      const double* known[3] = {t, z, p};
+      if (!newton_steps(start_states, known, 1, z, N_STATES, NEWTON_STEPS, work, next)) return 0;
+    }
+    const double* known[5] = {t, q, z, p, q};
+    if (!newton_steps(start_pose, known, 1, q, N_COORDINATES, NEWTON_STEPS, work, next)) return 0;
+  }
+  if (POSE_IS_NEAREST) {
+    const double* known[5] = {t, q, z, p, ESTIMATE};
+    nearest_steps(start_pose, known, 1, 4, ESTIMATE, q, N_COORDINATES, work, next, kept);
+  }
+  const double* known[6] = {t, q, v, z, p, v};
+  if (!newton_steps(start_velocity, known, 2, v, N_COORDINATES, NEWTON_STEPS, work, next)) return 0;
+  if (VELOCITY_IS_NEAREST)
+    nearest_steps(start_velocity, known, 2, 5, ESTIMATE + N_COORDINATES, v, N_COORDINATES, work, next, kept);
+  return 1;
+}
+
+/* Bring the state onto the constraints after a change of parameters. */
+static int settle(instance* s) {
+  if (s->block[IS_UNSETTLED] == 0.0) return OK_;
+  if (N_CHECKS) {
+    const double* arg[1] = {s->p};
+    double* res[1] = {s->scratch};
+    checks(arg, res, NULL, s->scratch + N_CHECKS, 0);
+    for (int i = 0; i < N_CHECKS; ++i)
+      if (!(CHECK_IS_STRICT[i] ? s->scratch[i] > 0.0 : s->scratch[i] >= 0.0)) {
+        say(s, ERROR_, "%s", CHECK_MESSAGES[i]);
+        return ERROR_;
+      }
+  }
+  turned(s);
+  const int early = s->block[MODE] <= INITIALIZING;
+  if (early ? !find_start(s) : !project(s->run, s->block[TIME], s->x)) {
+    say(s, ERROR_, "the mechanism cannot be assembled at t = %.6g s with these values of the parameters", s->block[TIME]);
+    return ERROR_;
+  }
+  if (early) s->block[TIME] = s->block[START_TIME];
+  s->block[IS_UNSETTLED] = 0.0;
+  return OK_;
+}
+
+/* --- values -------------------------------------------------------------------------------------------- */
+
+/* Name the force that has no finite value. */
+static void blame(instance* s, int status) {
+  const double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES;
+  memset(s->a, 0, sizeof(double) * N_COORDINATES);
+  if (N_FORCES) {
+    memset(s->lam, 0, sizeof(double) * N_MULTIPLIERS);
+    const double* arg[8] = {&s->block[TIME], q, v, s->a, z, s->lam, s->run->u, s->p};
+    double* res[1] = {s->scratch};
+    element_forces(arg, res, NULL, s->scratch + N_FORCES, 0);
+    for (int i = 0; i < N_FORCES; ++i)
+      if (!isfinite(s->scratch[i])) {
+        say(s, status, "the force of %s is not finite at t = %.6g s: data that are left, a division by zero, or a root "
+            "of a negative number", FORCE_OWNERS[i], s->block[TIME]);
+        return;
+      }
+  }
+  say(s, status, "accelerations and reactions are not finite at t = %.6g s: the pose is singular, or data are left",
+      s->block[TIME]);
+}
+
+static void find_outputs(instance* s) {
+  const double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES;
+  find_accelerations(s->run, s->block[TIME], s->x, s->a, s->zdot, s->lam);
+  const double* arg[8] = {&s->block[TIME], q, v, s->a, z, s->lam, s->run->u, s->p};
+  double* res[1] = {s->y};
+  if (N_OUTPUTS) outputs(arg, res, NULL, s->work, 0);
+}
+
+/* Warn of elements that are beyond what they are valid for, each once. */
+static void check_validity(instance* s) {
+  if (!N_VALIDITY) return;
+  const double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES;
+  const double* arg[8] = {&s->block[TIME], q, v, s->a, z, s->lam, s->run->u, s->p};
+  double* res[1] = {s->scratch};
+  validity(arg, res, NULL, s->scratch + N_VALIDITY, 0);
+  for (int i = 0; i < N_VALIDITY; ++i)
+    if (!s->warned[i] && s->scratch[i] < -1e-6 * (1.0 + fabs(s->scratch[i]))) {
+      s->warned[i] = 1;
+      say(s, WARNING_, "%s (first at t = %.6g s)", VALIDITY_MESSAGES[i], s->block[TIME]);
+    }
+}
+
+static int update_outputs(instance* s) {
+  const int status = settle(s);
+  if (status != OK_ || s->has_outputs) return status;
+  find_outputs(s);
+  for (int i = 0; i < N_OUTPUTS; ++i)
+    if (!isfinite(s->y[i])) { blame(s, DISCARD_); return DISCARD_; }
+  s->has_outputs = 1;
+  check_validity(s);
+  return OK_;
+}
+
+/* (v, a, rate of z), with the drift from the constraints held. */
+static int update_derivatives(instance* s) {
+  const int status = settle(s);
+  if (status != OK_ || s->has_derivatives) return status;
+  double *q = s->x, *v = q + N_COORDINATES;
+  memcpy(s->xdot, v, sizeof(double) * N_COORDINATES);
+  find_accelerations(s->run, s->block[TIME], s->x, s->xdot + N_COORDINATES, s->xdot + 2 * N_COORDINATES, s->lam);
+  if (N_MULTIPLIERS) {
+    double left, *res[3] = {s->scratch, s->scratch + N_COORDINATES, &left};
+    const double* arg[5] = {&s->block[TIME], q, v, s->p, PROJECTION_WEIGHTS};
+    projection(arg, res, NULL, s->scratch + 2 * N_COORDINATES, 0);
+    for (int i = 0; i < 2 * N_COORDINATES; ++i) s->xdot[i] += DRIFT_RATE * (s->scratch[i] - s->x[i]);
+  }
+  for (int i = 0; i < N_X; ++i)
+    if (!isfinite(s->xdot[i])) { blame(s, DISCARD_); return DISCARD_; }
+  s->has_derivatives = 1;
+  return OK_;
+}
+
+static void find_indicators(instance* s, double t, const double* x, double* values) {
+  const double* arg[5] = {&t, x, x + N_COORDINATES, x + 2 * N_COORDINATES, s->p};
+  double* res[1] = {values};
+  if (N_INDICATORS) indicators(arg, res, NULL, s->work, 0);
+}
+
+/* Directional derivatives of (rates of x, outputs) along (x, inputs, parameters). */
+static int find_tangent(instance* s, const double* dx, const double* du, const double* dp, double* dxdot, double* dy) {
+  const int status = settle(s);
+  if (status != OK_) return status;
+  const double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES;
+  find_accelerations(s->run, s->block[TIME], s->x, s->a, s->zdot, s->lam);
+  const double* arg[13] = {&s->block[TIME], q, v, s->a, z, s->lam, s->run->u, s->p,
+                           dx, dx + N_COORDINATES, dx + 2 * N_COORDINATES, du, dp};
+  double* res[2] = {dxdot, dy};
+  tangent(arg, res, NULL, s->work, 0);
+  changed(s);
+  return OK_;
+}
+
+/* Value references: time, inputs, parameters, outputs, states, their rates, indicators; in this order. */
+#define FIRST_INPUT 1
+#define FIRST_PARAMETER (FIRST_INPUT + N_SHOWN_INPUTS)
+#define FIRST_OUTPUT (FIRST_PARAMETER + N_SHOWN_PARAMETERS)
+#define FIRST_STATE (FIRST_OUTPUT + N_OUTPUTS)
+#define FIRST_RATE (FIRST_STATE + N_X)
+#define FIRST_INDICATOR (FIRST_RATE + N_X)
+#define REFERENCES (FIRST_INDICATOR + N_INDICATORS)
+
+static int get_value(instance* s, unsigned reference, double* value) {
+  int status = OK_;
+  if (reference < FIRST_INPUT) *value = s->block[TIME];
+  else if (reference < FIRST_PARAMETER) *value = s->levels[INPUT_PLACES[reference - FIRST_INPUT]];
+  else if (reference < FIRST_OUTPUT) *value = s->p[PARAMETER_PLACES[reference - FIRST_PARAMETER]];
+  else if (reference < FIRST_STATE) { status = update_outputs(s); *value = s->y[reference - FIRST_OUTPUT]; }
+  else if (reference < FIRST_RATE) { status = settle(s); *value = s->x[reference - FIRST_STATE]; }
+  else if (reference < FIRST_INDICATOR) { status = update_derivatives(s); *value = s->xdot[reference - FIRST_RATE]; }
+  else if (reference < REFERENCES) {
+    status = settle(s);
+    find_indicators(s, s->block[TIME], s->x, s->switches);
+    *value = s->switches[reference - FIRST_INDICATOR];
+  } else {
+    say(s, ERROR_, "there is no variable with the value reference %u", reference);
+    status = ERROR_;
+  }
+  return status;
+}
+
+static int set_value(instance* s, unsigned reference, double value) {
+  if (reference < FIRST_INPUT || reference >= REFERENCES) {
+    say(s, ERROR_, "there is no variable with the value reference %u that can be set", reference);
+    return ERROR_;
+  }
+  if (!isfinite(value)) {
+    say(s, ERROR_, "the value of %s must be finite, got %g", NAMES[reference], value);
+    return ERROR_;
+  }
+  if (reference < FIRST_PARAMETER) {
+    const int k = INPUT_PLACES[reference - FIRST_INPUT];
+    if (s->levels[k] == value && s->levels[N_INPUTS + k] == 0.0) return OK_;
+    /* the slopes of all inputs count from one time */
+    const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
+    for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
+    s->levels[2 * N_INPUTS] = s->block[TIME];
+    s->levels[k] = value;
+    s->levels[N_INPUTS + k] = 0.0;
+    turned(s);
+    return OK_;
+  }
+  if (reference < FIRST_OUTPUT) {
+    const int k = PARAMETER_PLACES[reference - FIRST_PARAMETER];
+    if (s->block[MODE] == CONTINUOUS) {
+      say(s, ERROR_, "the parameter %s can be changed at events alone", NAMES[reference]);
+      return ERROR_;
+    }
+    if (s->p[k] == value) return OK_;
+    s->p[k] = value;
+    s->block[IS_UNSETTLED] = 1.0;
+    turned(s);
+    return OK_;
+  }
+  if (reference >= FIRST_STATE && reference < FIRST_RATE && s->block[MODE] >= EVENT_MODE) {
+    s->x[reference - FIRST_STATE] = value;
+    turned(s);
+    return OK_;
+  }
+  say(s, ERROR_, "%s is calculated and cannot be set", NAMES[reference]);
+  return ERROR_;
+}
+
+/* Seeds by value reference, and what they bring about. */
+static int derivative_along(instance* s, const unsigned* unknown, size_t unknowns, const unsigned* known, size_t knowns,
+                            const double* seed, double* result) {
+  double *dx = s->scratch, *du = dx + N_X, *dp = du + N_INPUTS, *dxdot = dp + N_PARAMETERS, *dy = dxdot + N_X;
+  memset(dx, 0, sizeof(double) * (2 * N_X + N_INPUTS + N_PARAMETERS + N_OUTPUTS));
+  for (size_t i = 0; i < knowns; ++i) {
+    const unsigned r = known[i];
+    if (r >= FIRST_INPUT && r < FIRST_PARAMETER) du[INPUT_PLACES[r - FIRST_INPUT]] = seed[i];
+    else if (r >= FIRST_PARAMETER && r < FIRST_OUTPUT) dp[PARAMETER_PLACES[r - FIRST_PARAMETER]] = seed[i];
+    else if (r >= FIRST_STATE && r < FIRST_RATE) dx[r - FIRST_STATE] = seed[i];
+    else {
+      say(s, ERROR_, "derivatives by %s are not there: take inputs, parameters and states",
+          r < REFERENCES ? NAMES[r] : "an unknown variable");
+      return ERROR_;
+    }
+  }
+  const int status = find_tangent(s, dx, du, dp, dxdot, dy);
+  if (status != OK_) return status;
+  for (size_t i = 0; i < unknowns; ++i) {
+    const unsigned r = unknown[i];
+    if (r >= FIRST_OUTPUT && r < FIRST_STATE) result[i] = dy[r - FIRST_OUTPUT];
+    else if (r >= FIRST_RATE && r < FIRST_INDICATOR) result[i] = dxdot[r - FIRST_RATE];
+    else {
+      say(s, ERROR_, "derivatives of %s are not there: take outputs and rates of states",
+          r < REFERENCES ? NAMES[r] : "an unknown variable");
+      return ERROR_;
+    }
+  }
+  return OK_;
+}
+
+/* --- co-simulation ------------------------------------------------------------------------------------- */
+
+static double resolution_at(double t) { return 16.0 * (nextafter(fabs(t), INFINITY) - fabs(t)) + 1e-300; }
+
+static int differ(const double* a, const double* b, int count) {
+  for (int i = 0; i < count; ++i)
+    if ((a[i] < 0.0) != (b[i] < 0.0)) return 1;
+  return 0;
+}
+
+/* First time after t, up to a limit, at which something switches in time: the last time before it; else the limit. */
+static double next_switch(instance* s, double t, double limit) {
+  if (!N_TIMED) return limit;
+  double *before = s->switches, *after = before + N_INDICATORS, low = t + resolution_at(t);
+  find_indicators(s, low, s->x, before);
+  for (int k = 1; k <= TIME_SAMPLES; ++k) {
+    double high = t + (limit - t) * (double)k / TIME_SAMPLES;
+    find_indicators(s, high, s->x, after);
+    if (differ(before, after, N_TIMED)) {
+      while (high - low > resolution_at(high)) {
+        const double middle = low + (high - low) / 2;
+        find_indicators(s, middle, s->x, after);
+        if (differ(before, after, N_TIMED)) high = middle;
+        else low = middle;
+      }
+      return low;
+    }
+    low = high;
+    memcpy(before, after, sizeof(double) * N_TIMED);
+  }
+  return limit;
+}
+
+/* A time just beyond what switches at t, or t. */
+static double beyond_switch(instance* s, double t) {
+  if (!N_TIMED) return t;
+  double *before = s->switches, *after = before + N_INDICATORS;
+  find_indicators(s, t - resolution_at(t), s->x, before);
+  find_indicators(s, t + 2.0 * resolution_at(t), s->x, after);
+  return differ(before, after, N_TIMED) ? t + 2.0 * resolution_at(t) : t;
+}
+
+/* State at a time of the step that is ahead. */
+static int state_at(instance* s, double t, double* x) {
+  const double begin = s->block[AHEAD_BEGIN], end = s->block[AHEAD_END], h = end - begin;
+  if (t >= end) { memcpy(x, s->finish, sizeof(double) * N_X); return 1; }
+  const double part = fmax(0.0, (t - begin) / h), r = 1.0 - part, *f = s->dense;
+  for (int i = 0; i < N_X; ++i)
+    x[i] = s->start[i] +
+           part * (f[i] +
+                   r * (f[N_X + i] +
+                        part * (f[2 * N_X + i] +
+                                r * (f[3 * N_X + i] +
+                                     part * (f[4 * N_X + i] + r * (f[5 * N_X + i] + part * f[6 * N_X + i]))))));
+  return project(s->run, t, x);
+}
+
+/* Time at which a gap closes in the last step, if it was open at its begin; else infinity. */
+static double first_contact(instance* s) {
+  if (N_INDICATORS == N_TIMED) return INFINITY;
+  const int count = N_INDICATORS - N_TIMED;
+  double *gaps = s->switches, *open = gaps + N_INDICATORS, low = s->block[AHEAD_BEGIN], first = INFINITY;
+  double* x = s->scratch;
+  find_indicators(s, low, s->start, open);
+  for (int k = 1; k <= LOOKS + 1 && isinf(first); ++k) {
+    double high = k > LOOKS ? s->block[AHEAD_END]
+                            : s->block[AHEAD_BEGIN] + (s->block[AHEAD_END] - s->block[AHEAD_BEGIN]) * k / (LOOKS + 1);
+    if (!state_at(s, high, x)) return INFINITY;
+    find_indicators(s, high, x, gaps);
+    for (int i = 0; i < count; ++i) {
+      if (!(open[N_TIMED + i] > SHALLOW && gaps[N_TIMED + i] < -SHALLOW)) continue;
+      double opened = low, shut = high;
+      while (shut - opened > resolution_at(shut)) {
+        const double middle = opened + (shut - opened) / 2;
+        double* there = open + N_INDICATORS;
+        if (!state_at(s, middle, x)) break;
+        find_indicators(s, middle, x, there);
+        if (there[N_TIMED + i] > 0.0) opened = middle;
+        else shut = middle;
+      }
+      first = fmin(first, opened);
+    }
+    low = high;
+  }
+  return first;
+}
+
+/* One step of the integrator, which ends at a limit at the latest; the status of the engine. */
+static int take_step(instance* s, double wanted, double limit) {
+  double times[2];
+  int stops[2];
+  stretch_t* task = &s->task;
+  const double end = s->block[AHEAD_END], begin = beyond_switch(s, end);
+  const int whole = wanted < limit;
+  times[0] = fmax(wanted, begin + resolution_at(begin));
+  stops[0] = !whole;
+  times[1] = limit;
+  stops[1] = 1;
+  if (times[0] >= limit) { times[0] = limit; stops[0] = 1; }
+  task->start = begin;
+  task->x = s->finish;
+  task->count = times[0] < limit ? 2 : 1;
+  task->times = times;
+  task->stops = stops;
+  task->reltol = s->block[RELTOL];
+  task->abstol = fmin(s->block[RELTOL] * DEFAULT_ABSTOL / DEFAULT_RELTOL, LARGEST_ABSTOL);
+  task->most_steps = 1;
+  task->every_step = 1;
+  task->samples = task->keep_samples = 0;
+  if (N_INDICATORS > N_TIMED) {
+    task->samples = 1;
+    task->keep_samples = 1;
+  }
+  task->capacity = ROWS_OUT;
+  task->step = s->block[STEP];
+  memcpy(s->start, s->finish, sizeof(double) * N_X);
+  const int status = mbd_advance(s->run, task);
+  if (!task->steps || !task->recorded) return status == DONE ? TOO_SMALL : status;
+  s->block[STEP] = task->step;
+  s->block[AHEAD_BEGIN] = begin;
+  s->block[AHEAD_END] = task->out_times[task->recorded - 1];
+  memcpy(s->finish, task->out_x + (task->recorded - 1) * N_X, sizeof(double) * N_X);
+  memcpy(s->dense, s->run->dense, sizeof(double) * 7 * N_X);
+  return DONE;
+}
+
+static const char* reason(int status) {
+  switch (status) {
+    case TOO_SMALL: return "the error test failed again and again at the smallest step";
+    case APART: return "the constraints cannot be met together any more";
+    case SINGULAR: return "the pose is singular";
+    default: return "the equations gave values that are not finite";
+  }
+}
+
+/* A step up to a limit, repeated with its end at the communication point if it fails, and before a contact. */
+static int go_on(instance* s, double wanted) {
+  double* block = s->block;
+  const double begin = block[AHEAD_BEGIN], end = block[AHEAD_END], step = block[STEP];
+  double limit = block[STOP_TIME];
+  if (!(limit > end)) limit = INFINITY;
+  if (limit < wanted) limit = wanted;
+  if (N_TIMED) limit = next_switch(s, end, fmin(limit, end + fmax(2.0 * (wanted - end), TIME_WINDOW * step)));
+  double* kept = s->scratch + 2 * N_X;
+  memcpy(kept, s->finish, sizeof(double) * N_X);
+  int status = take_step(s, wanted, limit);
+  if (status != DONE && limit > wanted) {
+    block[AHEAD_BEGIN] = begin;
+    block[AHEAD_END] = end;
+    block[STEP] = 0.0;
+    memcpy(s->finish, kept, sizeof(double) * N_X);
+    limit = wanted;
+    status = take_step(s, wanted, limit);
+  }
+  if (status != DONE) {
+    block[AHEAD_END] = end;
+    memcpy(s->finish, kept, sizeof(double) * N_X);
+    return status;
+  }
+  const double contact = first_contact(s);
+  if (contact < block[AHEAD_END] && contact - end > NEAR_CONTACT * (block[AHEAD_END] - end)) {
+    block[AHEAD_BEGIN] = begin;
+    block[AHEAD_END] = end;
+    block[STEP] = fmin(step > 0.0 ? step : INFINITY, contact - end);
+    memcpy(s->finish, kept, sizeof(double) * N_X);
+    status = take_step(s, contact, contact);
+    if (status != DONE) { block[AHEAD_END] = end; memcpy(s->finish, kept, sizeof(double) * N_X); return status; }
+    if (block[AHEAD_END] >= contact) block[STEP] = 0.0;
+  }
+  return DONE;
+}
+
+/* Go on to a time; what was reached is the state if this fails. */
+static int step_to(instance* s, double end) {
+  double* block = s->block;
+  int status = settle(s);
+  if (status != OK_) return status;
+  const double begin = block[TIME];
+  if (!(end > begin)) return OK_;
+  if (block[IS_AHEAD] == 0.0) {
+    memcpy(s->finish, s->x, sizeof(double) * N_X);
+    block[AHEAD_BEGIN] = block[AHEAD_END] = begin;
+    block[IS_AHEAD] = 1.0;
+  }
+  changed(s);
+  for (long steps = 0; block[AHEAD_END] < end; ++steps) {
+    status = steps < TOO_MANY ? go_on(s, end) : STIFF;
+    if (status != DONE) {
+      block[TIME] = block[AHEAD_END];
+      memcpy(s->x, s->finish, sizeof(double) * N_X);
+      turned(s);
+      if (status == STIFF)
+        say(s, DISCARD_, "the motion is too stiff for the solver in this unit: %d steps led from t = %.6g s to %.6g s; "
+            "take model exchange with a solver for stiff equations", TOO_MANY, begin, block[TIME]);
+      else {
+        find_outputs(s);
+        for (int i = 0; i < N_COORDINATES; ++i)
+          if (!isfinite(s->a[i])) { blame(s, DISCARD_); return DISCARD_; }
+        say(s, DISCARD_, "the solver stopped at t = %.6g s: %s", block[TIME], reason(status));
+      }
+      return DISCARD_;
+    }
+  }
+  block[TIME] = end;
+  if (!state_at(s, end, s->x)) {
+    say(s, DISCARD_, "the constraints cannot be met together at t = %.6g s", end);
+    turned(s);
+    return DISCARD_;
+  }
+  if (N_VALIDITY) update_outputs(s);
+  return OK_;
+}
+
+/* --- saved states ---------------------------------------------------------------------------------------- */
+
+#define SAVED_BYTES (sizeof(double) * BLOCK)
+
+static double* save(const instance* s) {
+  double* saved = malloc(SAVED_BYTES);
+  if (saved) memcpy(saved, s->block, SAVED_BYTES);
+  return saved;
+}
+
+static int restore(instance* s, const double* saved) {
+  if (!saved || saved[IDENTITY] != MODEL_IDENTITY) {
+    say(s, ERROR_, "the saved state is none of this model");
+    return ERROR_;
+  }
+  memcpy(s->block, saved, SAVED_BYTES);
+  changed(s);
+  return OK_;
+}

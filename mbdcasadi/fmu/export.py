@@ -1,0 +1,296 @@
+"""``export_fmu``: a mechanism as a functional mock-up unit."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.inputs import SampledController
+from ..arguments.values import position_in
+from ..assembly.setup import Setup
+from ..errors import FileError, ModelError, warn
+from ..integrators.base import ABSTOL, RELTOL
+from ..integrators.dop853.code import package_version
+from ..model.conditions import read_conditions
+from ..model.mechanism import Mechanism
+from ..model.quantities import entries, refuse_twice
+from ..model.symbols import Input, Parameter, number
+from ..numerics.writing import writable
+from ..results.state import State
+from ..simulation.tolerances import absolute_tolerance
+from .archive import binary_of, write_archive
+from .description import Description
+from .functions import Model
+from .sources import OPTIMISATION, source_files
+from .variables import Variables, variables_of
+
+#: Kinds of simulation.
+KINDS = ("co-simulation", "model-exchange")
+#: Rate with which drift decays in model exchange, 1/s: drift is small against errors, and nothing becomes stiff.
+DRIFT_RATE = 10.0
+
+
+def export_fmu(
+    mechanism: Mechanism,
+    path: str | Path,
+    *,
+    inputs: Sequence[Input] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    parameters: Sequence[Parameter] | None = None,
+    initial: Any = (),
+    kind: str | Sequence[str] = "co-simulation",
+    version: int = 3,
+    units: Mapping[str, str] | None = None,
+    t: float = 0.0,
+    stop: float | None = None,
+    step: float | None = None,
+    reltol: float = RELTOL,
+    abstol: float = ABSTOL,
+    drift_rate: float = DRIFT_RATE,
+    binary: bool | None = None,
+) -> Path:
+    """Write a mechanism as a functional mock-up unit of FMI 2.0 or 3.0.
+
+    The unit needs nothing of this package: it holds the C sources of the
+    equations and, for co-simulation, of the solver of :class:`DOP853`, which keeps loops closed
+    at position and velocity level; and a binary for this machine if a C compiler is there.
+    In model exchange the states are ``(q, v, z)``, and drift from the constraints decays.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The model.
+    path : str or Path
+        File to write, ``engine.fmu``.
+    inputs : sequence of Input, optional
+        Inputs of the unit; all of the mechanism by default. Others keep their own value.
+    outputs : mapping of str to expression, optional
+        Outputs by name: any scalar expression, also of accelerations, reactions and energies.
+    parameters : sequence of Parameter, optional
+        Parameters that can be changed, also during a simulation; all of the mechanism by default.
+    initial : sequence of relations, or State
+        Conditions at the start (see :func:`assemble`), which may hold parameters, or a state. If
+        parameters or the start time are changed, the unit is assembled anew under these conditions.
+    kind : {"co-simulation", "model-exchange"} or both of them
+        Kind of simulation.
+    version : {2, 3}
+        FMI 2.0 or 3.0.
+    units : mapping of str to str, optional
+        Units of inputs, parameters and outputs by name, as ``{"pin force": "N"}``.
+    t : float, default 0
+        Time of the start, s.
+    stop, step : float, optional
+        Duration and communication step of the default experiment, s.
+    reltol, abstol : float, default 1e-8
+        Tolerances in co-simulation, if the importer gives none; the absolute one follows the relative one.
+    drift_rate : float, default 10
+        Rate with which drift from the constraints decays in model exchange, 1/s.
+    binary : bool, optional
+        True for a unit that must hold a binary, False for one of sources alone.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ModelError
+        For exact stick and slip, controllers in Python, unknown inputs, parameters and symbols, names
+        that are used twice; with ``binary=True`` also if no compiler is there.
+    FileError
+        If the file cannot be written; nothing is left of it.
+    MechanismError
+        If the mechanism cannot be assembled at the start.
+
+    Warns
+    -----
+    MechanismWarning
+        If no C compiler is there, so that the unit holds sources alone.
+
+    References
+    ----------
+    Modelica Association, *Functional Mock-up Interface Specification*, 2.0.4 (2022) and 3.0.1 (2023).
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=1 / 12, pose=(0.5, 0, 0))
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity()], name="pendulum")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     mbd.export_fmu(pendulum, f"{folder}/pendulum.fmu", outputs={"angle": hinge.angle}, binary=False).name
+    'pendulum.fmu'
+    """
+    if not isinstance(mechanism, Mechanism):
+        raise ModelError(f"export_fmu: takes a Mechanism, got {mechanism!r}")
+    target = _target(path)
+    kinds = _kinds(kind)
+    if isinstance(version, bool) or version not in (2, 3):
+        raise ModelError(f"export_fmu: version= is 2 or 3 (FMI 2.0 and 3.0), got {version!r}")
+    shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
+    shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
+    times = {name: None if x is None else number(x, "export_fmu", name) for name, x in (("stop", stop), ("step", step))}
+    reltol, abstol, drift = (
+        _positive(x, name) for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
+    )
+    setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
+    model = _model(setup, initial, outputs, drift)
+    levels = setup.signals.level_values
+    variables = variables_of(model, shown_inputs, shown_parameters, levels, dict(units or {}))
+    name = mechanism.name or target.stem
+    identifier = _identifier(name)
+    files = source_files(
+        model,
+        variables,
+        levels,
+        identifier,
+        version,
+        kinds,
+        reltol=reltol,
+        abstol=abstol,
+        largest_abstol=absolute_tolerance(setup.numeric, np.inf),
+    )
+    compiled = sorted(set(OPTIMISATION) & set(files))
+    description = Description(
+        model, variables, name, identifier, "", kinds, compiled, reltol, float(t), times["stop"], times["step"],
+        f"mbdcasadi {package_version()}",
+    )  # fmt: skip
+    content, files = _content(description, files, version)
+    binaries = {} if binary is False else _binaries(files, compiled, identifier, version, path, required=bool(binary))
+    write_archive(Path(path), content | binaries)
+    return Path(path)
+
+
+def _content(
+    description: Description, files: Mapping[str, str], version: int
+) -> tuple[dict[str, bytes], dict[str, str]]:
+    """Files of the archive but for the binary, and the C files with the token, which is a digest of all of them."""
+
+    def described(token: str) -> bytes:
+        written = replace(description, token=token)
+        return written.version_2() if version == 2 else written.version_3()
+
+    draft = described("")
+    digest = hashlib.sha256(b"\0".join([draft, *(text.encode() for text in files.values())])).hexdigest()
+    token = f"{{{digest[:8]}-{digest[8:12]}-{digest[12:16]}-{digest[16:20]}-{digest[20:32]}}}"
+    signed = {**files, "model.h": files["model.h"] + f'#define MODEL_TOKEN "{token}"\n'}
+    content = {"modelDescription.xml": described(token)}
+    content |= {f"sources/{name}": text.encode() for name, text in signed.items()}
+    if version == 3:
+        content["sources/buildDescription.xml"] = description.build()
+    return content, signed
+
+
+def _binaries(
+    files: Mapping[str, str], compiled: Sequence[str], identifier: str, version: int, path: Any, *, required: bool
+) -> dict[str, bytes]:
+    found = binary_of(files, compiled, identifier, version)
+    if found is None:
+        reason = "no C compiler is on the path, or FMI names no folder for this machine"
+        if required:
+            raise ModelError(
+                f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"
+            )
+        warn(f"export_fmu: {reason}: {Path(path).name} holds sources and no binary; importers that compile take it")
+    return found or {}
+
+
+def _target(path: Any) -> Path:
+    target = writable(path)
+    if target.suffix.lower() != ".fmu":
+        raise FileError(f"{path}: the name of a functional mock-up unit ends in .fmu")
+    return target
+
+
+def _kinds(kind: Any) -> frozenset[str]:
+    given = (kind,) if isinstance(kind, str) else tuple(kind) if isinstance(kind, Iterable) else (kind,)
+    found = KINDS if given == ("both",) else given
+    if not found or any(entry not in KINDS for entry in found):
+        raise ModelError(f"export_fmu: kind= is 'co-simulation', 'model-exchange' or both, got {kind!r}")
+    return frozenset(found)
+
+
+def _positive(value: Any, name: str) -> float:
+    found = number(value, "export_fmu", name)
+    if found <= 0:
+        raise ModelError(f"export_fmu: {name} must be positive, got {found}")
+    return found
+
+
+def _listed(given: Any, known: Sequence[Any], wanted: type, argument: str) -> tuple[Any, ...]:
+    if given is None:
+        return tuple(known)
+    controllers = given.values() if isinstance(given, Mapping) else [given]
+    for value in controllers:
+        if isinstance(value, SampledController):
+            raise ModelError(
+                f"export_fmu: {argument} holds a SampledController, which runs in Python; export the input, and "
+                "connect the controller to it outside"
+            )
+    symbols = entries(given, f"export_fmu: {argument}")
+    for symbol in symbols:
+        if isinstance(symbol, SampledController):
+            return _listed({symbol: symbol}, known, wanted, argument)
+        if not isinstance(symbol, wanted):
+            raise ModelError(f"export_fmu: {argument} takes {wanted.__name__} objects, got {symbol!r}")
+        position_in(known, symbol, f"export_fmu: {argument}")
+    refuse_twice(symbols, f"export_fmu: {argument}")
+    return symbols
+
+
+def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model:
+    numeric = setup.numeric
+    start = setup.start
+    if start.obstacle is not None:
+        raise start.obstacle
+    conditions = () if isinstance(initial, State) else read_conditions(initial)
+    model = Model(numeric, start, conditions, _outputs(setup, outputs), drift_rate)
+    model.refuse_unsupported()
+    _refuse_undefined(model)
+    return model
+
+
+def _outputs(setup: Setup, outputs: Any) -> dict[str, ca.SX]:
+    if outputs is not None and not isinstance(outputs, Mapping):
+        raise ModelError(f"export_fmu: outputs= takes {{name: expression}}, got {outputs!r}")
+    found = {}
+    for name, value in (outputs or {}).items():
+        if not isinstance(name, str):
+            raise ModelError(f"export_fmu: outputs= takes names as texts, got {name!r}")
+        try:
+            expression = ca.SX(value)
+        except (NotImplementedError, TypeError):
+            raise ModelError(f"export_fmu: the output '{name}' is no expression, got {value!r}") from None
+        if expression.numel() != 1:
+            raise ModelError(f"export_fmu: the output '{name}' must be a scalar, got shape {expression.shape}")
+        setup.eom.function(expression)  # refuses symbols that the mechanism does not have
+        found[name] = ca.densify(expression)
+    return found
+
+
+def _refuse_undefined(model: Model) -> None:
+    """Raise for outputs that have no value at the start."""
+    for name, expression in model.outputs.items():
+        if not np.isfinite(float(model.start[expression])):
+            raise ModelError(
+                f"export_fmu: the output '{name}' is not finite at t = {model.start.t:.6g} s: data that are left, a "
+                "division by zero, or a root of a negative number"
+            )
+
+
+def _identifier(name: str) -> str:
+    """Name as one of C."""
+    clean = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:60]
+    return clean if re.match(r"[A-Za-z]", clean) else f"mechanism_{clean}".rstrip("_")
+
+
+__all__ = ["Variables", "export_fmu"]

@@ -1,0 +1,354 @@
+"""The equations, outputs and start of a mechanism as functions that are written as C."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from ..assembly.consistent_start import levels_of
+from ..equations import Equations
+from ..equations.explicit_time import explicit_time
+from ..equations.numeric import NumericEquations
+from ..errors import ModelError
+from ..model.conditions import Condition, stacked
+from ..model.validity import ValidityCondition
+from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
+from ..numerics.rank import analyse_rank
+from ..results.state import State
+from ..results.validity import validity_conditions
+from ..simulation.explicit_system import dynamics_of, projection_of
+from ..simulation.watched_terms import has_gap
+
+#: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
+REGULARISATION = 1e-9
+#: Value of a limit at the start, relative to what it can be, that counts as held.
+HELD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What a unit is made of.
+
+    Attributes
+    ----------
+    numeric : NumericEquations
+        Equations at the values of the export.
+    start : State
+        The start.
+    conditions : tuple of Condition
+        What it meets besides the constraints.
+    outputs : dict of str to casadi.SX
+        Scalars by name.
+    drift_rate : float
+        Rate with which drift from the constraints decays in model exchange, 1/s.
+    """
+
+    numeric: NumericEquations
+    start: State
+    conditions: tuple[Condition, ...]
+    outputs: dict[str, ca.SX]
+    drift_rate: float
+
+    @property
+    def eom(self) -> Equations:
+        """The symbolic equations."""
+        return self.numeric.eom
+
+    @cached_property
+    def is_redundant(self) -> bool:
+        """True if constraint rows depend on each other at the start."""
+        return self.numeric.has_redundant_rows(self.start.t, self.start.q)
+
+    @cached_property
+    def levels(self) -> tuple[list[Condition], list[Condition], list[Condition]]:
+        """Conditions on positions, velocities and states that hold as equalities at the start."""
+        held = [c for c in self.conditions if c.equality or abs(float(self.start[c.expression])) <= HELD]
+        return levels_of(self.numeric, tuple(held))
+
+    # --- the equations -------------------------------------------------------------------
+    @property
+    def _known(self) -> list[ca.SX]:
+        eom = self.eom
+        return [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+
+    @cached_property
+    def has_newton(self) -> bool:
+        """True if forces depend on reactions, so that accelerations come from Newton's method."""
+        return self.eom.Q_depends_on_lam
+
+    def refuse_unsupported(self) -> None:
+        """Raise for equations that have no form in C."""
+        numeric, eom = self.numeric, self.eom
+        if not self.has_newton or (numeric.augmentation is None and not self.is_redundant):
+            return
+        owners = [e.description for e in eom.mechanism.elements if _depends_on_lam(e, eom)]
+        obstacle = "constraints depend on each other" if self.is_redundant else "bodies have little or no mass"
+        raise ModelError(
+            f"export_fmu: the force of {', '.join(owners[:3])} depends on reactions, and {obstacle}, which together "
+            "have no form in a unit; take LoadIndependentFriction, or "
+            + ("remove the redundant rows (see check)" if self.is_redundant else "give these bodies more mass")
+        )
+
+    @cached_property
+    def _newton_matrix(self) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """``Phi_q M⁻¹ (Phi_q^T - Q_lam)``, ``M⁻¹`` and ``Phi_q^T - Q_lam``, for forces that depend on reactions."""
+        eom = self.eom
+        inverse = ca.diag(1 / eom.mass_diagonal)
+        columns = eom.Phi_q.T - ca.jacobian(eom.Q, eom.lam)
+        return eom.Phi_q @ inverse @ columns, inverse, columns
+
+    def _solve(self, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Changes of (a, lam) that a force and the right side of the acceleration equation bring about."""
+        eom = self.eom
+        if self.has_newton:
+            matrix, inverse, columns = self._newton_matrix
+            lam = ca.solve(matrix, eom.Phi_q @ (inverse @ force) - gamma) if eom.lam.numel() else eom.lam
+            return inverse @ (force - columns @ lam), lam
+        saddle = type(eom.saddle_point)(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
+        return saddle.solution(augmentation=self.numeric.augmentation, redundant=self.is_redundant)
+
+    def _residual(self) -> tuple[ca.SX, ca.SX]:
+        eom = self.eom
+        return eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
+
+    @property
+    def _dynamics(self) -> list[ca.Function]:
+        eom = self.eom
+        if not self.has_newton:
+            return [_renamed(dynamics_of(self.numeric, redundant=self.is_redundant), "dynamics")]
+        force, gamma = self._residual()
+        a, lam = self._solve(force, gamma)
+        unknown, known = ca.vertcat(eom.a, eom.lam), self._known
+        size = ca.mmax(ca.fabs(ca.densify(ca.vertcat(a, lam))))
+        newton = ca.Function("newton", [*known, unknown], [ca.densify(unknown + ca.vertcat(a, lam)), size])
+        return [newton, ca.Function("state_rates", [*known, unknown], [ca.densify(eom.z_rate)])]
+
+    @property
+    def _projection(self) -> ca.Function:
+        eom = self.eom
+        if eom.lam.numel():
+            return _renamed(projection_of(eom), "projection")
+        weights = ca.SX.sym("weights", eom.q.numel())
+        return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], [eom.q, eom.v, ca.SX(0)])
+
+    @property
+    def _outputs(self) -> ca.SX:
+        return ca.densify(ca.vertcat(ca.SX(0, 1), *self.outputs.values()))
+
+    @property
+    def _tangent(self) -> ca.Function:
+        """``(t, q, v, a, z, lam, u, p, dq, dv, dz, du, dp) -> (d rates of x, d outputs)``."""
+        eom = self.eom
+        along = [ca.SX.sym(f"d{name}", symbol.numel()) for name, symbol in zip("qvzup", self._seeded, strict=True)]
+        symbols, seeds = ca.vertcat(*self._seeded), ca.vertcat(*along)
+        force, gamma = self._residual()
+        da, dlam = self._solve(*(ca.jtimes(ca.densify(row), symbols, seeds) for row in (force, gamma)))
+        everything = ca.vertcat(symbols, eom.a, eom.lam)
+        every_seed = ca.vertcat(seeds, da, dlam)
+
+        def change(expression: ca.SX) -> ca.SX:
+            return ca.densify(ca.jtimes(ca.densify(expression), everything, every_seed))
+
+        rates = ca.vertcat(along[1] + change(self._drift[0]), da + change(self._drift[1]), change(eom.z_rate))
+        results = [ca.densify(rates), change(self._outputs)]
+        return ca.Function("tangent", [*eom.symbols, *along], results)
+
+    @property
+    def _seeded(self) -> list[ca.SX]:
+        eom = self.eom
+        return [eom.q, eom.v, eom.z, eom.u, eom.p]
+
+    @cached_property
+    def _drift(self) -> tuple[ca.SX, ca.SX]:
+        """What is added to the rates of q and v so that drift from the constraints decays."""
+        eom = self.eom
+        if not eom.lam.numel():
+            return ca.SX(eom.q.numel(), 1), ca.SX(eom.q.numel(), 1)
+        weights = ca.SX(ca.DM(self.numeric.projection_weights))
+        q, v, _ = projection_of(eom)(eom.t, eom.q, eom.v, eom.p, weights)
+        return self.drift_rate * (q - eom.q), self.drift_rate * (v - eom.v)
+
+    # --- switches, checks, messages --------------------------------------------------------
+    @cached_property
+    def timed(self) -> ca.SX:
+        """Functions of time and parameters at whose zeros something switches."""
+        return explicit_time(self.eom).switches
+
+    @cached_property
+    def gaps(self) -> ca.SX:
+        """Gaps of contacts and stops."""
+        eom = self.eom
+        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+        found = [e.gap for e in eom.mechanism.elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
+        return ca.vertcat(ca.SX(0, 1), *found)
+
+    @cached_property
+    def checks(self) -> list[tuple[ca.SX, bool, str]]:
+        """Margins of limited quantities in the parameters, whether they must be above zero, and messages."""
+        limits = self.eom.mechanism.limits
+        found = []
+        for limit in limits:
+            for bound, strict, words in ((limit.at_least, False, "be at least"), (limit.above, True, "be above")):
+                if bound is not None:
+                    message = f"{limit.owner}: {limit.name} must {words} {bound:g}"
+                    found.append((limit.expression - bound, strict, message))
+        return found
+
+    @cached_property
+    def validity(self) -> list[ValidityCondition]:
+        """Conditions under which the elements mean what they say."""
+        return validity_conditions(self.eom.mechanism)
+
+    @cached_property
+    def forces(self) -> list[tuple[ca.SX, str]]:
+        """Components of the forces of the elements, with the elements they belong to."""
+        found = []
+        for element in self.eom.mechanism.elements:
+            for _, force in element.virtual_work:
+                found += [(part, element.description) for part in ca.vertsplit(ca.densify(ca.vec(ca.SX(force))))]
+        return [(part, owner) for part, owner in found if not part.is_constant()]
+
+    # --- the start ---------------------------------------------------------------------------
+    @cached_property
+    def _pose_rows(self) -> tuple[ca.SX, ca.SX]:
+        eom = self.eom
+        conditions = stacked(self.levels[0])
+        rows = [int(k) for k in eom.position_rows]
+        return ca.vertcat(eom.Phi, conditions), ca.vertcat(eom.Phi_q[rows, :], ca.jacobian(conditions, eom.q))
+
+    @cached_property
+    def _velocity_rows(self) -> tuple[ca.SX, ca.SX]:
+        eom = self.eom
+        conditions = stacked(self.levels[1])
+        residual = ca.vertcat(eom.Phi_q @ eom.v - eom.nu, conditions)
+        return residual, ca.vertcat(eom.Phi_q, ca.jacobian(conditions, eom.v))
+
+    def _leaves_free(self, rows: ca.SX) -> bool:
+        """True if rows leave a motion free, so that the nearest to the estimate is taken."""
+        eom, start = self.eom, self.start
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        slopes = ca.Function("slopes", known, [ca.densify(rows)])
+        values = slopes(start.t, start.q, start.v, start.z, self.numeric.p).full()
+        columns = self.numeric.column_scale
+        return bool(analyse_rank(values * columns).rank < columns.size) if values.size else True
+
+    @property
+    def pose_is_nearest(self) -> bool:
+        """True if conditions leave the pose of the start free in part."""
+        return self._leaves_free(self._pose_rows[1])
+
+    @property
+    def velocity_is_nearest(self) -> bool:
+        """True if conditions leave the velocity of the start free in part."""
+        return self._leaves_free(self._velocity_rows[1])
+
+    def _start_function(
+        self, name: str, unknown: ca.SX, rows: ca.SX, slopes: ca.SX, known: Sequence[ca.SX]
+    ) -> ca.Function:
+        """``(…, estimate) -> (unknown, largest residual)``: one step of Newton's method, nearest to an estimate."""
+        estimate = ca.SX.sym("estimate", unknown.numel())
+        weights = ca.DM(self.numeric.weights) if unknown.numel() == self.numeric.weights.size else None
+        inverse = ca.SX.eye(unknown.numel()) if weights is None else ca.SX(ca.diag(1 / weights))
+        if rows.numel():
+            matrix = slopes @ inverse @ slopes.T
+            factors = ca.ldl(matrix + REGULARISATION * ca.diag(ca.diag(matrix)))
+            away = rows + slopes @ (estimate - unknown)
+            value = estimate - inverse @ slopes.T @ ca.ldl_solve(ca.densify(away), *factors)
+            left = ca.norm_inf(ca.densify(rows))
+        else:
+            value, left = estimate, ca.SX(0)
+        return ca.Function(name, [*known, estimate], [ca.densify(value), left])
+
+    @property
+    def _start(self) -> list[ca.Function]:
+        eom = self.eom
+        pose = self._start_function("start_pose", eom.q, *self._pose_rows, [eom.t, eom.q, eom.z, eom.p])
+        rows, slopes = self._velocity_rows
+        velocity = self._start_function("start_velocity", eom.v, rows, slopes, [eom.t, eom.q, eom.v, eom.z, eom.p])
+        at_states = stacked(self.levels[2])
+        rate = ca.jacobian(at_states, eom.z)
+        z = eom.z
+        if at_states.numel():
+            matrix = rate @ rate.T
+            z = z - rate.T @ ca.solve(matrix, at_states)
+        left = ca.norm_inf(ca.densify(at_states)) if at_states.numel() else ca.SX(0)
+        return [pose, velocity, ca.Function("start_states", [eom.t, eom.z, eom.p], [ca.densify(z), left])]
+
+    # --- all of them ----------------------------------------------------------------------------
+    @cached_property
+    def functions(self) -> list[ca.Function]:
+        """All functions that the C code of a unit calls."""
+        eom = self.eom
+        state = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        margins = ca.vertcat(ca.SX(0, 1), *[ca.SX(value) for value, _, _ in self.checks])
+        valid = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self.validity])
+        forces = ca.vertcat(ca.SX(0, 1), *[part for part, _ in self.forces])
+        return [
+            *self._dynamics,
+            self._projection,
+            ca.Function("outputs", list(eom.symbols), [self._outputs]),
+            self._tangent,
+            ca.Function("indicators", state, [ca.densify(ca.vertcat(self.timed, self.gaps))]),
+            ca.Function("checks", [eom.p], [ca.densify(margins)]),
+            ca.Function("validity", list(eom.symbols), [ca.densify(valid)]),
+            ca.Function("element_forces", list(eom.symbols), [ca.densify(forces)]),
+            *self._start,
+        ]
+
+    @cached_property
+    def tapes(self) -> list[Tape]:
+        """The same as instructions.
+
+        Raises
+        ------
+        ModelError
+            For an operation that is not written as C.
+        """
+        try:
+            return [tape_of(simplified(f)) for f in self.functions]
+        except UnsupportedOperation as error:
+            raise ModelError(
+                f"export_fmu: the model holds the operation '{error.operation}', which has no C code"
+            ) from None
+
+    # --- structure --------------------------------------------------------------------------------
+    @cached_property
+    def dependencies(self) -> tuple[np.ndarray, np.ndarray]:
+        """On which of (states, inputs) rates of states and outputs depend, (n_x, n_x + n_u), (n_y, n_x + n_u)."""
+        eom = self.eom
+        known = ca.vertcat(eom.q, eom.v, eom.z, eom.u)
+        unknown = ca.vertcat(eom.a, eom.lam)
+        reach = np.ones((unknown.numel(), known.numel()), bool)
+        if not self.has_newton:
+            a, _, lam, _ = dynamics_of(self.numeric, redundant=self.is_redundant)(*self._known)
+            reach = _pattern(ca.vertcat(a, lam), known)
+        rates = ca.vertcat(eom.v + self._drift[0], eom.a + self._drift[1], eom.z_rate)
+        found = []
+        for expression in (rates, self._outputs):
+            direct, through = _pattern(expression, known), _pattern(expression, unknown)
+            found.append(direct | (through.astype(int) @ reach.astype(int) > 0))
+        return found[0], found[1]
+
+
+def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
+    """Which entries of a column depend on which symbols (k, n)."""
+    shape = expression.numel(), symbols.numel()
+    if not all(shape):
+        return np.zeros(shape, bool)
+    sparsity = ca.jacobian_sparsity(ca.densify(expression), symbols)
+    found: np.ndarray = ca.DM(sparsity, 1).full() != 0
+    return found
+
+
+def _renamed(function: ca.Function, name: str) -> ca.Function:
+    arguments = function.sx_in()
+    return ca.Function(name, arguments, [ca.densify(result) for result in function.call(arguments)])
+
+
+def _depends_on_lam(element: object, eom: Equations) -> bool:
+    forces = [ca.vec(ca.SX(force)) for _, force in getattr(element, "virtual_work", ())]
+    return any(ca.depends_on(force, eom.lam) for force in forces)

@@ -1,0 +1,238 @@
+"""Variables of a unit: names, units, start values and value references."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..equations import Equations
+from ..errors import ModelError
+from ..model.symbols import Input, Parameter
+from .functions import Model
+
+#: Exponents of SI base units, of what is declared by a name that is known: kg, m, s, A, rad, and a factor.
+UNITS: dict[str, dict[str, float]] = {
+    "1": {},
+    "s": {"s": 1},
+    "m": {"m": 1},
+    "mm": {"m": 1, "factor": 1e-3},
+    "m/s": {"m": 1, "s": -1},
+    "m/s2": {"m": 1, "s": -2},
+    "rad": {"rad": 1},
+    "rad/s": {"rad": 1, "s": -1},
+    "rad/s2": {"rad": 1, "s": -2},
+    "deg": {"rad": 1, "factor": float(np.pi / 180)},
+    "kg": {"kg": 1},
+    "kg.m2": {"kg": 1, "m": 2},
+    "N": {"kg": 1, "m": 1, "s": -2},
+    "kN": {"kg": 1, "m": 1, "s": -2, "factor": 1e3},
+    "N.m": {"kg": 1, "m": 2, "s": -2},
+    "N/m": {"kg": 1, "s": -2},
+    "N.s/m": {"kg": 1, "s": -1},
+    "N.m/rad": {"kg": 1, "m": 2, "s": -2, "rad": -1},
+    "N.m.s/rad": {"kg": 1, "m": 2, "s": -1, "rad": -1},
+    "J": {"kg": 1, "m": 2, "s": -2},
+    "W": {"kg": 1, "m": 2, "s": -3},
+    "Pa": {"kg": 1, "m": -1, "s": -2},
+    "A": {"A": 1},
+    "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
+    "Ohm": {"kg": 1, "m": 2, "s": -3, "A": -2},
+    "Hz": {"s": -1},
+}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable.
+
+    Attributes
+    ----------
+    reference : int
+        Value reference.
+    name : str
+        Name, used once.
+    causality : str
+        In the words of FMI.
+    start : float or None
+        Start value of what can be set.
+    unit : str
+        Unit, or nothing if it is not known.
+    lower, upper : float
+        Limits.
+    rate_of : int or None
+        Value reference of the state of which it is the rate.
+    nominal : float
+        Typical size.
+    """
+
+    reference: int
+    name: str
+    causality: str
+    start: float | None = None
+    unit: str = ""
+    lower: float = -np.inf
+    upper: float = np.inf
+    rate_of: int | None = None
+    nominal: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Variables:
+    """All variables of a unit, in the order of their value references.
+
+    Attributes
+    ----------
+    time, inputs, parameters, outputs, states, rates, indicators : tuple of Variable
+        By kind.
+    input_places, parameter_places : list of int
+        Places of the inputs and parameters that are shown among those of the mechanism.
+    """
+
+    time: tuple[Variable, ...]
+    inputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    states: tuple[Variable, ...]
+    rates: tuple[Variable, ...]
+    indicators: tuple[Variable, ...]
+    input_places: list[int]
+    parameter_places: list[int]
+
+    @property
+    def all(self) -> tuple[Variable, ...]:
+        """All of them."""
+        return (
+            *self.time, *self.inputs, *self.parameters, *self.outputs, *self.states, *self.rates, *self.indicators,
+        )  # fmt: skip
+
+
+def variables_of(
+    model: Model, inputs: Sequence[Input], parameters: Sequence[Parameter], levels: np.ndarray, units: Mapping[str, str]
+) -> Variables:
+    """Return the variables of a unit.
+
+    Parameters
+    ----------
+    inputs, parameters : sequence
+        What is shown.
+    levels : numpy.ndarray
+        Values of all inputs of the mechanism.
+    units : mapping of str to str
+        Units by name.
+
+    Raises
+    ------
+    ModelError
+        For a name that is used twice or is none, and units of unknown variables.
+    """
+    eom, mechanism = model.eom, model.eom.mechanism
+    given = [*(u.label for u in inputs), *(p.label for p in parameters), *model.outputs]
+    _check_names(given)
+    unknown = [name for name in units if name not in given]
+    if unknown:
+        raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
+    count = 0
+
+    def made(names: Sequence[str], causality: str, **more: Sequence) -> tuple[Variable, ...]:
+        nonlocal count
+        found = []
+        for k, name in enumerate(names):
+            found.append(Variable(count, name, causality, **{key: value[k] for key, value in more.items()}))
+            count += 1
+        return tuple(found)
+
+    input_places = [_place(mechanism.inputs, u) for u in inputs]
+    parameter_places = [_place(mechanism.parameters, p) for p in parameters]
+    state_names = _free_names(
+        [*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], given
+    )
+    sizes = np.r_[_sizes(model), np.ones(eom.z.numel())]
+    unit_of = _units_of_states(eom)
+    time = made(["time"] if "time" not in given else ["time (independent)"], "independent", unit=["s"])
+    shown_inputs = made(
+        [u.label for u in inputs],
+        "input",
+        start=[float(levels[k]) for k in input_places],
+        lower=[u.lower for u in inputs],
+        upper=[u.upper for u in inputs],
+        unit=[units.get(u.label, "") for u in inputs],
+    )
+    shown_parameters = made(
+        [p.label for p in parameters],
+        "parameter",
+        start=[float(model.numeric.p[k]) for k in parameter_places],
+        lower=[p.lower for p in parameters],
+        upper=[p.upper for p in parameters],
+        unit=[units.get(p.label, "") for p in parameters],
+    )
+    coordinates = dict(zip(ca.vertsplit(ca.vertcat(eom.q, eom.v)), unit_of, strict=False))
+    outputs = made(
+        list(model.outputs),
+        "output",
+        unit=[units.get(name, _unit_of(expression, coordinates)) for name, expression in model.outputs.items()],
+    )
+    states = made(state_names, "local", unit=unit_of, nominal=[float(size) for size in sizes])
+    rates = made(
+        [f"der({name})" for name in state_names],
+        "local",
+        rate_of=[state.reference for state in states],
+        unit=[f"{unit}/s" if "/" not in unit else f"{unit}2" if unit else "" for unit in unit_of],
+    )
+    indicator_names = [f"switch {k + 1}" for k in range(model.timed.numel())]
+    indicator_names += [f"gap {k + 1}" for k in range(model.gaps.numel())]
+    indicators = made(_free_names(indicator_names, given), "local")
+    return Variables(
+        time, shown_inputs, shown_parameters, outputs, states, rates, indicators, input_places, parameter_places
+    )
+
+
+def _check_names(names: Sequence[str]) -> None:
+    seen: set[str] = set()
+    for name in names:
+        if not name.strip() or re.search(r"[\x00-\x1f\x7f]", name):
+            raise ModelError(f"export_fmu: {name!r} is no name of a variable; take one line of text")
+        if name in seen:
+            raise ModelError(
+                f"export_fmu: the name '{name}' is used twice; inputs, parameters and outputs need their own"
+            )
+        seen.add(name)
+
+
+def _free_names(names: Sequence[str], taken: Sequence[str]) -> list[str]:
+    """Names of states, changed where the user took them."""
+    used, found = set(taken), []
+    for name in names:
+        free, k = name, 1
+        while free in used:
+            free, k = f"{name} (state{'' if k == 1 else f' {k}'})", k + 1
+        used.add(free)
+        found.append(free)
+    return found
+
+
+def _velocity_names(eom: Equations) -> list[str]:
+    return [symbol.name() for symbol in ca.vertsplit(eom.v)]
+
+
+def _place(symbols: Sequence[ca.SX], wanted: ca.SX) -> int:
+    return next(k for k, symbol in enumerate(symbols) if symbol is wanted)
+
+
+def _sizes(model: Model) -> np.ndarray:
+    """Typical sizes of coordinates and velocities."""
+    sizes = np.asarray(model.numeric.scale.coordinates, float)
+    return np.r_[sizes, sizes]
+
+
+def _units_of_states(eom: Equations) -> list[str]:
+    extra = eom.q.numel() - 3 * len(eom.mechanism.bodies)
+    positions = ["m", "m", "rad"] * len(eom.mechanism.bodies) + [""] * extra
+    return [*positions, *(f"{unit}/s" if unit else "" for unit in positions), *[""] * eom.z.numel()]
+
+
+def _unit_of(expression: ca.SX, known: Mapping[ca.SX, str]) -> str:
+    return next((unit for symbol, unit in known.items() if ca.is_equal(expression, symbol)), "")

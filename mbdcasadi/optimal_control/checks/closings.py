@@ -1,0 +1,163 @@
+"""Warnings about motions of several phases that a solver does not see: what passes, what pulls, what is left open."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import warn
+from ...model.symbols import symbols_of
+
+if TYPE_CHECKING:
+    from ..nlp.change import Change
+    from ..solution import PhaseSolution, Solution
+
+#: Times of a phase at which it is looked whether something passes.
+POINTS = 400
+#: Part of the range of a row, or of a reaction, that counts as nothing.
+NOTHING = 1e-3
+
+
+def warn_of_closings(solution: Solution) -> None:
+    """Warn of joints that pass through their place before they close, of footholds that pull, and of free choices.
+
+    Warns
+    -----
+    MechanismWarning
+        If a position row of a joint that closes at the end of a phase has passed through zero in the same direction
+        before; if a joint to the ground that closes and opens has to pull, seen from the side from which it closed;
+        if a problem without inputs and cost leaves quantities undecided.
+    """
+    if len(solution.phases) < 2:
+        return
+    _warn_of_free_choices(solution)
+    sides: dict[Any, dict[int, float]] = {}
+    for change, before in zip(solution.program.changes, solution.phases, strict=False):
+        if not before.phase.is_instant:
+            _warn_of_passing(solution, change, before)
+            sides |= _sides(solution, change)
+    for joint, by_row in sides.items():
+        if _is_foothold(solution, joint):
+            _warn_of_pulling(solution, joint, by_row)
+
+
+# --- what passes ------------------------------------------------------------------------------
+def _guard_values(change: Change, before: PhaseSolution, p: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Position rows that close at the end of a phase, over times (n_t, k)."""
+    eom = change.setup.after.numeric.eom
+    rows = ca.vertcat(eom.Phi, change.law.momentary)[list(change.setup.guards)]
+    values = before.trajectory.at(times)[ca.substitute(rows, eom.p, ca.SX(ca.DM(p)))]
+    return values.reshape(times.size, -1)
+
+
+def _guards_of(solution: Solution, change: Change) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names of the rows that close at a change, times of the phase before, and the values over them."""
+    before = solution.phases[change.before.number]
+    times = np.linspace(before.mesh_times[0], before.mesh_times[-1], POINTS)
+    p = solution.phases[change.after.number].numeric.p
+    eom = change.setup.after.numeric.eom
+    all_names = [*(eom.row_names[k] for k in eom.position_rows), *change.law.row_names[eom.lam.numel() :]]
+    names = [all_names[k] for k in change.setup.guards]
+    return names, times, _guard_values(change, before, p, times)
+
+
+def _warn_of_passing(solution: Solution, change: Change, before: PhaseSolution) -> None:
+    if not change.setup.guards:
+        return
+    names, times, values = _guards_of(solution, change)
+    for name, row in zip(names, values.T, strict=True):
+        beyond = _beyond(row)
+        if beyond is None:
+            continue
+        first, last = times[beyond[0]], times[beyond[-1]]
+        amount = float(np.max(np.abs(row[beyond])))
+        warn(
+            f"phase '{before.phase.name}': '{name}' closes at its end, but was beyond zero before, by up to "
+            f"{amount:.3g} from t = {first:.4g} to {last:.4g} s: a foot would have passed through the ground; state a "
+            "limit in path=, unless nothing is in the way there"
+        )
+
+
+def _beyond(row: np.ndarray) -> np.ndarray | None:
+    """Places at which a row that ends with zero was on the side to which it goes there; None if it never was."""
+    size = float(np.max(np.abs(row)))
+    inside = np.flatnonzero(np.abs(row) > NOTHING * size)
+    if not size or not inside.size:
+        return None
+    side = np.sign(row[inside[-1]])  # from which it comes in the end
+    wrong = inside[np.sign(row[inside]) == -side]
+    if abs(row[0]) > NOTHING * size and np.sign(row[0]) == -side:
+        # it begins on the other side, as a foot behind the next foothold does, and has to come across once
+        wrong = wrong[wrong > inside[np.sign(row[inside]) == side][0]]
+    return wrong if wrong.size else None
+
+
+# --- what pulls -------------------------------------------------------------------------------
+def _sides(solution: Solution, change: Change) -> dict[Any, dict[int, float]]:
+    """Signs of the impulses of joints to the ground that close at a change, by joint and its row."""
+    found: dict[Any, dict[int, float]] = {}
+    if not change.setup.guards:
+        return found
+    impulses = change.impulses(solution.variables)
+    names, _, values = _guards_of(solution, change)
+    for name, row in zip(names, values.T, strict=True):
+        size = float(np.max(np.abs(row)))
+        inside = np.flatnonzero(np.abs(row) > NOTHING * size)
+        for joint in impulses:
+            own = list(getattr(joint, "row_names", ()))
+            if name not in own or not any(body.is_ground for body in joint.bodies) or not inside.size:
+                continue
+            k = own.index(name)
+            if np.all(np.sign(row[inside]) == np.sign(row[inside[-1]])) and impulses[joint][k]:
+                found.setdefault(joint, {})[k] = float(np.sign(impulses[joint][k]))
+    return found
+
+
+def _is_foothold(solution: Solution, joint: Any) -> bool:
+    """True if a joint closes in some phases and is open in others that follow, or before whose end it comes again."""
+    there = [any(joint is own for own in part.phase.mechanism.joints) for part in solution.phases]
+    opens = any(one and not other for one, other in pairwise(there))
+    return opens and any(other and not one for one, other in pairwise(there))
+
+
+def _warn_of_pulling(solution: Solution, joint: Any, by_row: dict[int, float]) -> None:
+    for part in solution.phases:
+        if part.phase.is_instant or not any(joint is own for own in part.phase.mechanism.joints):
+            continue
+        values = part.trajectory[joint.multipliers].reshape(len(part.trajectory), -1)
+        size = float(np.max(np.abs(values), initial=0.0))
+        for k, sign in by_row.items():
+            pull = -sign * values[:, k]
+            worst = int(np.argmax(pull))
+            if pull[worst] > NOTHING * size:
+                warn(
+                    f"phase '{part.phase.name}': {joint.description}, which closes from one side, has to pull at "
+                    f"'{joint.row_names[k]}', by {pull[worst]:.3g} at t = {part.trajectory.t[worst]:.4g} s; if it is a "
+                    "contact, state the sign of its reaction in path="
+                )
+
+
+# --- what nothing decides ---------------------------------------------------------------------
+def _warn_of_free_choices(solution: Solution) -> None:
+    """Warn of a passive motion without cost, of which more is free than the conditions decide."""
+    problem, program = solution.problem, solution.program
+    if any(part.phase.mechanism.inputs for part in solution.phases) or _has_cost(solution):
+        return
+    lower, upper = program.bounds(solution.phases[0].trajectory.initial)
+    unknown = int(np.sum(lower < upper))
+    free = unknown - sum(row.equality for row in program.rows)
+    if free > 0:
+        names = ", ".join(f"'{phase.name}'" for phase in problem.phases)
+        warn(
+            f"{free} quantit{'y' if free == 1 else 'ies'} of the motion through the phases {names} "
+            f"{'is' if free == 1 else 'are'} decided by no condition and no cost: the solution is one of many; state "
+            "the pose at the start in initial=, or boundary conditions for what is to repeat"
+        )
+
+
+def _has_cost(solution: Solution) -> bool:
+    costs = [solution.problem.terminal_cost, *(part.phase.running_cost for part in solution.phases)]
+    return any(symbols_of(cost) for cost in costs)

@@ -1,0 +1,172 @@
+"""What follows a solve that failed: without limits first, then with limits that close in, then the least violation.
+
+A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
+else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
+these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
+of all violations is minimised from several starts. Only if that ends above zero is the problem called infeasible.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ...numerics.homotopy import Step, follow
+from ..checks.failure import OptimizationError, infeasible, not_found
+from ..nlp.solver import Solver, together
+from ..nlp.statistics import SolveStatistics, Stage
+from ..refinement.mesh import Mesh
+from ..solution import Solution
+from .guess import Guess
+
+#: Messages of the solver after which the search goes on.
+RESUMABLE = (
+    "Infeasible_Problem_Detected",
+    "Restoration_Failed",
+    "Maximum_Iterations_Exceeded",
+    "Search_Direction_Becomes_Too_Small",
+    "Diverging_Iterates",
+    "Error_In_Step_Computation",
+)
+#: Iterations without limits, of a step in which limits close in, and of a least violation.
+FREE_ITERATIONS, CLOSING_ITERATIONS = 300, 150
+#: Share of its way below which a step in which limits close in is given up.
+SMALLEST_STEP = 1 / 8
+#: Power with which the remaining excess falls along the way: in the end it is small beside the limits.
+CLOSING_POWER = 3
+#: Sum of scaled violations up to which a motion counts as one that meets all demands.
+FEASIBLE = 1e-6
+#: Detours that are tried, and iterations of each.
+DETOURS, DETOUR_ITERATIONS = 6, 200
+#: Starts from which a violation must stay above zero for a problem to be called infeasible.
+STARTS = 2
+
+
+def may_go_on(error: OptimizationError, options: dict) -> bool:
+    """Return True if a failure leaves open whether the problem has a solution, and the user did not ask to stop."""
+    status = error.partial.statistics.status
+    limited = status == "Maximum_Iterations_Exceeded" and "ipopt.max_iter" in options
+    return status in RESUMABLE and not limited
+
+
+class LimitSearch:
+    """Search for a solution after a solve that failed.
+
+    Parameters
+    ----------
+    solver : Solver
+        Problem to be solved.
+    meshes : sequence of Mesh
+        Meshes by phase.
+    guess : Guess
+        Guess from which the solve failed.
+    second : Guess
+        Another one, from which violations are minimised besides.
+    detour : callable, optional
+        Makes guesses with random detours.
+    """
+
+    def __init__(
+        self,
+        solver: Solver,
+        meshes: Sequence[Mesh],
+        guess: Guess,
+        second: Guess,
+        detour: Callable[[], Guess] | None = None,
+    ):
+        self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
+        self._stages: list[Stage] = []
+
+    def run(self, failure: OptimizationError) -> Solution:
+        """Return a solution, or raise the failure with what the search found out.
+
+        Raises
+        ------
+        OptimizationError
+            The problem is infeasible, with what is in conflict, or no solution was found.
+        Interrupted
+            After Ctrl-C.
+        """
+        failed = failure.partial.statistics
+        self._note(failure.partial, failure.partial.statistics.status, "all limits")
+        closed, nearest = self._close_in()
+        if closed is None and nearest is not self._guess:
+            closed = self._by_detours()
+        if closed is None:
+            closed = self._by_least_violation(nearest, failure)
+        closed.statistics = replace(
+            together(failed, closed.statistics),
+            iterations=sum(stage.iterations for stage in self._stages),
+            seconds=sum(stage.seconds for stage in self._stages),
+            stages=self._stages,
+        )
+        return closed
+
+    def _note(self, solution: Solution, status: str, description: str) -> None:
+        s: SolveStatistics = solution.statistics
+        self._stages.append(Stage(description, s.iterations, status, s.seconds))
+
+    # --- limits that close in -----------------------------------------------------------------
+    def _close_in(self) -> tuple[Solution | None, Guess]:
+        """Solution with all limits, from one without; else the last motion on the way."""
+        solver = self._solver
+        free, excess, succeeded = solver.solve_loosened(self._meshes, self._guess, None, FREE_ITERATIONS)
+        self._note(free, free.statistics.status, "no limits")
+        if not succeeded:
+            return None, self._guess
+
+        def closer(point: Solution, _at: float, to: float) -> Step[Solution] | None:
+            remaining = (1 - to) ** CLOSING_POWER
+            guess = _without_multipliers(point.as_guess(solver.problem))
+            if remaining == 0:
+                return self._solved(guess, "all limits, closed in")
+            loose = {label: remaining * amount for label, amount in excess.items()}
+            solution, _, reached = solver.solve_loosened(self._meshes, guess, loose, CLOSING_ITERATIONS)
+            self._note(solution, solution.statistics.status, f"limits loosened by {remaining:.2g} of their excess")
+            return Step(solution) if reached else None
+
+        end = follow(free, closer, smallest=SMALLEST_STEP)
+        return end.point if end.complete else None, _without_multipliers(end.point.as_guess(solver.problem))
+
+    def _by_detours(self) -> Solution | None:
+        """The first solution from a random detour; None if there is none."""
+        for guess in (self._detour() for _ in range(DETOURS)) if self._detour else ():
+            solved = self._solved(guess, f"all limits, {guess.description}", DETOUR_ITERATIONS)
+            if solved is not None:
+                return solved.point
+        return None
+
+    def _solved(self, guess: Guess, description: str, limit: int | None = None) -> Step[Solution] | None:
+        """A solution of the problem itself from a guess."""
+        try:
+            solution = self._solver.solve(self._meshes, guess, warm=limit is None, limit=limit)
+        except OptimizationError as error:
+            self._note(error.partial, error.partial.statistics.status, description)
+            return None
+        self._note(solution, solution.statistics.status, description)
+        return Step(solution)
+
+    # --- the least violation --------------------------------------------------------------------
+    def _by_least_violation(self, nearest: Guess, failure: OptimizationError) -> Solution:
+        """Solution from a motion that meets all demands, or the failure in words."""
+        conflicting: list[tuple[Solution, dict[str, float]]] = []
+        for guess in (nearest, self._second):
+            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess)
+            total = sum(slacks.values())
+            self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
+            if total <= FEASIBLE:
+                feasible = _without_multipliers(solution.as_guess(self._solver.problem))
+                found = self._solved(feasible, "all limits, from a motion that meets them")
+                if found is not None:
+                    return found.point
+            elif succeeded:
+                conflicting.append((solution, slacks))
+                if len(conflicting) == STARTS:
+                    least = min(conflicting, key=lambda pair: sum(pair[1].values()))
+                    raise infeasible(failure, *least, STARTS, FEASIBLE) from None
+        raise not_found(failure, [stage.description for stage in self._stages]) from None
+
+
+def _without_multipliers(guess: Guess) -> Guess:
+    """The same motion, without multipliers that belong to other limits."""
+    return replace(guess, iterate=None)

@@ -1,0 +1,113 @@
+"""The least violation: the same program with limits and conditions that yield, and what they yield as the cost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from .collocation_program import CollocationProgram
+from .limit_sides import Bounds, LimitSides
+
+#: Weight of the distance from the guess, which leaves one of many motions without violation.
+NEARNESS = 1e-4
+
+
+class ElasticProgram:
+    """A program in which one slack for each limit and each condition adds to what its rows allow.
+
+    The sum of the slacks is least; equations of motion, constraints and continuity hold. A sum that ends above zero is
+    a least violation near its start, since the program is not convex.
+
+    Parameters
+    ----------
+    program : CollocationProgram
+        The program.
+    bounds : Bounds
+        Its bounds.
+    """
+
+    def __init__(self, program: CollocationProgram, bounds: Bounds):
+        self.program, self._bounds = program, bounds
+        sides = LimitSides(program, conditions=True).sides
+        self.labels = list(sides)
+        n, m, count = program.size, program.lower.size, len(sides)
+        #: variables whose bounds yield: they become rows
+        self._yielding = np.unique(
+            np.concatenate([np.r_[s.above, s.below].astype(int) for s in sides.values()] or [[]])
+        )
+        self._yielding = self._yielding.astype(int)
+        row_of = {int(place): m + k for k, place in enumerate(self._yielding)}
+        pattern = np.zeros((m + self._yielding.size, 2 * count))
+        for k, side in enumerate(sides.values()):
+            pattern[[*side.rows_above, *(row_of[j] for j in side.above)], k] = 1.0
+            pattern[[*side.rows_below, *(row_of[j] for j in side.below)], count + k] = -1.0
+        self._slacks = ca.sparsify(ca.DM(pattern))
+        self._n, self._m, self._count = n, m, 2 * count
+
+    @property
+    def size(self) -> int:
+        """Number of variables, slacks included."""
+        return self._n + self._count
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self._m + int(self._yielding.size)
+
+    def solver(self, options: dict[str, Any]) -> ca.Function:
+        """IPOPT with all derivatives given; parameters are those of the program and the guess."""
+        nlp, n, yielding = self.program.nlp, self._n, self._yielding.tolist()
+        y, p = ca.MX.sym("y", self.size), ca.MX.sym("p", nlp.data_size + n)
+        x, slacks, data, near = y[:n], y[n:], p[: nlp.data_size], p[nlp.data_size :]
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.rows)
+        derivatives = nlp.derivatives
+        rows, jacobian = derivatives["jac_g"](x, data)
+        cost = ca.sum1(slacks) + 0.5 * NEARNESS * ca.dot(x - near, x - near)
+        gradient = ca.vertcat(NEARNESS * (x - near), ca.MX.ones(self._count))
+        rows = ca.vertcat(rows, x[yielding]) - ca.mtimes(self._slacks, slacks)
+        picked = ca.DM.eye(n)[yielding, :]
+        slopes = ca.horzcat(ca.vertcat(jacobian, picked), -self._slacks)
+        hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * NEARNESS * ca.DM.eye(n)
+        hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
+        names = ["x", "p"]
+        given = {
+            "grad_f": ca.Function("nlp_grad_f", [y, p], [cost, gradient], names, ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", [y, p], [rows, slopes], names, ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l", [y, p, lam_f, lam_g], [hessian], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
+            ),
+        }
+        return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, given | options)
+
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds of the variables of the program that do not yield."""
+        lower, upper = self._bounds.lower.copy(), self._bounds.upper.copy()
+        lower[self._yielding], upper[self._yielding] = -np.inf, np.inf
+        return lower, upper
+
+    def arguments(self, x0: np.ndarray, data: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Arguments of the solver: the guess with slacks that meet everything, and the bounds."""
+        bounds = self._bounds
+        lower, upper = self.limits
+        low = np.r_[bounds.rows_lower, bounds.lower[self._yielding]]
+        high = np.r_[bounds.rows_upper, bounds.upper[self._yielding]]
+        values = np.r_[rows, x0[self._yielding]]
+        passed = np.abs(self._slacks.full()) * np.maximum(np.maximum(values - high, low - values), 0.0)[:, None]
+        slacks = np.max(passed, axis=0, initial=0.0)
+        return {
+            "x0": np.r_[x0, slacks],
+            "p": np.r_[data, x0],
+            "lbx": np.r_[lower, np.zeros(self._count)],
+            "ubx": np.r_[upper, np.full(self._count, np.inf)],
+            "lbg": low,
+            "ubg": high,
+        }
+
+    def split(self, y: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+        """Variables of the program, and slacks by label, scaled."""
+        half = self._count // 2
+        slacks = y[self._n :]
+        return y[: self._n], dict(zip(self.labels, np.maximum(slacks[:half], slacks[half:]).tolist(), strict=True))

@@ -1,0 +1,171 @@
+"""Stability of a periodic motion that was simulated: its return map, by saltation matrices across the changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import ModelError, warn
+from ..integrators import Integrator, as_integrator
+from ..model.conditions import Condition, read_conditions
+from ..model.events import Event
+from ..numerics.console import keyboard_interrupts
+from ..numerics.least_squares import largest
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from ..sensitivity.phase_flow import Directions
+from ..sensitivity.phased_variation import phased_variation, start_directions
+from ..simulation.events import read_events
+from .placeholders import placeholders_in, with_values
+from .solution import Solution
+from .stability import Stability, next_start
+
+#: Amount by which a simulated motion may miss the boundary conditions without a warning.
+PERIODIC_TOLERANCE = 1e-6
+
+
+def stability(
+    motion: Trajectory | Solution,
+    boundary: Any = (),
+    *,
+    events: Sequence[Event] = (),
+    inputs: Any = None,
+    method: str | Integrator = "idas",
+    reltol: float = 1e-10,
+    abstol: float = 1e-10,
+) -> Stability:
+    """Return the stability of a periodic motion: its return map to first order, and the Floquet multipliers.
+
+    Disturbances of the start are carried by the variational equations through every phase, and by saltation matrices
+    across the changes, whose instants they shift. The boundary conditions lead from the end to the next start.
+
+    Parameters
+    ----------
+    motion : Trajectory or Solution
+        One period: a simulation, through changes of the mechanism or in one mechanism, which ends at an event or
+        after the period; or a solution of a periodic problem, for which nothing else is given.
+    boundary : sequence of relations
+        Between :func:`at_start` and :func:`at_end`: what the next period begins with.
+    events : sequence of Event
+        Those of the simulation.
+    inputs : mapping, optional
+        Inputs of the simulation, numbers and expressions; by default the values at the start.
+    method, reltol, abstol
+        Integrator, and its tolerances.
+
+    Returns
+    -------
+    Stability
+        ``.matrix``, ``.multipliers``, ``.is_stable``.
+
+    Raises
+    ------
+    ModelError
+        If the boundary conditions do not decide the next start, or contain more than positions, velocities, states
+        and parameters.
+    SimulationError
+        See :func:`sensitivities`.
+
+    Warns
+    -----
+    MechanismWarning
+        If the motion does not meet the boundary conditions.
+
+    References
+    ----------
+    Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems*, Springer 2004, chapter 7.
+
+    Examples
+    --------
+    A pendulum that swings a little is neither stable nor unstable.
+
+    >>> import numpy as np, mbdcasadi as mbd
+    >>> arm = mbd.Body("arm", mass=1, inertia=0)
+    >>> hinge = mbd.Revolute("hinge", mbd.ground.at(0, 0), arm.at(0, 1))
+    >>> pendulum = mbd.Mechanism(bodies=[arm], joints=[hinge], forces=[mbd.Gravity((0, -np.pi**2))])
+    >>> down = mbd.Event("lowest", arm.phi, direction=1, terminal=True)
+    >>> swing = mbd.simulate(pendulum, [0, 1, 3], initial=[arm.phi == 0, arm.omega == 0.01], events=[down])
+    >>> same = [mbd.at_end(arm.phi) == mbd.at_start(arm.phi), mbd.at_end(arm.omega) == mbd.at_start(arm.omega)]
+    >>> found = mbd.stability(swing, same, events=[down])
+    >>> bool(np.allclose(found.multipliers, [1, 0], atol=1e-6))
+    True
+    """
+    if isinstance(motion, Solution):
+        if boundary or events or inputs is not None:
+            raise ModelError("stability: boundary=, events= and inputs= belong to a simulation; a solution knows them")
+        return motion.stability()
+    if not isinstance(motion, Trajectory):
+        raise ModelError(f"stability: takes a Trajectory or a Solution, got {motion!r}")
+    relations = read_conditions(boundary)
+    if not relations:
+        raise ModelError("stability: boundary= is empty, and so there is no next period")
+    with keyboard_interrupts("stability"):
+        integrator = as_integrator(method, reltol, abstol)
+        return _stability_of_simulation(motion, relations, read_events(events), inputs, integrator)
+
+
+def _stability_of_simulation(
+    motion: Trajectory, boundary: Sequence[Condition], events: Sequence[Event], inputs: Any, integrator: Integrator
+) -> Stability:
+    first, last = motion.phases[0], motion.phases[-1]
+    start, end = _own(first.initial), _own(last.final)
+    if inputs is None:
+        held = [list(zip(p.mechanism.inputs, p.initial.inputs.tolist(), strict=True)) for p in motion.phases]
+        inputs = [pair for pairs in reversed(held) for pair in pairs]
+    tangent = start_directions(first.mechanism, start)
+    found = phased_variation(
+        motion, events, motion.t[[0, -1]], [], Directions(tangent, {}, {}), integrator, list(dict(inputs).items())
+    )
+    left, right = [], []
+    for relation in boundary:
+        if not relation.equality:
+            raise ModelError(f"stability: boundary= takes equalities, got {relation.label}")
+        by_start, by_end, missed = _slopes(relation, start, end)
+        if abs(missed) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
+            warn(f"stability: the motion is not periodic: {relation.label} is missed by {missed:.3g}")
+        left.append(by_start @ tangent)
+        right.append(-by_end @ found.end)
+    return next_start(np.array(left), np.array(right), "state it in boundary=")
+
+
+def _own(state: State) -> State:
+    """A state in the symbols of its own mechanism."""
+    return State(
+        state.mechanism, state.t, state.q, state.v, state.a, state.z, state.lam, state.inputs, state.parameters
+    )
+
+
+def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, np.ndarray, float]:
+    """Derivatives of a boundary condition by the state at the start and at the end, and its value."""
+    marks = placeholders_in(relation.expression)
+    for mark in marks:
+        if mark.phase is not None or mark.kind not in ("at_start", "at_end"):
+            raise ModelError(f"stability: {relation.label}: takes at_start and at_end of the motion, got {mark.label}")
+    own = {mark.node.element_hash(): ca.SX.sym("x") for mark in marks}
+    named = with_values(relation.expression, lambda mark: own[mark.node.element_hash()])
+    symbols = ca.vertcat(ca.SX(0, 1), *own.values())
+    values = [float((start if mark.kind == "at_start" else end)[mark.expression]) for mark in marks]
+    rest = ca.substitute(named, symbols, ca.SX(ca.DM(values))) if marks else named
+    by_mark: Any = end[ca.substitute(ca.jacobian(named, symbols), symbols, ca.SX(ca.DM(values)))] if marks else []
+    by_start, by_end = np.zeros(start.q.size * 2 + start.z.size), _gradient(rest, end)
+    for mark, factor in zip(marks, np.atleast_1d(by_mark).ravel(), strict=True):
+        if mark.kind == "at_start":
+            by_start = by_start + factor * _gradient(mark.expression, start)
+        else:
+            by_end = by_end + factor * _gradient(mark.expression, end)
+    return by_start, by_end, float(end[rest])
+
+
+def _gradient(expression: ca.SX, state: State) -> np.ndarray:
+    """Derivatives of an expression by ``(q, v, z)`` at a state."""
+    eom = state.equations
+    if ca.depends_on(expression, ca.vertcat(eom.a, eom.lam, eom.u)):
+        raise ModelError(
+            f"stability: boundary= contains {expression}, in accelerations, reactions or inputs; a start is positions, "
+            "velocities and first-order states"
+        )
+    slope = ca.densify(ca.jacobian(ca.SX(expression), ca.vertcat(eom.q, eom.v, eom.z)))
+    return np.atleast_1d(state[slope]).ravel()

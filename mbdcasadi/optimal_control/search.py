@@ -1,0 +1,144 @@
+"""The way to a solution at given parameter values: settings, meshes, guesses, and what follows a failure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ..errors import ModelError
+from .checks.failure import OptimizationError
+from .guess.closing_limits import LimitSearch, may_go_on
+from .guess.guess import Guess
+from .guess.multistart import at_rest, best_of, guesses, random_detour
+from .nlp.setup import PhaseSetup, Settings, is_open_chain
+from .nlp.solver import BestSoFar, Solver
+from .problem import OptimalControlProblem
+from .refinement.mesh import Mesh
+from .refinement.refine import refine, refine_if_coarse
+from .solution import Shifted, Solution
+
+#: Intervals of a mesh whose number is not given.
+INTERVALS = 40
+
+
+@dataclass(frozen=True)
+class Search:
+    """Solves of one problem with the same settings, at any parameter values.
+
+    Parameters
+    ----------
+    problem : OptimalControlProblem
+        Problem to be solved.
+    intervals : int or "auto"
+        Number of intervals of the mesh of each phase.
+    initial : State or sequence of relations, optional
+        Start, in place of the problem's own.
+    settings : tuple
+        Transcription, degree, control, options and progress, as ``optimize`` takes them.
+    best : BestSoFar
+        Record of the solutions.
+    """
+
+    problem: OptimalControlProblem
+    intervals: Any
+    initial: Any
+    settings: tuple[Any, ...]
+    best: BestSoFar
+
+    @property
+    def _is_automatic(self) -> bool:
+        return isinstance(self.intervals, str) and self.intervals == "auto"
+
+    def _mesh(self, setup: PhaseSetup) -> Mesh:
+        """Mesh of a phase to begin with."""
+        if setup.phase.is_instant:
+            return Mesh.instant()
+        waypoints = len(setup.phase.waypoints)
+        counts = max(INTERVALS, 2 * (waypoints + 1)) if self._is_automatic else _count(self.intervals, waypoints)
+        return Mesh.equal(counts, setup.path.segment_times)
+
+    def solve(
+        self, parameters: Any, guess: Any, starts: Any, tolerance: float | None, *, goes_on: bool = True
+    ) -> Solution:
+        """Solve from one or several guesses, and refine the mesh if a tolerance is given.
+
+        Parameters
+        ----------
+        parameters : mapping, optional
+            Parameter to number.
+        guess : Solution, Shifted or Trajectory, optional
+            Initial guess.
+        starts : int or sequence, optional
+            Number of starts, or guesses.
+        tolerance : float, optional
+            Largest local error of an interval.
+        goes_on : bool
+            Whether a failure is followed by a search with limits that close in.
+        """
+        near = guess.solution if isinstance(guess, Shifted) else guess
+        warm = isinstance(near, Solution) and starts is None
+        automatic = self._is_automatic and near is None and tolerance is None
+        failed: list[tuple[_Attempt, OptimizationError]] = []
+        for settings in self._settings(near, starts):
+            attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
+            try:
+                solution = attempt.solve(warm=warm)
+                break
+            except OptimizationError as error:
+                failed.append((attempt, error))
+        else:
+            attempt, failure = failed[0]
+            if not goes_on or isinstance(guess, Shifted) or not may_go_on(failure, attempt.solver.settings.options):
+                raise failure
+            solution = attempt.go_on(failure)
+        return solution if tolerance is None else refine(attempt.solver, solution, tolerance)
+
+    def _settings(self, near: Any, starts: Any) -> list[Settings]:
+        """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
+        settings = Settings.read(*self.settings)
+        if isinstance(near, Solution) and starts is None:
+            return [replace(settings, angles=near.settings.angles)]
+        if near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
+            return [replace(settings, angles=True), settings]
+        return [settings]
+
+    def _attempt(self, settings: Settings, parameters: Any, guess: Any, starts: Any, *, refined: bool) -> _Attempt:
+        solver = Solver(self.problem, settings, parameters, self.initial, self.best)
+        meshes = list(map(self._mesh, solver.setups))
+        return _Attempt(solver, meshes, guesses(solver, starts, guess), refined)
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """One choice of coordinates: solver, meshes and guesses, and whether coarse meshes are refined."""
+
+    solver: Solver
+    meshes: list[Mesh]
+    candidates: list[Guess]
+    refined: bool
+
+    def solve(self, *, warm: bool) -> Solution:
+        """Return the best solution of all guesses."""
+        settle = partial(refine_if_coarse, self.solver) if self.refined else None
+        return best_of(self.solver, self.meshes, self.candidates, warm=warm, settle=settle)
+
+    def go_on(self, failure: OptimizationError) -> Solution:
+        """Return a solution that is found by limits that close in, or raise what was found out."""
+        solver, detour = self.solver, None
+        if len(solver.setups) == 1:
+            detour = partial(random_detour, solver, np.random.default_rng(0))
+        second = at_rest(solver)
+        solution = LimitSearch(solver, self.meshes, self.candidates[0], second, detour).run(failure)
+        return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
+
+
+def _count(intervals: Any, waypoints: int) -> int:
+    least = 2 * (waypoints + 1)
+    if isinstance(intervals, bool) or not isinstance(intervals, int | np.integer) or intervals < least:
+        between = f" with {waypoints} waypoints" if waypoints else ""
+        raise ModelError(f"optimize: intervals must be a whole number of at least {least}{between}, got {intervals!r}")
+    return int(intervals)

@@ -1,0 +1,106 @@
+"""States as entries of a file: arrays by time with the names of their columns, and events."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..equations import Equations
+from ..equations.numeric import NumericEquations
+from ..equations.recovery import Recovery
+from ..errors import MechanismError
+from .archives import Archive, check_names
+from .state import State
+
+#: Arrays by time, and what their columns belong to.
+ARRAYS = {"q": "coordinate", "v": "coordinate", "a": "coordinate", "z": "state", "lam": "row", "inputs": "input"}
+
+
+def column_names(eom: Equations) -> dict[str, tuple[str, ...]]:
+    """Names of coordinates, rows, states, inputs and parameters."""
+    mechanism = eom.mechanism
+    return {
+        "coordinate": eom.coordinate_names,
+        "row": eom.row_names,
+        "state": tuple(s.label for s in mechanism.states),
+        "input": tuple(u.label for u in mechanism.inputs),
+        "parameter": tuple(p.label for p in mechanism.parameters),
+    }
+
+
+def check_columns(archive: Archive, eom: Equations, prefix: str = "") -> None:
+    """Raise a :class:`FileError` that names the first difference to the names in a file."""
+    for kind, names in column_names(eom).items():
+        check_names(archive, kind, "trajectory", names, prefix=prefix)
+
+
+def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> list[np.ndarray]:
+    """Return ``q, v, a, z, lam, u`` by time."""
+    sizes = (x.numel() for x in (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u))
+    return [
+        archive.numbers(prefix + name, count, size, unknown=name != "q")
+        for name, size in zip(ARRAYS, sizes, strict=True)
+    ]
+
+
+def states_of(states: Sequence[State], eom: Equations, prefix: str) -> dict[str, Any]:
+    """Return the entries of single states of one mechanism, with their impulses and obstacles."""
+    sizes = zip(ARRAYS, (eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u), strict=True)
+    content: dict[str, Any] = {
+        prefix + name: np.reshape([getattr(state, name) for state in states], (len(states), symbols.numel()))
+        for name, symbols in sizes
+    }
+    impulses = [None if s.impulses is None else _by_name(s.impulses) for s in states]
+    content[f"{prefix}impulses"] = json.dumps(impulses)
+    content[f"{prefix}obstacles"] = json.dumps(["" if s.obstacle is None else str(s.obstacle) for s in states])
+    return content
+
+
+def _by_name(impulses: Mapping[Any, np.ndarray]) -> dict[str, list[float]]:
+    return {getattr(element, "name", element): np.asarray(values).tolist() for element, values in impulses.items()}
+
+
+def read_states(
+    archive: Archive, prefix: str, eom: Equations, times: np.ndarray, parameters: Sequence[np.ndarray]
+) -> list[State]:
+    """Return what :func:`states_of` wrote, at times and with parameters by state."""
+    columns = read_columns(archive, prefix, eom, times.size)
+    # files of older versions hold no impulses
+    impulses = _listed(archive, f"{prefix}impulses", times.size, None)
+    obstacles = _listed(archive, f"{prefix}obstacles", times.size, "")
+    elements = {element.name: element for element in eom.row_elements}
+    found = []
+    for k, (time, p) in enumerate(zip(times.tolist(), parameters, strict=True)):
+        q, v, a, z, lam, u = (x[k] for x in columns)
+        obstacle = MechanismError(obstacles[k]) if obstacles[k] else None
+        by_element = None
+        if impulses[k] is not None:
+            by_element = {elements.get(name, name): np.array(x, float) for name, x in impulses[k].items()}
+        found.append(State(eom.mechanism, time, q, v, a, z, lam, u, p, obstacle, by_element))
+    return found
+
+
+def _listed(archive: Archive, name: str, count: int, otherwise: Any) -> list[Any]:
+    if name not in archive:
+        return [otherwise] * count
+    values = archive.json(name)
+    if not isinstance(values, list) or len(values) != count:
+        raise archive.refuse(f"the entry '{name}' is not a list of {count}")
+    kinds = (dict, type(None)) if otherwise is None else (str,)
+    if not all(isinstance(value, kinds) for value in values):
+        raise archive.refuse(f"the entry '{name}' holds {next(v for v in values if not isinstance(v, kinds))!r}")
+    return values
+
+
+def refinement(
+    eom: Equations, t: np.ndarray, q: np.ndarray, parameters: np.ndarray
+) -> Callable[..., tuple[np.ndarray, ...]] | None:
+    """Return the function that brings values between the times onto the constraints, as in the run that was saved."""
+    if not t.size or any(getattr(element, "modes", ()) for element in eom.mechanism.elements):
+        return None  # the constraints of exact friction change along the motion
+    numeric = NumericEquations(eom, parameters)
+    redundant = numeric.rank(float(t[0]), q[0]).rank < eom.lam.numel()
+    return Recovery(numeric, redundant=redundant).refine()

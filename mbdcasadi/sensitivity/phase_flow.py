@@ -1,0 +1,201 @@
+"""The motion in one mechanism between two changes, with its variations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..arguments.values import pairs_of
+from ..assembly.setup import Setup
+from ..errors import ModelError, SimulationError
+from ..integrators import Integrator
+from ..model.mechanism import Mechanism
+from ..numerics.console import call
+from ..results.phases import present
+from ..results.state import State
+from ..results.trajectory import Trajectory
+from .compiled_run import still
+from .differentiable_motion import DifferentiableMotion
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Variations of the start, of parameters and of inputs, in k directions.
+
+    Attributes
+    ----------
+    start : numpy.ndarray
+        Of ``(q, v, z)`` (n_x, k).
+    parameters : dict of Parameter to numpy.ndarray
+        Rows (k,) of the parameters that vary.
+    inputs : dict of Input to numpy.ndarray
+        Rows (k,) of inputs that are numbers.
+    """
+
+    start: np.ndarray
+    parameters: dict[Any, np.ndarray]
+    inputs: dict[Any, np.ndarray]
+
+    @property
+    def count(self) -> int:
+        """Number of directions."""
+        return int(self.start.shape[1])
+
+
+class PhaseFlow:
+    """The motion in one mechanism between two changes, and expressions at single instants of it.
+
+    Parameters
+    ----------
+    part : Trajectory
+        The motion there, as it was simulated.
+    grid : numpy.ndarray
+        Output times from its start to its end, s.
+    integrator : Integrator
+        Method and tolerances.
+    inputs : mapping
+        Inputs of all mechanisms: numbers and expressions.
+    outputs : sequence of casadi.SX
+        Expressions in any of the mechanisms.
+    whole : Mechanism
+        All parts of the mechanisms.
+    directions : Directions
+        Variations of parameters and inputs.
+    values : numpy.ndarray
+        Values of all parameters in this phase.
+
+    Attributes
+    ----------
+    x0 : numpy.ndarray
+        Start ``(q, v, z)``.
+    p : numpy.ndarray
+        Values of the parameters of the mechanism.
+    rows : numpy.ndarray
+        Of the outputs, whether the mechanism has them (n_y,).
+    """
+
+    def __init__(
+        self,
+        part: Trajectory,
+        grid: np.ndarray,
+        integrator: Integrator,
+        inputs: Any,
+        outputs: Sequence[ca.SX],
+        whole: Mechanism,
+        directions: Directions,
+        values: np.ndarray,
+    ):
+        self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
+        p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
+        own = [(u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)]
+        first = part.initial
+        start = State(
+            self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters
+        )
+        setup = Setup(self.mechanism, "sensitivities", times=grid, initial=start, inputs=own, parameters=p)
+        if setup.signals.is_sampled:
+            raise ModelError(
+                "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
+            )
+        self.p, self.levels = setup.p, np.asarray(setup.signals.level_values, float)
+        self._varied = directions
+        varied = [k for k, x in enumerate(self.mechanism.parameters) if x in directions.parameters]
+        self.motion = DifferentiableMotion(setup, integrator, varied=varied)
+        self.x0 = np.r_[first.q, first.v, first.z]
+        shown = self._with_absent_parameters([present(e, whole, self.mechanism) for e in outputs], whole, values)
+        known = [self.eom.contains(e) for e in shown]
+        self._shown = [e for e, has in zip(shown, known, strict=True) if has]
+        self.rows = np.repeat(np.array(known, bool), [e.numel() for e in outputs])
+        self.dlevels = np.zeros((self.levels.size, directions.count))
+        for k, place in setup.signals.level_places.items():
+            self.dlevels[place] = directions.inputs.get(self.mechanism.inputs[k], 0.0)
+
+    def _with_absent_parameters(
+        self, expressions: Sequence[ca.SX], whole: Mechanism, values: np.ndarray
+    ) -> list[ca.SX]:
+        """Expressions with the values of parameters that only other mechanisms have."""
+        own = self.mechanism.parameters
+        absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in own)]
+        symbols = ca.vertcat(ca.SX(0, 1), *[whole.parameters[k] for k in absent])
+        varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._varied.parameters]
+        by_varied = ca.jacobian(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions)), ca.vertcat(ca.SX(0, 1), *varied))
+        if by_varied.nnz():
+            name = next(x.label for x in varied if ca.depends_on(ca.vertcat(*map(ca.vec, expressions)), x))
+            raise ModelError(
+                f"sensitivities: an output contains parameter '{name}', by which it is differentiated, and which not "
+                "all mechanisms of the motion have; list it in parameters= of each"
+            )
+        return (
+            [ca.substitute(e, symbols, ca.SX(ca.DM(values[absent]))) for e in expressions] if absent else [*expressions]
+        )
+
+    def dp(self, given: dict[Any, np.ndarray]) -> np.ndarray:
+        """Variations of the parameters of the mechanism (n_p, k)."""
+        rows = np.zeros((self.p.size, self._varied.count))
+        for k, symbol in enumerate(self.mechanism.parameters):
+            rows[k] = given.get(symbol, 0.0)
+        return rows
+
+    def over(self, dx0: np.ndarray, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Outputs (n_t, n_y) with variations (n_t, n_y, k), and the last state with its own."""
+        motion, k = self.motion, dx0.shape[1]
+        channel = motion.channel()
+        course = motion.course(self.x0, self.p, self.levels, channel)
+        run = motion.motion(course)
+        known = [self.x0, self.p, self.levels, channel, *course.arguments]
+        found = call(run, *known)
+        states = found[0].full()
+        if not motion.reached(states):
+            raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
+        moved = call(run.forward(k), *known, *found, dx0, dp, self.dlevels, *still([channel, *course.arguments], k))
+        outputs = motion.outputs(self._shown)
+        given = [found[0], self.p, self.levels, channel]
+        y = outputs(*given)
+        dy = call(outputs.forward(k), *given, y, moved[0], dp, self.dlevels, *still([channel], k))
+        n_t, n_y = states.shape[1], int(np.sum(self.rows))
+        values, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
+        values[:, self.rows] = y.full().T
+        slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1)
+        return values, slopes, found[1].full().ravel(), moved[1].full()
+
+    # --- at one instant ------------------------------------------------------------------------
+    def at(
+        self, expression: ca.SX, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """An expression at a state, and its variations (n, k)."""
+        function, channel = self.motion.at_one_output(ca.vec(expression)), self._no_samples
+        known = [time, x, self.p, self.levels, channel]
+        value = function(*known)
+        seeds = [dt[None, :], dx, dp, self.dlevels, *still([channel], dt.size)]
+        return value.full().ravel(), call(function.forward(dt.size), *known, value, *seeds).full()
+
+    def outputs_at(
+        self, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """All outputs at a state (n_y,), and their variations (n_y, k)."""
+        values, slopes = np.full(self.rows.size, np.nan), np.full((self.rows.size, dt.size), np.nan)
+        if self._shown:
+            stacked = ca.vertcat(*[ca.vec(e) for e in self._shown])
+            values[self.rows], slopes[self.rows] = self.at(stacked, time, x, dt, dx, dp)
+        return values, slopes
+
+    def rates(self, time: float, x: np.ndarray) -> np.ndarray:
+        """Rates of ``(q, v, z)``."""
+        eom = self.eom
+        function = self.motion.at_one_output(ca.vertcat(eom.v, eom.a, eom.z_rate))
+        return np.asarray(function(time, x, self.p, self.levels, self._no_samples).full().ravel())
+
+    def rate_of(self, expression: ca.SX, time: float, x: np.ndarray) -> float:
+        """Rate of an expression along the motion."""
+        function = self.motion.at_one_output(expression)
+        known = [time, x, self.p, self.levels, self._no_samples]
+        seeds = [1.0, self.rates(time, x), 0 * self.p, 0 * self.levels, self._no_samples]
+        return float(call(function.forward(1), *known, function(*known), *seeds))
+
+    @property
+    def _no_samples(self) -> np.ndarray:
+        return np.zeros((self.motion.channel_size[0], 1))

@@ -1,0 +1,390 @@
+"""Variations of a motion through several mechanisms: carried along each phase, and across the changes between.
+
+A change takes place where ``g(t, x, p) = 0``. With variations ``dx`` just before at a fixed time, rates ``f⁻`` before
+and ``f⁺`` after, and a jump ``x⁺ = h(t, x, p)``,
+
+    dtau = -dg / g_rate,   dx⁻ = dx + f⁻ dtau,   dx⁺ = dh,   and at a fixed time just after  dx⁺ - f⁺ dtau:
+
+the saltation matrix. The jump is that of :class:`ImpactLaw`.
+
+References
+----------
+Aizerman and Gantmacher, "Determination of stability by linear approximation of a periodic solution of a system of
+differential equations with discontinuous right-hand sides", Q. J. Mech. Appl. Math. 11 (1958) 385; Leine and Nijmeijer,
+*Dynamics and Bifurcations of Non-Smooth Mechanical Systems*, Springer 2004, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..equations import equations
+from ..equations.impact_law import ImpactLaw
+from ..errors import ModelError, SimulationError
+from ..integrators import Integrator
+from ..model.events import Event
+from ..model.mechanism import Mechanism
+from ..model.symbols import Parameter, StateVariable
+from ..numerics.least_squares import largest, least_norm
+from ..numerics.rank import analyse_rank
+from ..results.phases import places_in
+from ..results.state import EventOccurrence, State
+from ..results.trajectory import Trajectory
+from .phase_flow import Directions, PhaseFlow
+
+#: Rate of an event, relative to the rates of its state, below which the motion grazes and has no derivative.
+GRAZING = 1e-8
+#: Share of a variation by which the rows of a joint that closes may open for other values.
+CLOSING_TOLERANCE = 1e-5
+#: Length of the stretch in which a motion that ends just after a change is evaluated, as a share of the whole.
+MOMENT = 1e-6
+
+
+@dataclass(frozen=True)
+class EventVariation:
+    """An event, and how it and the state there vary.
+
+    Attributes
+    ----------
+    name : str
+        Name of the event.
+    t : float
+        Time, s.
+    time : numpy.ndarray
+        Variation of the time (k,).
+    before, after : tuple of numpy.ndarray
+        Values of the outputs just before and just after (n_y,), and their variations along with the instant
+        (n_y, k); `after` is None if the motion ends there.
+    """
+
+    name: str
+    t: float
+    time: np.ndarray
+    before: tuple[np.ndarray, np.ndarray]
+    after: tuple[np.ndarray, np.ndarray] | None
+
+
+@dataclass(frozen=True)
+class PhasedVariation:
+    """Outputs over time and at events, with their variations.
+
+    Attributes
+    ----------
+    t : numpy.ndarray
+        Times (n_t,), s; the instant of a change twice.
+    y, slope : numpy.ndarray
+        Outputs (n_t, n_y), and variations at fixed times (n_t, n_y, k).
+    events : tuple of EventVariation
+        Changes, and the event that ends the motion.
+    end : numpy.ndarray
+        Variation of the last state ``(q, v, z)``, along with the instant if an event ends the motion (n_x, k).
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    slope: np.ndarray
+    events: tuple[EventVariation, ...]
+    end: np.ndarray
+
+
+def phased_variation(
+    motion: Trajectory,
+    events: Sequence[Event],
+    times: np.ndarray,
+    outputs: Sequence[ca.SX],
+    directions: Directions,
+    integrator: Integrator,
+    inputs: Any = None,
+) -> PhasedVariation:
+    """Carry variations along a motion that was simulated.
+
+    Parameters
+    ----------
+    motion : Trajectory
+        The motion, which knows the order and the instants of its changes.
+    events : sequence of Event
+        The events of the run.
+    times : numpy.ndarray
+        Output times, s.
+    outputs : sequence of casadi.SX
+        Expressions in any of the mechanisms.
+    directions : Directions
+        Variations of the start, parameters and inputs.
+    integrator : Integrator
+        Method and tolerances.
+    inputs : mapping, optional
+        Inputs of the run: numbers and expressions.
+
+    Raises
+    ------
+    ModelError
+        For events that reset velocities, and several that take place together: their order decides the variation.
+    SimulationError
+        Where the motion grazes the zero of an event, or a joint would not close for other values.
+    """
+    changes, ending = _changes(motion, events), _ending(motion, events)
+    return _Passage(motion, times, outputs, directions, integrator, inputs).run(changes, ending)
+
+
+class _Passage:
+    """Variations on their way through the phases; see :func:`phased_variation`."""
+
+    def __init__(
+        self,
+        motion: Trajectory,
+        times: np.ndarray,
+        outputs: Sequence[ca.SX],
+        directions: Directions,
+        integrator: Integrator,
+        inputs: Any,
+    ):
+        self._motion, self._times, self._outputs = motion, times, outputs
+        self._directions, self._integrator, self._inputs = directions, integrator, inputs
+        self._pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._events: list[EventVariation] = []
+        #: variations of the state at a fixed time, and of the parameters
+        self._dx, self._parameters = directions.start, dict(directions.parameters)
+
+    def run(self, changes: Sequence[Event], ending: Event | None) -> PhasedVariation:
+        """Go through all phases."""
+        flow: PhaseFlow | None = self._flow(0)
+        for number, part in enumerate(self._motion.phases):
+            if flow is None:
+                break
+            values, slopes, x, self._dx = flow.over(self._dx, flow.dp(self._parameters))
+            self._pieces.append((_grid(part, self._times), values, slopes))
+            if number < len(changes):
+                flow = self._change(flow, changes[number], number, float(part.t[-1]), x)
+            elif ending is not None:
+                self._end(flow, ending, float(part.t[-1]), x)
+        t, y, slope = (np.concatenate([piece[k] for piece in self._pieces]) for k in range(3))
+        return PhasedVariation(t, y, slope, tuple(self._events), self._dx)
+
+    def _flow(self, number: int) -> PhaseFlow:
+        motion, part = self._motion, self._motion.phases[number]
+        grid = _grid(part, self._times)
+        if grid.size < 2:  # the motion ends just after a change
+            span = float(motion.t[-1] - motion.t[0]) or 1.0
+            grid = np.array([grid[0], grid[0] + MOMENT * span])
+        return PhaseFlow(
+            part,
+            grid,
+            self._integrator,
+            self._inputs,
+            self._outputs,
+            motion.mechanism,
+            self._directions,
+            motion.parameters_by_phase[number],
+        )
+
+    def _end(self, flow: PhaseFlow, event: Event, time: float, x: np.ndarray) -> None:
+        """End the motion at an event."""
+        dp = flow.dp(self._parameters)
+        dt, self._dx = _at_event(flow, event, time, x, self._dx, dp)
+        before = flow.outputs_at(time, x, dt, self._dx, dp)
+        self._events.append(EventVariation(event.name, time, dt, before, None))
+
+    def _change(self, flow: PhaseFlow, event: Event, number: int, time: float, x: np.ndarray) -> PhaseFlow | None:
+        """Go across a change: the motion that follows, None if the motion ends just after it."""
+        dp, following = flow.dp(self._parameters), self._flow(number + 1)
+        dt, dx = _at_event(flow, event, time, x, self._dx, dp)
+        before = flow.outputs_at(time, x, dt, dx, dp)
+        jumped, self._parameters = _across(flow, following, event, time, x, dt, dx, dp, self._parameters)
+        after = following.outputs_at(time, following.x0, dt, jumped, following.dp(self._parameters))
+        self._events.append(EventVariation(event.name, time, dt, before, after))
+        if len(self._motion.phases[number + 1]) < 2:
+            self._dx = jumped
+            return None
+        self._dx = jumped - np.outer(following.rates(time, following.x0), dt)
+        return following
+
+
+def _grid(part: Trajectory, times: np.ndarray) -> np.ndarray:
+    """Output times within a phase, with its ends."""
+    first, last = float(part.t[0]), float(part.t[-1])
+    apart = 1e-9 * max(last - first, float(np.spacing(abs(last))))
+    inside = times[(times > first + apart) & (times < last - apart)]
+    return np.unique(np.r_[first, inside, last])
+
+
+def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
+    """The event of each change of a motion."""
+    known = {event.name: event for event in events}
+    chosen = []
+    for event in motion.events:
+        if event.name not in known:
+            raise ModelError(
+                f"sensitivities: '{event.name}' is a switch of exact friction, through which no derivatives are carried"
+                " here; take a law with a velocity tolerance (Coulomb)"
+            )
+        if event.after is not None and known[event.name].becomes is None:
+            raise ModelError(
+                f"sensitivities: event '{event.name}' resets velocities; derivatives are carried through changes of "
+                "the mechanism alone (becomes=, with restitution= for a bounce)"
+            )
+    for before in motion.phases[:-1]:
+        here = [e for e in motion.events if e.after is not None and _is_at(e, float(before.t[-1]))]
+        if len(here) != 1:
+            names = ", ".join(f"'{e.name}'" for e in here)
+            raise ModelError(
+                f"sensitivities: the events {names} take place together at t = {before.t[-1]:.6g} s; which one is "
+                "first for other values decides the motion, and there is no derivative"
+            )
+        if len(before) < 2:
+            raise ModelError(f"sensitivities: event '{here[0].name}' takes place at once where its phase begins")
+        chosen.append(known[here[0].name])
+    return chosen
+
+
+def _is_at(event: EventOccurrence, time: float) -> bool:
+    return abs(event.t - time) <= 4 * float(np.spacing(abs(time)))
+
+
+def _ending(motion: Trajectory, events: Sequence[Event]) -> Event | None:
+    """The event that ends a motion without a change; None if there is none."""
+    known = {event.name: event for event in events}
+    last = [e for e in motion.events if _is_at(e, float(motion.t[-1]))]
+    return next((known[e.name] for e in last if known[e.name].terminal and known[e.name].becomes is None), None)
+
+
+def _at_event(
+    flow: PhaseFlow, event: Event, time: float, x: np.ndarray, dx: np.ndarray, dp: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variations of the instant of an event (k,), and of the state there (n_x, k)."""
+    rate, rates = flow.rate_of(event.expression, time, x), flow.rates(time, x)
+    if not np.isfinite(rate) or abs(rate) <= GRAZING * (1 + largest(rates)):
+        raise SimulationError(
+            f"sensitivities: the motion touches the zero of event '{event.name}' at t = {time:.6g} s with the rate "
+            f"{rate:.3g}: the instant has no derivative",
+            time=time,
+        )
+    _, change = flow.at(event.expression, time, x, np.zeros(dx.shape[1]), dx, dp)
+    dt = -change.ravel() / rate
+    return dt, dx + np.outer(rates, dt)
+
+
+def _across(
+    flow: PhaseFlow,
+    following: PhaseFlow,
+    event: Event,
+    time: float,
+    x: np.ndarray,
+    dt: np.ndarray,
+    dx: np.ndarray,
+    dp: np.ndarray,
+    parameters: dict[Any, np.ndarray],
+) -> tuple[np.ndarray, dict[Any, np.ndarray]]:
+    """Variations of the state just after a change, and of the parameters from there on."""
+    parameters, states = dict(parameters), {}
+    for symbol, value in event.new_values:
+        row = flow.at(value, time, x, dt, dx, dp)[1].ravel()
+        if isinstance(symbol, Parameter):
+            parameters[symbol] = row
+        elif isinstance(symbol, StateVariable):
+            states[symbol] = row
+    new_dp = following.dp(parameters)
+    dq, dv = _carried(flow, following, event, time, dt, dx, new_dp)
+    dv = _jumped(flow, following, event, time, x, dt, dq, dv, new_dp)
+    old, n = list(flow.mechanism.states), flow.eom.q.numel()
+    dz = np.zeros((len(following.mechanism.states), dt.size))
+    for k, symbol in enumerate(following.mechanism.states):
+        place = next((i for i, other in enumerate(old) if other is symbol), None)
+        dz[k] = states.get(symbol, 0.0 if place is None else dx[2 * n + place])
+    return np.vstack([dq, dv, dz]), parameters
+
+
+def _shared(flow: PhaseFlow, following: PhaseFlow) -> tuple[list[int], list[int]]:
+    """Coordinates of the next mechanism that the one before has, and their places there."""
+    theirs = {s.element_hash() for s in ca.vertsplit(flow.eom.q)}
+    here = [k for k, s in enumerate(ca.vertsplit(following.eom.q)) if s.element_hash() in theirs]
+    return here, places_in(flow.eom.q, following.eom.q[here])
+
+
+def _carried(
+    flow: PhaseFlow,
+    following: PhaseFlow,
+    event: Event,
+    time: float,
+    dt: np.ndarray,
+    dx: np.ndarray,
+    dp: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variations of the coordinates just after a change, and of the velocities just before it, of what goes on."""
+    eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
+    here, places = _shared(flow, following)
+    n_old, n = flow.eom.q.numel(), eom.q.numel()
+    dq, dv = np.zeros((n, dt.size)), np.zeros((n, dt.size))
+    dq[here], dv[here] = dx[places], dx[[n_old + k for k in places]]
+    rows = ca.vertcat(eom.Phi, law.momentary)
+    if not rows.numel():
+        return dq, dv
+    slopes = ca.Function(
+        "rows", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.p)]
+    )
+    by_q, by_t, by_p = (x.full() for x in slopes(time, following.x0[:n], following.p))
+    new = [k for k in range(n) if k not in set(here)]
+    open_ = by_q @ dq + by_t @ dt[None, :] + by_p @ dp
+    if new:
+        dq[new] = least_norm(by_q[:, new], -open_)
+        open_ = open_ + by_q[:, new] @ dq[new]
+    size = 1 + largest(dq) + largest(dt)
+    if largest(open_) > CLOSING_TOLERANCE * size:
+        names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
+        worst = names[int(np.argmax(np.max(np.abs(open_), axis=1)))]
+        raise SimulationError(
+            f"sensitivities: for other values event '{event.name}' at t = {time:.6g} s would not find the position of "
+            f"'{worst}' closed; let a parameter in it take the value of that instant (reset=)",
+            time=time,
+        )
+    return dq, dv
+
+
+def _jumped(
+    flow: PhaseFlow,
+    following: PhaseFlow,
+    event: Event,
+    time: float,
+    x: np.ndarray,
+    dt: np.ndarray,
+    dq: np.ndarray,
+    dv: np.ndarray,
+    dp: np.ndarray,
+) -> np.ndarray:
+    """Variations of the velocities just after a change: the law of impact, differentiated as an implicit function."""
+    eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
+    here, places = _shared(flow, following)
+    n_old, n = flow.eom.q.numel(), eom.q.numel()
+    v_before = np.zeros(n)
+    v_before[here] = x[[n_old + k for k in places]]
+    q = following.x0[:n]
+    jump = law.solve(following.motion.numeric.mass, time, q, v_before, following.p)
+    kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
+    rows = ca.vertcat(law.momentum, law.velocity[kept])
+    unknowns = ca.vertcat(eom.v, law.impulses[kept])
+    known = [eom.t, eom.q, law.v_before, eom.p]
+    arguments = [*known, eom.v, law.impulses]
+    slopes = ca.Function("impact", arguments, [ca.densify(ca.jacobian(rows, s)) for s in (unknowns, *known)])
+    by_unknowns, by_t, by_q, by_v, by_p = (
+        m.full() for m in slopes(time, q, v_before, following.p, jump.v, jump.impulses)
+    )
+    right = -(by_t @ dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
+    return np.asarray(least_norm(by_unknowns, right)[:n])
+
+
+def start_directions(mechanism: Mechanism, state: State) -> np.ndarray:
+    """Return the directions in which a start may vary on the constraints, as columns for ``(q, v, z)``."""
+    eom = equations(mechanism)
+    rows = ca.vertcat(eom.Phi, eom.Phi_q @ eom.v - eom.nu)
+    n, k = eom.q.numel(), eom.z.numel()
+    if not rows.numel():
+        return np.eye(2 * n + k)
+    jacobian = ca.jacobian(rows, ca.vertcat(eom.q, eom.v))
+    function = ca.Function("rows", [eom.t, eom.q, eom.v, eom.p], [ca.densify(jacobian)])
+    slope = function(state.t, state.q, state.v, state.parameters).full()
+    tangent = analyse_rank(slope).null_columns
+    return np.block([[tangent, np.zeros((2 * n, k))], [np.zeros((k, tangent.shape[1])), np.eye(k)]])

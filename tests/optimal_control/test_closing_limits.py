@@ -1,0 +1,158 @@
+"""Feasible problems with tight limits, which the solver gives up at first, and problems that are infeasible."""
+
+import numpy as np
+import pytest
+from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+
+import mbdcasadi as mbd
+
+
+def weak_swing_up(limit):
+    """A pendulum that is swung up in 6 s by a motor that cannot hold it up."""
+    bob, tau, mechanism = pendulum(limit=limit)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=6.0,
+        initial=[bob.phi == 0, bob.omega == 0],
+        final=[bob.phi == np.pi, bob.omega == 0],
+        running_cost=tau**2,
+    )
+    return problem, bob, tau
+
+
+def cart_pole(limit, rail):
+    """Kelly's cart-pole with another pole, on a rail of limited length."""
+    force = mbd.Input("F", lower=-limit, upper=limit)
+    cart = mbd.Body("cart", mass=1.0, inertia=0.1)
+    pole = mbd.Body("pole", mass=0.3, inertia=0.0, pose=(0, -0.5, 0))
+    mechanism = mbd.Mechanism(
+        [cart, pole],
+        [
+            mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0)),
+            mbd.Revolute("pin", cart.at(0, 0), pole.at(0, 0.5)),
+        ],
+        forces=[mbd.Gravity(), mbd.GeneralizedForce("drive", [(cart.x, force)])],
+        inputs=[force],
+    )
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=2.0,
+        initial=[cart.x == 0, cart.vx == 0, pole.phi == 0, pole.omega == 0],
+        final=[cart.x == 0.8, cart.vx == 0, pole.phi == np.pi, pole.omega == 0],
+        path=[mbd.bounded(-rail, cart.x, rail)],
+        running_cost=force**2,
+    )
+    return problem, cart, force
+
+
+def test_limits_close_in_on_a_cart():
+    """The limits hold, the simulation arrives, and the stages are reported; a fresh solve from there confirms it."""
+    problem, cart, force = cart_pole(8.0, 1.0)
+    solution = mbd.optimize(problem)
+    stages = solution.statistics.stages
+    assert [stage.description for stage in stages[:3]] == ["all limits", "no limits", "all limits, closed in"]
+    assert stages[0].status != "Solve_Succeeded" and stages[1].status == "Solve_Succeeded"
+    assert solution.statistics.iterations >= sum(stage.iterations for stage in stages)
+    motion = solution.trajectory.at(np.linspace(0, 2, 400))
+    assert np.max(np.abs(motion[force])) <= 8 + 1e-6 and np.max(np.abs(motion[cart.x])) <= 1.01
+    assert solution.verify().final_error < 2e-2
+    assert mbd.optimize(problem, guess=solution).cost == pytest.approx(solution.cost, rel=1e-3)
+
+
+def test_a_detour_swings_a_pendulum_up():
+    """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor."""
+    problem, bob, tau = weak_swing_up(2.0)
+    with pytest.raises(mbd.OptimizationError):
+        mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
+    solution = mbd.optimize(problem)
+    assert "detour" in solution.statistics.stages[-1].description
+    assert np.max(np.abs(solution.trajectory.at(np.linspace(0, 6, 500))[tau])) <= 2 + 1e-6
+    assert np.ptp(np.sign(solution.trajectory[bob.omega])) == 2  # it swings back
+    assert solution.verify().final_error < 0.05
+
+
+def test_infeasible_from_several_starts():
+    """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
+    bob, tau, mechanism = pendulum(limit=0.1)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=0.2,
+        initial=[bob.phi == 0, bob.omega == 0],
+        final=[bob.phi == np.pi, bob.omega == 0],
+        running_cost=tau**2,
+    )
+    with pytest.raises(mbd.OptimizationError, match="the problem is infeasible: .* from 2 starts") as caught:
+        mbd.optimize(problem, intervals=10)
+    conflict = caught.value.conflict
+    assert conflict[0].label == "final: bob.phi == 3.14159" and conflict[0].time == pytest.approx(0.2)
+    assert 3 < conflict[0].violation < np.pi
+    assert str(conflict[0]) in str(caught.value)
+
+
+def test_a_conflict_of_known_size():
+    """Full force of 8 N for 0.25 s moves 1 kg by 0.25 m: a waypoint at 3 m is missed by 2.75 m."""
+    problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
+    with pytest.raises(mbd.OptimizationError, match="infeasible") as caught:
+        mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
+    (violation,) = caught.value.conflict
+    assert violation.label == "waypoint 1: block.x == 3"
+    assert violation.violation == pytest.approx(2.75, rel=1e-6)
+
+
+def test_a_pose_out_of_reach():
+    """A rocker that cannot turn round misses its angle by as much as the linkage does."""
+    f = crank_rocker()
+    problem = half_turn(f, final=[f.rocker.phi == 4.5, f.rocker.omega == 0])
+    with pytest.raises(mbd.OptimizationError, match="infeasible") as caught:
+        mbd.optimize(problem, intervals=10)
+    (violation,) = caught.value.conflict
+    angles = [mbd.assemble(f.mechanism, [f.crank.phi == x])[f.rocker.phi] for x in np.linspace(0, 2 * np.pi, 60)]
+    assert violation.label == "final: rocker.phi == 4.5"
+    assert violation.violation == pytest.approx(4.5 - max(angles), abs=1e-2)
+
+
+def test_what_was_not_proven_is_not_said(monkeypatch):
+    """If the least violation ends above zero from one start alone, the problem is not called infeasible."""
+    from mbdcasadi.optimal_control.guess import closing_limits
+
+    monkeypatch.setattr(closing_limits, "STARTS", 3)
+    problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
+    with pytest.raises(mbd.OptimizationError) as caught:
+        mbd.optimize(problem.replace(waypoints=[mbd.Waypoint(0.25, [block.x == 3])]), intervals=8)
+    assert "infeasible" not in str(caught.value) and "may still have" in str(caught.value)
+    assert not caught.value.conflict
+
+
+def test_ctrl_c_between_the_stages(monkeypatch):
+    """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
+    from mbdcasadi.optimal_control.nlp.solver import Solver
+
+    original = Solver.solve_loosened
+
+    def stopped(self, *arguments):
+        original(self, *arguments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Solver, "solve_loosened", stopped)
+    problem, _, force = cart_pole(8.0, 1.0)
+    with pytest.raises(mbd.Interrupted, match="last iterate") as caught:
+        mbd.optimize(problem)
+    assert np.max(np.abs(caught.value.partial.trajectory[force])) > 8
+
+
+def test_stages_are_kept_in_files(tmp_path):
+    """As the rest of the statistics."""
+    problem, *_ = cart_pole(8.0, 1.0)
+    solution = mbd.optimize(problem)
+    solution.save(tmp_path / "solution.npz")
+    assert mbd.read_solution(tmp_path / "solution.npz", problem).statistics.stages == solution.statistics.stages
+
+
+@pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
+def test_the_least_violation_is_that_of_the_force(control):
+    """Rest to rest over 1 m in 1 s takes a peak of 4 N; with 3 N, force, way and speed are missed by least together."""
+    problem, *_ = rest_to_rest(1.0, 1.0, lower=-3, upper=3)
+    with pytest.raises(mbd.OptimizationError, match="infeasible") as caught:
+        mbd.optimize(problem, intervals=8, control=control)
+    labels = {violation.label for violation in caught.value.conflict}
+    assert labels and labels <= {"u <= 3", "u >= -3", "final: block.x == 1", "final: block.vx == 0"}

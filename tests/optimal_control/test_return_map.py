@@ -1,0 +1,75 @@
+"""Stability of simulated motions: Floquet multipliers by saltation matrices, against closed forms."""
+
+import numpy as np
+import pytest
+
+import mbdcasadi as mbd
+
+G = 9.81
+
+
+def wheel():
+    """A rimless wheel over one step, from just after an impact, and what of its speed an impact leaves."""
+    half, slope, m, J0 = np.pi / 8, 0.08, 2.0, 0.1
+    body = mbd.Body("wheel", mass=m, inertia=J0, pose=(-np.sin(half), np.cos(half), 0.0))
+    feet = [body.at(np.sin(half * (2 * k + 1)), -np.cos(half * (2 * k + 1))) for k in range(2)]
+    pins = [mbd.Revolute(f"spoke {k}", mbd.ground.at(2 * np.sin(half) * k, 0), feet[k]) for k in range(2)]
+    gravity = mbd.Gravity((G * np.sin(slope), -G * np.cos(slope)))
+    on = [mbd.Mechanism(bodies=[body], joints=[pin], forces=[gravity]) for pin in pins]
+    lands = mbd.Event("lands", feet[1].y, direction=-1, during=on[0], becomes=on[1], terminal=True)
+    share = (J0 + m * np.cos(2 * half)) / (J0 + m)
+    gain = 4 * m * G * np.sin(half) * np.sin(slope) / (J0 + m)
+    speed = np.sqrt(share**2 * gain / (1 - share**2))
+    motion = mbd.simulate(
+        on[0],
+        np.linspace(0, 3, 61),
+        initial=[body.phi == 0, body.omega == -speed],
+        events=[lands],
+        reltol=1e-11,
+        abstol=1e-11,
+    )
+    turn = 2 * half
+    same = [
+        mbd.at_end(body.omega) == mbd.at_start(body.omega),
+        mbd.at_end(body.phi) + turn == mbd.at_start(body.phi),
+    ]
+    return body, on, lands, share, motion, same
+
+
+def test_a_rimless_wheel():
+    """The speed of a disturbed wheel comes back by the square of the share; where it begins the step is forgotten."""
+    *_, lands, share, motion, same = wheel()
+    found = mbd.stability(motion, same, events=[lands])
+    np.testing.assert_allclose(found.multipliers, [share**2, 0], atol=1e-8)
+    assert found.is_stable
+
+
+def test_a_swing_of_a_fixed_time():
+    """A damped oscillator over one period of its frequency: the multipliers are exp(-zeta omega T)."""
+    body = mbd.Body("body", mass=2.0, inertia=0.1)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), body.at(0, 0))
+    k, c = 50.0, 3.0
+    forces = [mbd.Force("spring", body.at(0, 0), (-k * body.x - c * body.vx, 0))]
+    model = mbd.Mechanism(bodies=[body], joints=[rail], forces=forces)
+    motion = mbd.simulate(model, np.linspace(0, 1.7, 18), initial=[body.x == 0, body.vx == 0])
+    same = [mbd.at_end(x) == mbd.at_start(x) for x in (body.x, body.vx)]
+    found = mbd.stability(motion, same)
+    a = np.array([[0, 1], [-k / 2, -c / 2]])
+    expected = np.exp(np.linalg.eigvals(a) * 1.7)
+    np.testing.assert_allclose(np.sort_complex(found.multipliers), np.sort_complex(expected), atol=1e-9)
+
+
+def test_it_says_what_is_wrong():
+    body, _on, lands, _share, motion, same = wheel()
+    with pytest.raises(mbd.ModelError, match="boundary= is empty"):
+        mbd.stability(motion)
+    with pytest.raises(mbd.ModelError, match="takes a Trajectory"):
+        mbd.stability(motion.initial, same)
+    with pytest.raises(mbd.ModelError, match="decide 1 of 2 quantities of the next start; .* boundary="):
+        mbd.stability(motion, same[:1], events=[lands])
+    with pytest.raises(mbd.ModelError, match="takes equalities"):
+        mbd.stability(motion, [mbd.at_end(body.omega) <= mbd.at_start(body.omega)], events=[lands])
+    with pytest.raises(mbd.ModelError, match="in accelerations"):
+        mbd.stability(motion, [mbd.at_end(body.alpha) == mbd.at_start(body.alpha)], events=[lands])
+    with pytest.warns(mbd.MechanismWarning, match="not periodic"):
+        mbd.stability(motion, [mbd.at_end(body.phi) == mbd.at_start(body.phi), same[0]], events=[lands])
