@@ -175,7 +175,7 @@ class Contact(Element):
         return (condition,)
 
     @cached_property
-    def apart(self) -> ca.SX | None:  # type: ignore[override]
+    def apart(self) -> ca.SX | None:
         """Expression that is positive only if the outlines do not touch; None if there is no cheap one."""
         return bounding_distance(self.a, self.b)
 
