@@ -76,7 +76,7 @@ def write_pages(app: object = None) -> None:
             picture = f"../gallery/{name}.png"
             index += [
                 ":::{container} tile",
-                f"[![{title}](../gallery/{name}_mechanism.png)]({name}.md)",
+                f"[![{title}](../gallery/{name}.gif)]({name}.md)",
                 f"[{title}]({name}.md). {first}",
                 ":::",
             ]
@@ -112,12 +112,15 @@ def keep(picture: Path, target: Path) -> None:
 FRAME = """<iframe src="../gallery/{name}.html" title="{title} in motion" loading="lazy"
 style="width: 100%; height: 36rem; border: 1px solid var(--color-background-border); border-radius: 6px"></iframe>"""
 
-#: Runs an example as its author would, and then draws the mechanism that it is about.
+#: Runs an example as its author would, draws the mechanism that it is about, and films the motion that it finds.
 RUN = """
 import runpy, sys
+from pathlib import Path
 import mbdcasadi as mbd
-script, target = sys.argv[1:]
-names = runpy.run_path(script, run_name="__main__").values()
+from gallery_tiles import save_tile
+script, target, tile = sys.argv[1:]
+names = list(runpy.run_path(script, run_name="__main__").values())
+save_tile(names, Path(tile))
 models = [x for x in names if isinstance(x, mbd.Mechanism | mbd.library.Model)]
 mbd.draw(models[0], names=True).figure.savefig(target, dpi=110)
 """
@@ -125,7 +128,7 @@ mbd.draw(models[0], names=True).figure.savefig(target, dpi=110)
 
 def run(folder: str, *arguments: str) -> None:
     """Run Python in a folder, on the package and the tools of this checkout."""
-    paths = os.pathsep.join(str(HERE.parent / part) for part in ("", "tests"))
+    paths = os.pathsep.join(str(HERE.parent / part) for part in ("", "tests", "docs"))
     environment = os.environ | {"PYTHONPATH": paths, "MPLBACKEND": "Agg"}
     subprocess.run([sys.executable, *arguments], cwd=folder, check=True, env=environment, stdout=subprocess.DEVNULL)
 
@@ -175,7 +178,8 @@ def make_pictures(names: list[str]) -> None:
     for name in names:
         with tempfile.TemporaryDirectory() as folder:
             drawing = Path(folder) / "mechanism.png"
-            run(folder, "-c", RUN, str(copied(EXAMPLES / f"{name}.py", folder)), str(drawing))
+            tile = PICTURES / f"{name}.gif"
+            run(folder, "-c", RUN, str(copied(EXAMPLES / f"{name}.py", folder)), str(drawing), str(tile))
             (picture,) = (Path(folder) / "output").glob("*.png")
             keep(picture, PICTURES / f"{name}.png")
             keep(drawing, PICTURES / f"{name}_mechanism.png")

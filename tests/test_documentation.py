@@ -84,7 +84,7 @@ def test_every_example_is_in_the_gallery():
     gallery = load("gallery")
     assert sorted(name for names in gallery.GROUPS.values() for name in names) == EXAMPLES
     for name in EXAMPLES:
-        assert (gallery.PICTURES / f"{name}.png").exists() and (gallery.PICTURES / f"{name}_mechanism.png").exists()
+        assert all((gallery.PICTURES / f"{name}{end}").exists() for end in (".png", "_mechanism.png", ".gif"))
     assert all(gallery.question(name)[0] for name in EXAMPLES)
 
 

@@ -288,7 +288,7 @@ def test_a_solution_is_shown_by_its_motion():
     assert "Animation of" in repr(mbd.animate(solution))
     assert mbd.draw(solution, poses=3).figure is not None
     labels = [axes.get_ylabel() for axes in mbd.plot_solution(solution).axes]
-    assert labels[0] == driven.inputs[0].label and labels[-1] == "mesh" and "reaction, N" in labels
+    assert labels[0] == driven.inputs[0].quantity and labels[-1] == "mesh" and "reaction, N" in labels
 
 
 def test_wrong_input_is_named(crank, tmp_path):
