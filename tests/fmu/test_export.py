@@ -183,6 +183,7 @@ def test_machines_move_as_in_simulate(machine, version, tolerance, tmp_path):
         assert np.all(off(found, columns(motion, outputs)) < 1e-6), kind
 
 
+@pytest.mark.slow
 def test_redundant_rows_and_reactions(tmp_path):
     """A parallelogram with three cranks: the motion, and reactions of least norm."""
     cranks = [mbd.Body(f"crank {k}", mass=1, inertia=0.1, pose=(k, 0.5, np.pi / 2)) for k in range(3)]
