@@ -94,7 +94,7 @@ if _typing.TYPE_CHECKING:
     from .optimal_control.checks.failure import OptimizationError
     from .optimal_control.optimize import optimize
     from .optimal_control.phase import Phase, Waypoint
-    from .optimal_control.placeholders import at_end, at_start, integral
+    from .optimal_control.placeholders import absolute, at_end, at_start, integral, positive_part
     from .optimal_control.problem import OptimalControlProblem
     from .optimal_control.return_map import stability
     from .optimal_control.solution import Solution
@@ -132,7 +132,7 @@ _LATER = {
     "optimal_control.checks.failure": "OptimizationError",
     "optimal_control.optimize": "optimize",
     "optimal_control.phase": "Phase Waypoint",
-    "optimal_control.placeholders": "at_end at_start integral",
+    "optimal_control.placeholders": "absolute at_end at_start integral positive_part",
     "optimal_control.problem": "OptimalControlProblem",
     "optimal_control.return_map": "stability",
     "optimal_control.solution": "Solution",

@@ -65,7 +65,19 @@ def continuous_switches(
     """
     if not switches:
         return set()
-    return _Trial(held, switches, symbols, centre, size, known, values).continuous()
+    given = switches, symbols, centre, size, known, values
+    sides = {switch.side.element_hash(): switch.node for switch in switches}
+    continuous = _Trial(held, *given).continuous()
+    while True:
+        # a switch jumps where its quantity passes the border, and where that jumps, as in fmod(t, T) < s
+        jumping = [switch.quantity for switch in switches if switch.node not in continuous]
+        inside = {sides.get(symbol.element_hash()) for symbol in ca.symvar(ca.veccat(ca.SX(0, 1), *jumping))}
+        if not inside & continuous:
+            return continuous
+        found = continuous & _Trial([*held, *jumping], *given).continuous()
+        if found == continuous:
+            return found
+        continuous = found
 
 
 class _Trial:

@@ -150,5 +150,7 @@ def nesting_depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
         elif op == ca.OP_OUTPUT:
             level[to[1]] = work[places[0]]
         else:
-            work[to[0]] = max(work[place] for place in places) + (op in _SWITCHING)
+            # the quotient that passes whole numbers divides: it is one level above the operands, its remainder another
+            own = 2 if op in (ca.OP_FMOD, ca.OP_REMAINDER) else int(op in _SWITCHING)
+            work[to[0]] = max(work[place] for place in places) + own
     return level

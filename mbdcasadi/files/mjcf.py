@@ -116,6 +116,8 @@ class _Reader:
     def _read_compiler(self, element: XmlElement) -> None:
         self.degrees = element.get("angle", "degree") == "degree"
         self.sequence = element.get("eulerseq", "xyz")
+        if len(self.sequence) != 3 or not set(self.sequence.lower()) <= set("xyz"):
+            raise element.refuse(f"has eulerseq = '{self.sequence}', which must be three of x, y, z, X, Y, Z")
         self.from_geoms = element.get("inertiafromgeom", "auto")
         self.has_auto_limits = element.get("autolimits", "true") == "true"
         if element.get("coordinate", "local") != "local":
@@ -189,12 +191,12 @@ class _Reader:
     def _rotation(self, element: XmlElement) -> np.ndarray:
         """Rotation of a frame that gives it in one of the ways of the format."""
         if element.has("quat"):
-            w, *vector = element.numbers("quat", None, (4,)) / np.linalg.norm(element.numbers("quat", None, (4,)))
+            w, *vector = _direction(element, "quat", element.numbers("quat", None, (4,)))
             size = float(np.linalg.norm(vector))
             return rotation_around(np.array(vector) / size, 2 * np.arctan2(size, w)) if size > 0 else np.eye(3)
         if element.has("axisangle"):
             *axis, angle = element.numbers("axisangle", None, (4,))
-            return rotation_around(np.array(axis) / np.linalg.norm(axis), self._angle(angle))
+            return rotation_around(_direction(element, "axisangle", np.array(axis)), self._angle(angle))
         if element.has("euler"):
             found = np.eye(3)
             for letter, angle in zip(self.sequence, element.numbers("euler", None, (3,)), strict=True):
@@ -203,11 +205,12 @@ class _Reader:
             return found
         if element.has("xyaxes"):
             values = element.numbers("xyaxes", None, (6,))
-            x = values[:3] / np.linalg.norm(values[:3])
-            y = values[3:] - (values[3:] @ x) * x
-            y = y / np.linalg.norm(y)
+            x = _direction(element, "xyaxes", values[:3])
+            y = _direction(element, "xyaxes", values[3:] - (values[3:] @ x) * x)
             return np.column_stack([x, y, np.cross(x, y)])
-        return _to_z(element.numbers("zaxis", None, (3,))) if element.has("zaxis") else np.eye(3)
+        if element.has("zaxis"):
+            return _to_z(_direction(element, "zaxis", element.numbers("zaxis", None, (3,))))
+        return np.eye(3)
 
     def _joint(self, element: XmlElement, link: Link) -> SpatialJoint:
         kind = "free" if element.tag == "freejoint" else element.get("type", "hinge")
@@ -274,7 +277,7 @@ class _Reader:
         if element.has("fromto"):
             ends = element.numbers("fromto", None, (6,))
             center, way = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
-            rotation = _to_z(way)
+            rotation = _to_z(_direction(element, "fromto", way))
             half = float(np.linalg.norm(way)) / 2
             size = np.r_[size[:2], half] if kind in ("box", "ellipsoid") and size.size > 1 else np.r_[size[:1], half]
             if kind in ("box", "ellipsoid") and size.size == 2:
@@ -396,9 +399,17 @@ def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, f
     return law
 
 
-def _to_z(way: np.ndarray) -> np.ndarray:
+def _direction(element: XmlElement, name: str, values: np.ndarray) -> np.ndarray:
+    """Values scaled to length one; an error if they are zero."""
+    length = float(np.linalg.norm(values))
+    if length == 0:
+        raise element.refuse(f"has a {name} without direction")
+    found: np.ndarray = values / length
+    return found
+
+
+def _to_z(z: np.ndarray) -> np.ndarray:
     """Rotation that brings the z axis into a direction (3, 3)."""
-    z = way / np.linalg.norm(way)
     axis = np.cross([0.0, 0.0, 1.0], z)
     size = float(np.linalg.norm(axis))
     if size < 1e-12:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import ModelError
 from ..model.forces.applied import GeneralizedForce
 from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input
+from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
 from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy
 
@@ -45,6 +47,8 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     ------
     FileError
         For what is not planar or not known, with the element and its line.
+    ModelError
+        For a gravity that is not three numbers.
 
     Warns
     -----
@@ -52,7 +56,12 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
         For limits and dry friction of joints, which are left out.
     """
     root = read_xml(path, "robot")
-    direction = np.asarray(gravity, float)
+    try:
+        direction = real_array(gravity).astype(float)
+    except (TypeError, ValueError):
+        direction = np.full(3, np.nan)
+    if direction.shape != (3,) or not np.all(np.isfinite(direction)):
+        raise ModelError(f"read_urdf: gravity must be three numbers (gx, gy, gz), got {gravity!r}")
     robot = Robot(root, root.get("name", Path(path).stem), direction)
     links = {}
     for element in root.all("link"):

@@ -8,7 +8,6 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..errors import MechanismError
 from ..integrators.dop853 import build
 from ..numerics.writing import whole_file
 from .sources import OPTIMISATION
@@ -62,11 +61,3 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
             entry.create_system = 3
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, files[name])
-
-
-def refuse_paths(files: Mapping[str, bytes]) -> None:
-    """Raise if a file holds the path of a folder of this machine."""
-    home = str(Path.home()).encode()
-    for name, content in files.items():
-        if len(home) > 1 and home in content:
-            raise MechanismError(f"export_fmu: {name} would hold the folder {home.decode()} of this machine")

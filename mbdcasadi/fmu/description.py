@@ -11,9 +11,6 @@ import numpy as np
 from .functions import Model
 from .variables import UNITS, Variable, Variables
 
-#: What an importer may do with the unit in both kinds.
-_ABLE = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "true"}
-
 
 @dataclass(frozen=True, eq=False)
 class Description:
@@ -60,8 +57,7 @@ class Description:
         index = {variable.reference: str(k) for k, variable in enumerate(listed, start=1)}
         root = ET.Element("fmiModelDescription", self._head("2.0") | {"guid": self.token})
         root.set("numberOfEventIndicators", str(len(v.indicators)))
-        # the specification writes these attributes so
-        able = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true"}
+        able = {"canGetAndSetFMUstate": "true", "canSerializeFMUstate": "true", "providesDirectionalDerivative": "true"}
         for kind, tag, more in (
             ("model-exchange", "ModelExchange", {"completedIntegratorStepNotNeeded": "true"}),
             (

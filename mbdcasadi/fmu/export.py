@@ -29,7 +29,7 @@ from .archive import binary_of, write_archive
 from .description import Description
 from .functions import Model
 from .sources import OPTIMISATION, source_files
-from .variables import Variables, variables_of
+from .variables import variables_of
 
 #: Kinds of simulation.
 KINDS = ("co-simulation", "model-exchange")
@@ -253,7 +253,7 @@ def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model
     if start.obstacle is not None:
         raise start.obstacle
     conditions = () if isinstance(initial, State) else read_conditions(initial)
-    model = Model(numeric, start, conditions, _outputs(setup, outputs), drift_rate)
+    model = Model(numeric, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State))
     model.refuse_unsupported()
     _refuse_undefined(model)
     return model
@@ -291,6 +291,3 @@ def _identifier(name: str) -> str:
     """Name as one of C."""
     clean = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")[:60]
     return clean if re.match(r"[A-Za-z]", clean) else f"mechanism_{clean}".rstrip("_")
-
-
-__all__ = ["Variables", "export_fmu"]

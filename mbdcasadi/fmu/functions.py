@@ -45,6 +45,8 @@ class Model:
         Scalars by name.
     drift_rate : float
         Rate with which drift from the constraints decays in model exchange, 1/s.
+    is_state : bool
+        True if the start was given as a state, which is then what a start under other parameters is nearest to.
     """
 
     numeric: NumericEquations
@@ -52,6 +54,13 @@ class Model:
     conditions: tuple[Condition, ...]
     outputs: dict[str, ca.SX]
     drift_rate: float
+    is_state: bool = False
+
+    @property
+    def estimate(self) -> np.ndarray:
+        """Values of (q, v, z) to which the start is nearest among all that meet the constraints and conditions."""
+        start = self.start
+        return np.r_[start.q, start.v, start.z] if self.is_state else np.concatenate(self.eom.estimate)
 
     @property
     def eom(self) -> Equations:

@@ -105,7 +105,7 @@ def _header(
         "START_X": np.r_[start.q, start.v, start.z],
         "START_P": numeric.p,
         "START_U": levels,
-        "ESTIMATE": np.concatenate(eom.estimate) if model.conditions or True else np.zeros(0),
+        "ESTIMATE": model.estimate,
         "PROJECTION_WEIGHTS": numeric.projection_weights,
         "NOMINALS": np.array([x.nominal for x in variables.states]),
     }

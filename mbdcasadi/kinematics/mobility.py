@@ -116,7 +116,8 @@ class Joints:
     def random_motion(self, pose: np.ndarray) -> np.ndarray:
         """A random infinitesimal motion, its largest entry 1 (n,)."""
         motions = self.motions(pose)
-        motion = motions @ self._random.standard_normal(motions.shape[1])
+        # a random vector projected: the basis of several motions is arbitrary, and differs from processor to processor
+        motion = motions @ (motions.T @ self._random.standard_normal(pose.size))
         return motion / largest(motion)
 
     def moved(self, pose: np.ndarray, motion: np.ndarray, distance: float) -> np.ndarray | None:

@@ -11,7 +11,6 @@ from ..numerics.console import keyboard_interrupts
 from ..numerics.symbolic import LOCK
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
-from .checks.branch import refuse_branch_jump
 from .checks.closings import warn_of_closings
 from .guess.parameter_continuation import by_continuation, read_continuation
 from .nlp.held_limits import warn_of_passed_limits
@@ -123,7 +122,6 @@ def optimize(
 
                 solution = by_continuation(steps, solve, guess)
             if accuracy is None and not isinstance(guess, Solution | Shifted):
-                refuse_branch_jump(solution)
                 warn_of_coarse_mesh(solution)
             warn_of_passed_limits(solution)
             warn_of_closings(solution)

@@ -22,6 +22,7 @@ from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
 from ..model.symbols import t as time
 from ..printing import to_text
 from ..results.state import State
+from .cost_parts import split_parts
 from .placeholders import marked, markers_of
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
@@ -39,6 +40,8 @@ class Waypoint(Immutable):
         In any expression of the model; accelerations, reactions and inputs are
         those just before that time. Without conditions, a waypoint puts a mesh
         point at its time, for instance where an input jumps.
+    cost : expression, default 0
+        Added to the cost, with the values of that time.
 
     Examples
     --------
@@ -50,9 +53,10 @@ class Waypoint(Immutable):
 
     _symbolic = True
 
-    def __init__(self, time: Any, conditions: Any = ()):
+    def __init__(self, time: Any, conditions: Any = (), cost: Any = 0):
         self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = read_conditions(conditions)
+        self.cost = read_cost(cost, "cost of a waypoint")
 
     def __repr__(self) -> str:
         low, high = self.time
@@ -81,7 +85,7 @@ class Phase(Immutable):
     path : sequence of relations
         Conditions that hold throughout the phase.
     running_cost : expression
-        Integrand of the cost.
+        Integrand of the cost; :func:`positive_part` and :func:`absolute` of an expression add an input each.
     waypoints : sequence of Waypoint
         Conditions at times in between, in the order of time, s from the start of the phase. They divide the phase
         into segments.
@@ -115,13 +119,12 @@ class Phase(Immutable):
     ):
         self.name = check_name(name, "Phase")
         what = f"phase '{name}'"
-        self.mechanism = mechanism
-        self.equations: Equations = equations(mechanism)
+        parts = split_parts(mechanism, read_conditions(path), read_cost(running_cost, "running_cost"))
+        self.mechanism, self.path, self.running_cost = parts
+        self.equations: Equations = equations(self.mechanism)
         self.span = time_span(duration, what, "duration", instant=True)
         self.initial = read_state_or_conditions(initial, mechanism)
         self.final = read_state_or_conditions(final, mechanism)
-        self.path = read_conditions(path)
-        self.running_cost = read_cost(running_cost, "running_cost")
         self.waypoints = _read_waypoints(waypoints, self.span)
         self.restitution: dict[Any, float] = read_restitution(restitution, what)
         if self.restitution:

@@ -21,7 +21,9 @@ from ..printing import to_text
 
 #: Kinds of placeholders, and the symbols that mark them.
 MARKERS = {kind: ca.SX.sym(kind) for kind in ("at_start", "at_end", "integral")}
-_ROLES = [register(marker, "placeholder", kind, owner=kind) for kind, marker in MARKERS.items()]
+#: Kinds that stand for parts of an expression in a running cost, and the symbols that mark them.
+PARTS = {kind: ca.SX.sym(kind) for kind in ("positive_part", "absolute")}
+_ROLES = [register(marker, "placeholder", kind, owner=kind) for kind, marker in (MARKERS | PARTS).items()]
 #: Operation that joins an expression and its marker; no model computes with it.
 _MARKED = ca.OP_PRINTME
 
@@ -32,7 +34,7 @@ class Placeholder:
 
     Attributes
     ----------
-    kind : {"at_start", "at_end", "integral"}
+    kind : {"at_start", "at_end", "integral", "positive_part", "absolute"}
         Value that is meant.
     expression : casadi.SX
         Scalar expression of the model.
@@ -112,6 +114,34 @@ def at_end(expression: Any) -> ca.SX:
         Scalar expression of the model.
     """
     return _Marked("at_end", expression)
+
+
+def positive_part(expression: Any) -> ca.SX:
+    """Stand for ``max(x, 0)`` in a running cost, without its kink: for the work of a motor that recovers nothing.
+
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. Where the cost
+    grows with s this is exact.
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Scalar expression x of the model.
+    """
+    return _Marked("positive_part", expression, PARTS["positive_part"])
+
+
+def absolute(expression: Any) -> ca.SX:
+    """Stand for ``|x|`` in a running cost, without its kink: for fuel, or the work of a motor in both directions.
+
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. Where the cost
+    grows with s this is exact.
+
+    Parameters
+    ----------
+    expression : casadi.SX
+        Scalar expression x of the model.
+    """
+    return _Marked("absolute", expression, PARTS["absolute"])
 
 
 def is_marker(symbol: ca.SX) -> bool:

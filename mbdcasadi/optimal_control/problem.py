@@ -19,7 +19,7 @@ from ..results.state import State
 from .checks.consistency import check_conditions
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, Waypoint, read_cost, time_span
-from .placeholders import Placeholder, is_marker, placeholders_in, with_values
+from .placeholders import PARTS, Placeholder, is_marker, placeholders_in, with_values
 
 
 class OptimalControlProblem(Immutable):
@@ -107,6 +107,7 @@ class OptimalControlProblem(Immutable):
         start = [] if isinstance(initial, State) else initial
         conditions = [*start, *self.boundary, *(c for phase in self.phases for c in phase.conditions)]
         costs = [self.terminal_cost, *(phase.running_cost for phase in self.phases)]
+        costs += [w.cost for phase in self.phases for w in phase.waypoints]
         symbols = [s for e in (*costs, *(c.expression for c in conditions)) for s in symbols_of(e)]
         return any(role is not None and role.kind == "input rate" for role in map(role_of, symbols))
 
@@ -137,7 +138,8 @@ class OptimalControlProblem(Immutable):
             named += [(f"waypoint {k}", w.conditions) for k, w in enumerate(phase.waypoints, start=1)]
             for name, conditions in named:
                 self.check_symbols(phase, name, () if isinstance(conditions, State) else conditions)
-            self._check_expressions(phase, {"running_cost": phase.running_cost}, placeholders=False)
+            costs = {f"cost of waypoint {k}": w.cost for k, w in enumerate(phase.waypoints, start=1)}
+            self._check_expressions(phase, {"running_cost": phase.running_cost, **costs}, placeholders=False)
         expressions = {f"boundary: {row.label}": row.expression for row in self.boundary}
         expressions |= {"terminal_cost": self.terminal_cost}
         self._check_placeholders(expressions)
@@ -159,6 +161,8 @@ class OptimalControlProblem(Immutable):
         """Check the boundary conditions and the terminal cost: each placeholder in its phase, the rest at the end."""
         for where, expression in expressions.items():
             for placeholder in placeholders_in(expression):
+                if placeholder.kind in PARTS:
+                    raise ExpressionError(f"{where} contains {placeholder.label}, which belongs in running_cost=")
                 phase = self.phase_of(placeholder)
                 if not any(phase is own for own in self.phases):
                     raise ExpressionError(
@@ -194,9 +198,8 @@ class OptimalControlProblem(Immutable):
         for where, expression in expressions.items():
             marked = placeholders_in(expression)
             for misplaced in [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked:
-                raise ExpressionError(
-                    f"{where} contains {misplaced.label}, which belongs in boundary= or terminal_cost="
-                )
+                place = "running_cost=" if misplaced.kind in PARTS else "boundary= or terminal_cost="
+                raise ExpressionError(f"{where} contains {misplaced.label}, which belongs in {place}")
             for symbol in symbols_of(expression):
                 if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
                     role = role_of(symbol)

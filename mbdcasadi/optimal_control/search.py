@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,13 @@ from .nlp.solver import BestSoFar, Solver
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .refinement.refine import refine, refine_if_coarse
+from .refinement.second_try import as_motion
 from .solution import Shifted, Solution
 
 #: Intervals of a mesh whose number is not given.
 INTERVALS = 40
+#: Random detours from which a solution that jumps is solved again.
+DETOURS = 3
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,9 @@ class Search:
             if not goes_on or isinstance(guess, Shifted) or not may_go_on(failure, attempt.solver.settings.options):
                 raise failure
             solution = attempt.go_on(failure)
-        return solution if tolerance is None else refine(attempt.solver, solution, tolerance)
+        if tolerance is not None:
+            return refine(attempt.solver, solution, tolerance)
+        return solution if isinstance(near, Solution) else attempt.as_motion(solution)
 
     def _settings(self, near: Any, starts: Any) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
@@ -112,7 +117,7 @@ class Search:
         return _Attempt(solver, meshes, guesses(solver, starts, guess), refined)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Attempt:
     """One choice of coordinates: solver, meshes and guesses, and whether coarse meshes are refined."""
 
@@ -128,12 +133,20 @@ class _Attempt:
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution that is found by limits that close in, or raise what was found out."""
-        solver, detour = self.solver, None
-        if len(solver.setups) == 1:
-            detour = partial(random_detour, solver, np.random.default_rng(0))
-        second = at_rest(solver)
-        solution = LimitSearch(solver, self.meshes, self.candidates[0], second, detour).run(failure)
+        solver, first = self.solver, self.candidates[0]
+        solution = LimitSearch(solver, self.meshes, first, at_rest(solver), self._detour).run(failure)
         return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
+
+    def as_motion(self, solution: Solution) -> Solution:
+        """Return a solution that is a motion, solved again if this one jumps to another branch of the linkage."""
+        makes: list[Callable[[], Guess]] = [partial(at_rest, self.solver)]
+        makes += [self._detour] * DETOURS
+        return as_motion(self.solver, solution, [*makes, lambda: self.candidates[0]])
+
+    @cached_property
+    def _detour(self) -> Callable[[], Guess]:
+        """Makes guesses with random detours."""
+        return partial(random_detour, self.solver, np.random.default_rng(0))
 
 
 def _count(intervals: Any, waypoints: int) -> int:

@@ -118,6 +118,9 @@ class Trajectory(HoldsSymbols):
     def __len__(self) -> int:
         return self.t.size
 
+    #: not a sequence: NumPy would ask for motion[0], motion[1], … as expressions
+    __iter__ = None
+
     def __getitem__(self, expression: Any) -> np.ndarray:
         """Values of an expression over time: (n_t,), (n_t, k), or (n_t, i, j) for a matrix.
 

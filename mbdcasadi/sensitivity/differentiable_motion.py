@@ -264,8 +264,10 @@ class DifferentiableMotion:
         if obstacle is not None:
             raise obstacle
         width = resolution(float(whole[0]), float(whole[-1]))
-        flips = self._in_time.sides(timed.jumps - width, p) != self._in_time.sides(timed.jumps + width, p)
-        flipping = np.any(flips, axis=1)
+        # what jumps may not do so at the typical motion, or two jumps of one instant may cancel there
+        breaks = np.union1d(timed.jumps, timed.stops)
+        flips = self._in_time.sides(breaks - width, p) != self._in_time.sides(breaks + width, p)
+        flipping = np.any(flips, axis=1) & self._in_time.jump
         if np.any(flipping & self._varied) or timed.velocity_jumps or self.follows_state:
             needed = frozenset(node for node, flip in zip(self._in_time.nodes, flipping, strict=True) if flip)
             if not needed <= self._active:
@@ -298,14 +300,14 @@ class DifferentiableMotion:
             in_time=in_time(float(grid[0]) + width),
         )
         natural = []
-        for time in timed.jumps[(timed.jumps > grid[0] + width) & (timed.jumps <= grid[-1] + width)]:
+        for time in breaks[(breaks > grid[0] + width) & (breaks <= grid[-1] + width)]:
             sides = in_time(time + width)
             flipped = np.flatnonzero(system.in_time & (sides != in_time(time - width)))
             if flipped.size:
                 passage.advance(float(time))
                 strikes = any(abs(jump.time - time) <= 2 * width for jump in timed.velocity_jumps)
                 passage.change(flipped.tolist(), sides, impulse=strikes)
-            else:
+            elif time in timed.jumps:
                 natural.append(float(time))
         passage.advance(float(grid[-1]))
         return _with_stops(grid, passage, timed.stops, np.array(natural), max_step)

@@ -47,14 +47,18 @@ class SwitchesInTime:
     ----------
     nodes : tuple of int
         Operations that jump in time alone.
+    jump : numpy.ndarray of bool
+        False for those over which their part is known to be continuous (switches,).
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, parts: Collection[JumpingPart]):
         eom = numeric.eom
-        switches = [switch for part in parts for switch in hold(part.expressions)[1]]
+        owned = [(part, switch) for part in parts for switch in hold(part.expressions)[1]]
+        switches = [switch for _, switch in owned]
         natural = ca.substitute(ca.vertcat(ca.SX(0, 1), *[s.natural for s in switches]), eom.u, signals.parametrised)
         timed = _in_time_alone(natural, eom)
         self.nodes = tuple(switches[k].node for k in timed)
+        self.jump = np.array([owned[k][1].node not in owned[k][0].continuous for k in timed], bool)
         self._whole = np.array([switches[k].whole for k in timed], bool)
         self._by_parameter = ca.jacobian_sparsity(natural[timed], eom.p) if timed and eom.p.numel() else None
         self._quantities = ca.Function("quantities", [eom.t, eom.p], [natural[timed]])
@@ -120,8 +124,8 @@ class HeldSystem:
         rates of the state alone. x is ``(q, v, z)`` and the integrals.
     slopes : casadi.Function
         Derivatives of the quantities by ``(t, x, p)``, of the same arguments.
-    slopes_in_time : casadi.Function
-        Derivatives of the quantities in time by ``(t, p)``, of these; zero for others.
+    quantities_in_time, slopes_in_time : casadi.Function
+        Quantities in time, and their derivatives by ``(t, p)``, of these; zero for others.
     """
 
     def __init__(
@@ -191,7 +195,8 @@ class HeldSystem:
         self.switching = ca.Function("switching", arguments, [w, w_rates, rates])
         slopes = ca.horzcat(*[ca.jacobian(w, part) for part in (t, x, p)])
         self.slopes = ca.Function("slopes", arguments, [ca.densify(slopes)])
-        timed = ca.diag(ca.DM(self.in_time.astype(float))) @ substituted
+        timed = ca.vertcat(*[w if own else 0 for w, own in zip(ca.vertsplit(substituted), self.in_time, strict=True)])
+        self.quantities_in_time = ca.Function("quantities_in_time", [eom.t, eom.p], [ca.densify(timed)])
         by_time = ca.densify(ca.jacobian(ca.sparsify(timed), ca.vertcat(eom.t, eom.p)))
         self.slopes_in_time = ca.Function("slopes_in_time", [eom.t, eom.p], [by_time])
 

@@ -219,8 +219,8 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
     for event in motion.events:
         if event.name not in known:
             raise ModelError(
-                f"sensitivities: '{event.name}' is a switch of exact friction, through which no derivatives are carried"
-                " here; take a law with a velocity tolerance (Coulomb)"
+                f"sensitivities: event '{event.name}' of the motion is not in events=; give those of the run (a switch "
+                "of exact friction has no derivative)"
             )
         if event.after is not None and known[event.name].becomes is None:
             raise ModelError(

@@ -225,8 +225,9 @@ def _through_changes(
     chosen: dict[str, Any],
 ) -> Sensitivities:
     """Sensitivities through changes of the mechanism, along a motion that is simulated first."""
-    if isinstance(inputs, SampledController) or hasattr(inputs, "inputs"):
-        raise ModelError("sensitivities: through changes of the mechanism inputs= takes numbers and expressions")
+    controlled = isinstance(inputs, SampledController) or hasattr(inputs, "inputs")
+    if controlled or any(np.ndim(x) and not isinstance(x, ca.SX) for _, x in pairs_of(inputs, "inputs=")):
+        raise ModelError("sensitivities: through changes of the mechanism inputs= takes numbers and expressions alone")
     motion = simulate(mechanism, times, initial=initial, inputs=inputs, parameters=parameters, events=events, **chosen)
     whole, all_inputs = motion.mechanism, pairs_of(inputs, "inputs=")
     setup = MotionSetup(

@@ -37,6 +37,8 @@ CLOSER = np.r_[2.0 ** -np.arange(12, 3, -2), np.linspace(0, 1, 11)[1:]]
 NEAR_BORDER = 0.1
 #: Length of the stretch that is integrated after a switch, in lengths of the one before it.
 AHEAD = 4.0
+#: Distance of a quantity in time from its border that is rounding.
+NEAR_IN_TIME = 1e-9
 #: Jump of velocities, relative to their size, that is rounding.
 NO_IMPULSE = 1e-9
 #: Difference of the derivatives of two instants, relative to their size, that is rounding.
@@ -169,13 +171,22 @@ class BorderPassage:
         impulse : bool
             True if a prescribed velocity jumps.
         """
-        left = list(flipped)
         slopes = self._system.slopes_in_time(self._time, np.r_[self._p, self.sides]).full()
+        distances = np.abs(self._margins_in_time(self.sides))
+        # others flip with a switch inside them whose value jumps, as in fmod(t, T) < s
+        at_border = distances <= NEAR_IN_TIME + self._instant * np.abs(slopes[:, 0])
+        left = [k for k in flipped if at_border[k]] or list(flipped)
+        following = [k for k in flipped if k not in left]
         while left:
             group = [k for k in left if _same_derivative(slopes[k], slopes[k, 0], slopes[left[0]], slopes[left[0], 0])]
             left = [k for k in left if k not in group]
             after = self.sides.copy()
             after[group] = sides[group]
+            for k in tuple(following):  # in the order in which switches stand inside others
+                if not left or self._margins_in_time(after)[k] < 0:
+                    after[k] = sides[k]
+                    group.append(k)
+                    following.remove(k)
             self._cut(group, self._settled(after) if self._follows else after, impulse=impulse)
         if self._follows:
             self._leave_borders()
@@ -396,6 +407,11 @@ class BorderPassage:
     def _near(self, rates: np.ndarray) -> np.ndarray:
         """Distances from the borders that are rounding."""
         return np.maximum(self._instant * np.abs(rates), ZERO_VALUE * (1 + np.max(np.abs(self._x))))
+
+    def _margins_in_time(self, sides: np.ndarray) -> np.ndarray:
+        """Distances of the quantities in time from the borders of sides at the present time (switches,)."""
+        values = self._system.quantities_in_time(self._time, np.r_[self._p, sides]).full().ravel()
+        return margins_of(values, sides, self._system.whole)
 
     def _columns(self, times: np.ndarray) -> np.ndarray:
         """Values of the channel in the intervals that end at times (rows, k)."""

@@ -25,6 +25,8 @@ from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTe
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
 #: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
 LEAST_INSTRUCTIONS = 8_000
+#: Elements of a kind, in the mean over the instructions, from which it pays.
+LEAST_ALIKE = 4.0
 #: Optimisation: that of other equations.
 OPTIMISATION = "-O1"
 #: Changes whenever what is written changes.
@@ -73,7 +75,9 @@ class RepeatedElements:
             self._kinds = [_Kind(terms, number) for number in range(len(terms.batches))]
         except UnsupportedOperation:
             self._kinds = []
-        self.pays = sum(len(kind.batch.places) * kind.size for kind in self._kinds) >= LEAST_INSTRUCTIONS
+        written = sum(kind.size for kind in self._kinds)
+        expanded = sum(len(kind.batch.places) * kind.size for kind in self._kinds)
+        self.pays = expanded >= max(LEAST_INSTRUCTIONS, LEAST_ALIKE * written)
 
     @cached_property
     def rest(self) -> ca.Function:

@@ -67,7 +67,7 @@ def simulate(
         Looked for during the run.
     method : {"idas", "dop853", "erk", "rosenbrock", "auto"} or Integrator
         IDAS (BDF of variable order) for anything; :class:`DOP853` for smooth
-        motion that is not stiff, ten times faster and more; Rosenbrock of order
+        motion that is not stiff, several times faster; Rosenbrock of order
         5 for stiff motion at tight tolerance; "erk" is CasADi's explicit
         Runge–Kutta 5(4), for redundant constraints too. "auto" takes DOP853 if the
         motion at the start is not stiff, no rows are redundant and no force

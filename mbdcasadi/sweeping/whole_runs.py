@@ -37,6 +37,7 @@ REASONS = {
     Status.NOT_FINITE: "a value was not finite",
     Status.APART: "the constraints cannot be met together any more",
 }
+STOPPED = "it was stopped"
 
 
 @dataclass(frozen=True)
@@ -206,7 +207,7 @@ class WholeParcel:
         values[failed] = np.nan
         reasons = [""] * count
         for k in np.flatnonzero(failed):
-            reasons[k] = f"{REASONS.get(outcome[0][k], 'it was stopped')} at t = {outcome[1][k]:.6g} s"
+            reasons[k] = f"{REASONS.get(outcome[0][k], STOPPED)} at t = {outcome[1][k]:.6g} s"
         return values.reshape(count, -1), reasons
 
     def _run_each(
@@ -281,7 +282,7 @@ class WholeParcel:
         reached = runner.advance(stretch, Progress())
         if reached.status != Status.DONE:
             time = float(reached.times[-1]) if reached.times.size else self._start
-            return f"{REASONS[reached.status]} at t = {time:.6g} s"
+            return f"{REASONS.get(reached.status, STOPPED)} at t = {time:.6g} s"
         kept = wanted[reached.index]
         grid, states = np.r_[self._start, reached.times[kept]], np.vstack([x, reached.x[kept]])
         held = np.vstack([columns[:1], columns[wanted]])  # the first output takes the first interval

@@ -30,6 +30,16 @@ CASES = {
     "floor of a square": (ca.floor(t**2 / 20), np.sqrt([20, 40, 60, 80]), [0] * 4),
     "saw": (ca.fmod(t, 2), [2, 4, 6, 8], [0] * 4),
     "remainder": (ca.remainder(t, 4), [2, 6], [0, 0]),
+    "pulse width": (
+        ca.if_else(ca.fmod(t, 0.6 * k[0]) < 0.5, 1, 0),
+        [0.5, 1.8, 2.3, 3.6, 4.1, 5.4, 5.9, 7.2, 7.7, 9, 9.5],
+        [0] * 11,
+    ),
+    "pulse width by a remainder": (
+        ca.if_else(ca.fabs(ca.remainder(t, 1.5 * k[0])) < 0.25, 1, 0),
+        [0.25, 2.25, 4.25, 4.5, 4.75, 6.75, 8.75, 9, 9.25],
+        [0, 3, 0, 3, 0, 3, 0, 3, 0],
+    ),
     "tangent": (ca.tan(t), np.pi * (np.arange(3) + 0.5), [0] * 3),
     "pole": (1 / (3.5 - t), [3.5], [0]),
     "triangle": (ca.acos(ca.cos(t)), np.pi * np.arange(1, 4), [1] * 3),

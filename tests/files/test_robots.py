@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
+from mbdcasadi.__main__ import main
 
 DATA = Path(__file__).parent / "data"
 
@@ -147,6 +148,9 @@ MJCF = """<mujoco>
         ("", '<actuator><muscle joint="j"/></actuator>', "muscle is not supported; motor, position and velocity are"),
         ("", '<actuator><motor joint="no"/></actuator>', "motor names the joint 'no', which is not there"),
         ("", "<nonsense/>", "line 9: nonsense is not known"),
+        ('<body name="c" quat="0 0 0 0"/>', "", "body 'c' has a quat without direction"),
+        ('<geom type="capsule" size="1" fromto="0 0 0 0 0 0"/>', "", "geom has a fromto without direction"),
+        ("", '<compiler eulerseq="abc"/>', "has eulerseq = 'abc', which must be three of"),
         ("", "<worldbody>", "not valid XML in line 10"),
     ],
 )
@@ -180,8 +184,20 @@ def test_wrong_robots(change, words, tmp_path):
 
 
 def test_other_files(tmp_path):
+    for gravity in ("down", (0, -9.81), (0, 0, np.nan), None):
+        with pytest.raises(mbd.ModelError, match="gravity must be three numbers"):
+            mbd.read_urdf(DATA / "arm.urdf", gravity=gravity)
     for reader, name in ((mbd.read_mjcf, "arm.urdf"), (mbd.read_urdf, "four_bar.xml")):
         with pytest.raises(mbd.FileError, match="the outermost element must be"):
             reader(DATA / name)
         with pytest.raises(mbd.FileError, match="cannot be read"):
             reader(tmp_path / "nothing")
+
+
+def test_from_the_command_line(capsys):
+    """The command line takes these files as well."""
+    assert main(["check", str(DATA / "four_bar.xml")]) == 0
+    assert "degrees of freedom  1" in capsys.readouterr().out
+    assert main(["check", str(DATA / "arm.urdf")]) == 0
+    said = capsys.readouterr().out
+    assert "degrees of freedom  3" in said and "note: arm.urdf: left out the limits of joint 'rail'" in said

@@ -183,6 +183,7 @@ def test_machines_move_as_in_simulate(machine, version, tolerance, tmp_path):
         assert np.all(off(found, columns(motion, outputs)) < 1e-6), kind
 
 
+@pytest.mark.slow
 def test_redundant_rows_and_reactions(tmp_path):
     """A parallelogram with three cranks: the motion, and reactions of least norm."""
     cranks = [mbd.Body(f"crank {k}", mass=1, inertia=0.1, pose=(k, 0.5, np.pi / 2)) for k in range(3)]
@@ -281,6 +282,21 @@ def test_parameters_in_conditions(tmp_path):
     for value in (0.3, -0.7, 1.2):
         found = Unit(path, tmp_path).start(first=value).get(*outputs)
         assert found == pytest.approx([value, 2 * value, value**2, 0.1], abs=1e-9)
+
+
+def test_a_state_as_start(tmp_path):
+    """A state that is given is the start; with another length, what is nearest to it."""
+    length = mbd.Parameter("length", 1.0)
+    arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-length / 2, 0))
+    machine = mbd.Mechanism(bodies=[arm], joints=[pin], forces=[mbd.Gravity()], parameters=[length])
+    state = mbd.simulate(machine, duration=0.7).final
+    outputs = {"x": arm.x, "angle": arm.phi, "speed": arm.omega}
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", initial=state, outputs=outputs)
+    assert Unit(path, tmp_path).start().get(*outputs) == pytest.approx([float(state[e]) for e in outputs.values()])
+    _, angle, speed = Unit(path, tmp_path).start(length=1.2).get(*outputs)
+    assert angle == pytest.approx(float(state[arm.phi]), abs=1e-3)
+    assert speed == pytest.approx(float(state[arm.omega]), rel=0.2)
 
 
 def test_late_start_of_a_driven_mechanism(tmp_path):

@@ -312,3 +312,30 @@ def test_refuses():
         mbd.Contact("c", block, mbd.Circle(b.at(0, 0), 0.1), mbd.Coulomb(0.3, 1e-3))
     with pytest.raises(mbd.ModelError, match="convex"):
         mbd.PolygonEdges(a.at(0, 0), [(0, 0), (2, 0), (2, 2), (1, 0.5)])
+
+
+def test_outlines_that_are_apart_do_not_touch():
+    """Whatever two outlines are, the cheap test of their distance is positive only if all gaps are open."""
+    rng, law = np.random.default_rng(2), mbd.HuntCrossley(1e3)
+    a, b = (mbd.Body(name, mass=1, inertia=1) for name in "ab")
+    corners = [(-0.6, -0.2), (0.5, -0.3), (0.7, 0.1), (0.0, 0.4)]
+    first = [
+        mbd.Circle(a.at(0.1, 0.2), 0.4),
+        mbd.Segment(a.at(0.1, -0.1, 0.3), 1.0, 0.1),
+        mbd.PolygonEdges(a.at(0.1, 0), corners),
+    ]
+    second = [
+        mbd.Point(b.at(0.2, 0.1)),
+        mbd.Circle(b.at(0.1, 0), 0.3),
+        mbd.Segment(b.at(0, 0.1, 0.2), 0.8, 0.05),
+        mbd.PolygonEdges(b.at(0, 0.1, 1.0), corners),
+        mbd.HalfPlane(b.at(0, 0.1, 0.4)),
+        mbd.HollowCircle(b.at(0, 0.1), 2.0),
+    ]
+    q = rng.normal(size=(6, 2000)) * np.array([1.2, 1.2, 3, 1.2, 1.2, 3])[:, None]
+    for one in first:
+        for other in second:
+            contact = mbd.Contact("c", one, other, law)
+            function = ca.Function("f", [a.q, b.q], [contact.apart, ca.mmin(contact.gaps)])
+            apart, gap = (part.full().ravel() for part in function(q[:3], q[3:]))
+            assert np.any(apart > 0) and not np.any((apart > 0) & (gap <= 0))

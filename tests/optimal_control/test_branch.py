@@ -76,6 +76,20 @@ def test_a_solution_that_jumps_is_refused():
     assert jump.row.split(".")[0] in ("A", "B", "O4") and jump.coordinate.split(".")[0] in ("coupler", "rocker")
 
 
+def test_a_solution_that_jumps_is_solved_again():
+    """From a guess that jumps: the solution on the other branch is none, and the kinematic guess finds the motion."""
+    f = crank_rocker()
+    straight = mbd.optimize(half_turn(f), intervals=24)
+    jumping = with_a_jump(mbd.optimize(half_turn(f), intervals=20), f, 12).trajectory
+    solution = mbd.optimize(half_turn(f), intervals=12, guess=jumping)
+    stages = solution.statistics.stages
+    assert any("jump to another branch" in stage.description for stage in stages)
+    assert stages[-1].status == "Solve_Succeeded" and branch_jump(solution) is None
+    assert solution.statistics.iterations == sum(stage.iterations for stage in stages)
+    assert solution.cost == pytest.approx(straight.cost, rel=1e-5)
+    assert solution.verify().final_error < 1e-3
+
+
 def test_a_coarse_mesh_without_a_jump_is_not_refused():
     """It is a warning."""
     f = crank_rocker()

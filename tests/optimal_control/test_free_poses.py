@@ -148,3 +148,46 @@ def test_a_closed_loop_begins_at_a_point():
     assert solution.trajectory.initial[tracer.position] == pytest.approx((0.12, 0.21), abs=1e-9)
     assert abs(solution.parameters[ground] - ground.value) > 1e-3
     assert solution.verify().final_error < 1e-3
+
+
+#: Points on the path of a four-bar with cranks of 90, 300, 260 and 280 mm, at angles of its crank 60° apart and so on.
+CURVE = ((0.0963, 0.2645), (0.0156, 0.2897), (-0.0655, 0.2189), (-0.0870, 0.1382), (0.0014, 0.1615))
+
+
+def test_a_path_through_five_points():
+    """Six free dimensions and five free times: the coupler point passes five points in one turn of the crank."""
+    names = {"a": (0.1, 0.06, 0.14), "b": (0.28, 0.2, 0.45), "c": (0.24, 0.15, 0.45), "d": (0.3, 0.15, 0.45)}
+    a, b, c, d = (mbd.Parameter(name, *values) for name, values in names.items())
+    along, across = mbd.Parameter("along", 0.0, -0.3, 0.3), mbd.Parameter("across", 0.1, -0.3, 0.3)
+    free, tau = [a, b, c, d, along, across], mbd.Input("tau")
+    crank = mbd.Body("crank", mass=0.3, inertia=3e-4, pose=(0.05, 0.0, 0.0))
+    coupler = mbd.Body("coupler", mass=0.8, inertia=5e-3, pose=(0.2, 0.12, 0.7))
+    rocker = mbd.Body("rocker", mass=0.7, inertia=4e-3, pose=(0.3, 0.12, 1.6))
+    o2 = mbd.Revolute("O2", mbd.ground.at(0, 0), crank.at(-a / 2, 0))
+    joints = [
+        o2,
+        mbd.Revolute("A", crank.at(a / 2, 0), coupler.at(-b / 2, 0)),
+        mbd.Revolute("B", coupler.at(b / 2, 0), rocker.at(c / 2, 0)),
+        mbd.Revolute("O4", mbd.ground.at(d, 0), rocker.at(-c / 2, 0)),
+    ]
+    motor = mbd.Torque("motor", crank, tau)
+    linkage = mbd.Mechanism([crank, coupler, rocker], joints, forces=[motor], inputs=[tau], parameters=free)
+    tracer, times = coupler.at(along, across), np.linspace(0, 1, 7)[1:-1]
+    problem = mbd.OptimalControlProblem(
+        linkage,
+        duration=1.0,
+        initial=[o2.angle == 0, crank.omega == 2 * np.pi],
+        final=[o2.angle == 2 * np.pi, crank.omega == 2 * np.pi],
+        waypoints=[
+            mbd.Waypoint((t - 0.1, t + 0.1), [tracer.x == x, tracer.y == y])
+            for t, (x, y) in zip(times.tolist(), CURVE, strict=True)
+        ],
+        running_cost=tau**2,
+        free_parameters=free,
+    )
+    solution = mbd.optimize(problem, intervals=30)
+    found = solution.trajectory.at(solution.waypoint_times)[tracer.position]
+    assert found == pytest.approx(np.array(CURVE), abs=1e-7)
+    assert np.all(np.diff(solution.waypoint_times) > 0)
+    assert np.all(np.diff(solution.trajectory[crank.phi]) > 0)
+    assert solution.verify().final_error < 1e-3

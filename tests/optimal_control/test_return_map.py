@@ -71,5 +71,7 @@ def test_it_says_what_is_wrong():
         mbd.stability(motion, [mbd.at_end(body.omega) <= mbd.at_start(body.omega)], events=[lands])
     with pytest.raises(mbd.ModelError, match="in accelerations"):
         mbd.stability(motion, [mbd.at_end(body.alpha) == mbd.at_start(body.alpha)], events=[lands])
+    with pytest.raises(mbd.ModelError, match="'lands' of the motion is not in events="):
+        mbd.stability(motion, same)
     with pytest.warns(mbd.MechanismWarning, match="not periodic"):
         mbd.stability(motion, [mbd.at_end(body.phi) == mbd.at_start(body.phi), same[0]], events=[lands])

@@ -167,6 +167,23 @@ def test_what_has_no_derivative_is_refused():
         mbd.sensitivities(free, [0, 0.1, 0.4], [ball.y], [g], events=[top, two])
 
 
+def test_inputs_are_numbers_and_expressions():
+    body, u = mbd.Body("body", mass=2.0, inertia=1.0), mbd.Input("u")
+    one = mbd.Mechanism(bodies=[body], forces=[mbd.Force("push", body.at(0, 0), (u, 0))], inputs=[u])
+    other = one.replace(forces=[mbd.Force("push", body.at(0, 0), (3 * u, 0))])
+    change = mbd.Event("change", mbd.t - 0.3 + 0 * body.x, direction=1, during=one, becomes=other)
+    found = mbd.sensitivities(one, [0, 0.5, 1], [body.vx], [u], inputs={u: 4.0}, events=[change])
+    np.testing.assert_allclose(found[body.vx, u], [0, 0.15, 0.15, 0.45, 1.2], atol=1e-9)
+    start = body.vx == 1
+    swing = {u: mbd.sin(mbd.t)}
+    found = mbd.sensitivities(one, [0, 0.5, 1], [body.x], [start], [start], inputs=swing, events=[change])
+    np.testing.assert_allclose(found[body.x, start], [0, 0.3, 0.3, 0.5, 1], atol=1e-9)
+    controller = mbd.SampledController(lambda time, state: {u: 1.0}, 0.1)
+    for inputs in ({u: [0.0, 1.0, 2.0]}, controller):
+        with pytest.raises(mbd.ModelError, match="inputs= takes numbers and expressions"):
+            mbd.sensitivities(one, [0, 0.5, 1], [body.x], [u], inputs=inputs, events=[change])
+
+
 def test_without_a_change_it_is_the_same():
     ball, g, free, event = bounce()
     plain = mbd.sensitivities(free, [0, 0.1, 0.2], [ball.y], [g])

@@ -1,6 +1,9 @@
 """Sweeps by DOP853: the cases in C, against single runs and closed forms."""
 
+import os
 import pickle
+import signal
+import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
@@ -137,3 +140,21 @@ def test_a_parcel_travels():
     values, messages = pickle.loads(pickle.dumps(parcel)).results(*case)
     assert messages == [""]
     np.testing.assert_allclose(values[0], [0, -1.0], atol=1e-9)
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers")
+def test_interruption(way):
+    """Ctrl-C ends the cases that run, and leaves what was finished."""
+    g, _, stone, mechanism = fall()
+    method = mbd.DOP853(max_step=1e-4)
+    previous = signal.signal(signal.SIGALRM, lambda *_: os.kill(os.getpid(), signal.SIGINT))
+    signal.setitimer(signal.ITIMER_REAL, 1.5)
+    began = time.perf_counter()
+    try:
+        with pytest.raises(mbd.Interrupted) as raised:
+            mbd.sweep(mechanism, [0, 90.0], {g: np.linspace(1, 2, 5000)}, {"y": stone.y}, method=method)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, previous)
+    assert time.perf_counter() - began < 30
+    assert raised.value.partial is not None and not np.all(raised.value.partial.done)

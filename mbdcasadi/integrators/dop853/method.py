@@ -12,14 +12,14 @@ from ..base import ABSTOL, RELTOL, Integrator
 class DOP853(Integrator):
     """Explicit Runge–Kutta of order 8(5,3) with dense output of order 7, the whole run in C.
 
-    The fastest method for motion that is smooth and not stiff, ten times and more
-    on small mechanisms. Every step is projected onto the constraints, at position
+    The fastest method for motion that is smooth and not stiff: 7 to 35 times as fast as
+    IDAS at equal error on the models of the benchmarks. Every step is projected onto the constraints, at position
     and velocity level; events are looked at inside every step.
 
     The equations are interpreted in C at first, and compiled by the compiler of the
     system once that pays; what was compiled is kept for later (in the folder
     ``$MBDCASADI_CACHE``, or that of the user's platform). Without a compiler the
-    same method runs step by step, ten times slower. ``motion.statistics.notes``
+    same method runs step by step, 3 to 14 times slower. ``motion.statistics.notes``
     names the code that ran.
 
     It needs rows that do not depend on each other, and forces that do not depend on

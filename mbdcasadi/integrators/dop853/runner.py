@@ -26,6 +26,8 @@ class _Run(Protocol):
     @property
     def is_current(self) -> bool: ...
 
+    def halt(self) -> None: ...
+
     def advance(self, s: Stretch, progress: Progress) -> Reached: ...
 
     def complete(
@@ -187,9 +189,8 @@ class Runner:
         return self._run.run_cases(cases, common, code, values)
 
     def halt(self) -> None:
-        """End what runs in C in another thread."""
-        if isinstance(self._run, NativeRun):
-            self._run.halt()
+        """End what runs in another thread."""
+        self._run.halt()
 
     def slice(self) -> float:
         """Time after which the next call is to come back, s."""

@@ -6,6 +6,7 @@ It takes the same decisions as ``engine.c``, in the same order; its results diff
 from __future__ import annotations
 
 import math
+import threading
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -61,15 +62,20 @@ class StepwiseRun:
         functions = (system.input, system.dynamics, system.quadrature, system.projection)
         self._steps = _Steps(cache.get_or_create(("stepwise", *functions), partial(_StepFunctions, system)))
         self._event = None if watched is None else _Call(simplified(watched.function))
+        self._halt = threading.Event()
 
     @property
     def is_current(self) -> bool:
         """True if it runs the best code that there is."""
         return True
 
+    def halt(self) -> None:
+        """End the call that runs in another thread at the end of its step, and any later one."""
+        self._halt.set()
+
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch; `progress` goes on."""
-        return _StretchRun(self._steps, self.system, self.watched, self._event, s, progress).run()
+        return _StretchRun(self._steps, self.system, self.watched, self._event, self._halt, s, progress).run()
 
     def complete(
         self, times: np.ndarray, x: np.ndarray, channels: np.ndarray, p: np.ndarray, levels: np.ndarray
@@ -299,11 +305,12 @@ class _StretchRun:
         system: ExplicitSystem,
         watched: Watched | None,
         event: _Call | None,
+        halt: threading.Event,
         s: Stretch,
         progress: Progress,
     ):
         self._f, self._system, self._watched, self._event = steps, system, watched, event
-        self.s, self.progress = s, progress
+        self._halt, self.s, self.progress = halt, s, progress
         self.n, self.n_x = system.coordinates, system.size
         self.n_y = self.n_x + system.integrals
         self.status, self.steps, self.rejected, self.evaluations = Status.DONE, 0, 0, 0
@@ -548,6 +555,8 @@ class _StretchRun:
             h, arrival, step = taken
             self._look_back(t, h, arrival)
             late = s.seconds > 0.0 and clock.perf_counter() - began > s.seconds
+            if self.status == Status.DONE and self._halt.is_set():
+                self.status = Status.HALTED
             if self.status == Status.DONE and (late or 0 < s.most_steps <= self.steps):
                 self.status = Status.PAUSED
             due = self.reached < count and times[self.reached] == arrival
@@ -566,7 +575,7 @@ class _StretchRun:
                 f.k0[:] = f.k[STAGES]
         if self.status.is_failure and t > s.start and not (self._record_of and self._record_of[-1].times[-1] >= t):
             self._record(t, f.y, -1)
-        if self.status in (Status.PAUSED, Status.STIFF) and self.reached == count:
+        if self.status in (Status.PAUSED, Status.HALTED, Status.STIFF) and self.reached == count:
             self.status = Status.DONE
         progress.step = step
         return self._returned()

@@ -29,7 +29,7 @@ RESUMABLE = (
     "Error_In_Step_Computation",
 )
 #: Iterations without limits, of a step in which limits close in, and of a least violation.
-FREE_ITERATIONS, CLOSING_ITERATIONS = 300, 150
+FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 300, 150, 300
 #: Share of its way below which a step in which limits close in is given up.
 SMALLEST_STEP = 1 / 8
 #: Power with which the remaining excess falls along the way: in the end it is small beside the limits.
@@ -62,7 +62,7 @@ class LimitSearch:
         Guess from which the solve failed.
     second : Guess
         Another one, from which violations are minimised besides.
-    detour : callable, optional
+    detour : callable
         Makes guesses with random detours.
     """
 
@@ -72,7 +72,7 @@ class LimitSearch:
         meshes: Sequence[Mesh],
         guess: Guess,
         second: Guess,
-        detour: Callable[[], Guess] | None = None,
+        detour: Callable[[], Guess],
     ):
         self._solver, self._meshes, self._guess, self._second, self._detour = solver, meshes, guess, second, detour
         self._stages: list[Stage] = []
@@ -130,7 +130,7 @@ class LimitSearch:
 
     def _by_detours(self) -> Solution | None:
         """The first solution from a random detour; None if there is none."""
-        for guess in (self._detour() for _ in range(DETOURS)) if self._detour else ():
+        for guess in (self._detour() for _ in range(DETOURS)):
             solved = self._solved(guess, f"all limits, {guess.description}", DETOUR_ITERATIONS)
             if solved is not None:
                 return solved.point
@@ -151,7 +151,7 @@ class LimitSearch:
         """Solution from a motion that meets all demands, or the failure in words."""
         conflicting: list[tuple[Solution, dict[str, float]]] = []
         for guess in (nearest, self._second):
-            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess)
+            solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
             total = sum(slacks.values())
             self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:

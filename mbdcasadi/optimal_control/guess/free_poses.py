@@ -55,7 +55,11 @@ def places_of(phase: Phase, initial: State | Sequence[Condition], segment_times:
 
 
 def free_poses(
-    problem: OptimalControlProblem, phase: Phase, numeric: NumericEquations, places: Sequence[PosedPlace]
+    problem: OptimalControlProblem,
+    phase: Phase,
+    numeric: NumericEquations,
+    places: Sequence[PosedPlace],
+    near: np.ndarray | None = None,
 ) -> FreePoses | None:
     """Return poses that meet the conditions of all places; None if no free parameter helps, or none are found.
 
@@ -70,6 +74,8 @@ def free_poses(
     places : sequence of PosedPlace
         In the order of time. Path conditions on positions hold at all of them, and boundary conditions if the first
         and the last one are start and end of the phase.
+    near : numpy.ndarray, optional
+        Estimates of the poses (k, n), in place of that of the bodies.
     """
     eom = phase.equations
     if not problem.free_parameters or eom.q.numel() * eom.lam.numel() > LARGE:
@@ -77,11 +83,11 @@ def free_poses(
     system = _System(problem, phase, numeric, places)
     if not ca.depends_on(ca.vertcat(*system.equalities, *system.limits), system.free):
         return None
-    return system.solve()
+    return system.solve(np.tile(eom.estimate[0], (len(places), 1)) if near is None else near)
 
 
 class _System:
-    """Conditions of all places: the unknowns are the first pose, the differences of the others, and the parameters."""
+    """Conditions of all places: the unknowns are the poses and the parameters."""
 
     def __init__(
         self,
@@ -95,9 +101,8 @@ class _System:
         self._extra = problem.extra_parameters(phase)
         n = phase.equations.q.numel()
         self.free = ca.SX.sym("f", len(self._parameters))
-        moves = [ca.SX.sym("d", n) for _ in places]
-        self.unknowns = ca.vertcat(*moves, self.free)
-        self._poses = [sum(moves[1 : k + 1], moves[0]) for k in range(len(places))]
+        self._poses = [ca.SX.sym("q", n) for _ in places]
+        self.unknowns = ca.vertcat(*self._poses, self.free)
         self.equalities: list[ca.SX] = []
         self.limits: list[ca.SX] = []
         for k, place in enumerate(places):
@@ -150,15 +155,14 @@ class _System:
         values = [ca.SX(self._places[k].time), self._poses[k], z, p, ca.vertcat(ca.SX(0, 1), *extra)]
         return ca.substitute([ca.SX(expression)], symbols, values)[0]
 
-    def solve(self) -> FreePoses | None:
+    def solve(self, near: np.ndarray) -> FreePoses | None:
         """Solve by IPOPT within the limits, and to rounding by Newton's method."""
         numeric, count = self._numeric, len(self._places)
         own = np.array([p.value for p in self._parameters])
         sizes = np.where(own != 0, np.abs(own), 1.0)
         heavy = float(np.max(numeric.weights * numeric.typical_step**2))
         weights = np.r_[np.tile(numeric.weights, count), PARAMETER_WEIGHT * heavy / sizes**2]
-        q0 = numeric.eom.estimate[0]
-        estimate = np.r_[q0, np.zeros((count - 1) * q0.size), own]
+        estimate = np.r_[near.ravel(), own]
         bounds = [
             sign * (self.free[k] - bound)
             for k, p in enumerate(self._parameters)
@@ -180,6 +184,6 @@ class _System:
         if not outcome.converged or passed or not largest(outcome.x) < np.inf:
             return None
         low, high = (np.array([getattr(p, side) for p in self._parameters]) for side in ("lower", "upper"))
-        values = np.clip(outcome.x[count * q0.size :], low, high)
-        poses = np.cumsum(outcome.x[: count * q0.size].reshape(count, -1), axis=0)
+        values = np.clip(outcome.x[near.size :], low, high)
+        poses = outcome.x[: near.size].reshape(near.shape)
         return FreePoses(poses, dict(zip(self._parameters, values.tolist(), strict=True)))

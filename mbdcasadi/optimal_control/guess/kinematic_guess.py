@@ -71,6 +71,9 @@ def kinematic_path(
     segment_times: np.ndarray,
     target: np.ndarray | None = None,
     values: Mapping[Parameter, float] | None = None,
+    *,
+    through: bool = True,
+    poses_at: np.ndarray | None = None,
 ) -> KinematicPath:
     """Return poses that meet the conditions of the places on the way, as far as they are equalities in positions.
 
@@ -90,13 +93,17 @@ def kinematic_path(
         Pose at the end, in place of the conditions there.
     values : mapping of Parameter to float, optional
         Values of the free parameters, in place of their own.
+    through : bool
+        Whether the conditions of the waypoints are met.
+    poses_at : numpy.ndarray, optional
+        Poses at start, waypoints and end (k, n), in place of the conditions there.
     """
     own = {p: p.value for p in problem.extra_parameters(phase)}
     extra = own if values is None else {p: values[p] for p in own}
     prescribed = phase.differentiated_path_constraints(problem.free_parameters)
     path = _on_positions(phase.path, extra)
     speeds = [c for c in prescribed if c.depends_on("velocity")]
-    places = [_on_positions(w.conditions, extra) for w in phase.waypoints]
+    places = [_on_positions(w.conditions if through else [], extra) for w in phase.waypoints]
     final = phase.final
     if target is not None:
         places.append(_steering(numeric, float(segment_times[-1]), target))
@@ -104,6 +111,9 @@ def kinematic_path(
         places.append(_steering(numeric, final.t, final.q))
     else:
         places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
+    if poses_at is not None:
+        later = zip(segment_times[1:].tolist(), poses_at[1:], strict=True)
+        places = [_steering(numeric, t, pose) for t, pose in later]
     begin = float(segment_times[0])
     times, poses, complete = [np.array([begin])], [start.q], True
     for k, conditions in enumerate(places):

@@ -13,6 +13,7 @@ from ...errors import MechanismError, ModelError
 from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
+from ...results.state import State
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
@@ -22,7 +23,7 @@ from ..nlp.statistics import Start
 from ..refinement.mesh import Mesh
 from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
-from .kinematic_guess import STEPS, has_free_path
+from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
@@ -164,11 +165,12 @@ def _free_motion(solver: Solver) -> Trajectory | None:
 def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     """The kinematic motion with a detour in each phase: a few half waves in the free directions of each pose."""
     parts, waves = [], []
-    for setup in solver.setups:
+    for k, setup in enumerate(solver.setups):
         if setup.phase.is_instant:
             parts.append(_through_poses(setup))
             continue
-        part, count = _detour(setup, random)
+        # the setup of the first phase may belong to another start
+        part, count = _detour(setup, random, *((solver.start, solver.path) if k == 0 else (setup.start, setup.path)))
         parts.append(part)
         waves.append(f"{count} half wave{'s' if count > 1 else ''}")
     if len(parts) > 1:
@@ -176,9 +178,11 @@ def random_detour(solver: Solver, random: np.random.Generator) -> Guess:
     return _guess(solver, parts[0], f"kinematic with a detour of {waves[0]}")
 
 
-def _detour(setup: PhaseSetup, random: np.random.Generator) -> tuple[PhaseGuess, int]:
+def _detour(
+    setup: PhaseSetup, random: np.random.Generator, start: State, path: KinematicPath
+) -> tuple[PhaseGuess, int]:
     """The kinematic motion of a phase with a detour, and its number of half waves; the ends stay as they are."""
-    path, numeric, scales = setup.path, setup.numeric, setup.scales
+    numeric, scales = setup.numeric, setup.scales
     waves = int(random.integers(1, 4))
     direction = random.normal(size=path.poses.shape[1]) * np.where(scales.angles, 1.0, 0.5 * scales.q)
     amplitude = random.uniform(0.5, 2.0)
@@ -194,7 +198,7 @@ def _detour(setup: PhaseSetup, random: np.random.Generator) -> tuple[PhaseGuess,
         outcome = solve(rows, q + step, numeric.weights, iterations=30, step_limit=numeric.typical_step)
         q = outcome.x if outcome.converged else q
         moved.append(q)
-    return kinematic_guess(setup.loads, setup.start, replace(path, poses=np.array(moved))), waves
+    return kinematic_guess(setup.loads, start, replace(path, poses=np.array(moved))), waves
 
 
 def best_of(

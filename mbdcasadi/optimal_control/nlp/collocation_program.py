@@ -105,6 +105,8 @@ class CollocationProgram:
         for phase in self.phases:
             running = phase.phase.running_cost
             size += 0.0 if running.is_zero() else phase.scales.time * phase.sizes.of_values(running)
+            at_waypoints = [w.cost for w in phase.phase.waypoints if not w.cost.is_zero()]
+            size += sum(phase.sizes.of_values(cost) for cost in at_waypoints)
         if not terminal.is_zero():
             size += last.sizes.of_values(with_values(terminal, self._typical_value))
         return size or 1.0

@@ -312,6 +312,11 @@ class PhaseProgram:
         blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
         for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
             blocks.append(block(unknowns, groups, ca.SX(0), [interval]))
+        for waypoint, point in zip(self.phase.waypoints, self._waypoints, strict=True):
+            if not waypoint.cost.is_zero():
+                unknowns = self.unknowns()
+                cost = self.value(waypoint.cost, self.scheme.end(unknowns.interval), unknowns)
+                blocks.append(block(unknowns, [], cost, [point - 1]))
         return blocks
 
     def _interval_rows(self) -> tuple[Unknowns, list[Rows], ca.SX]:
@@ -422,9 +427,14 @@ class PhaseProgram:
             groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
         return [(unknowns, groups, 0)] if groups else []
 
+    @property
+    def _waypoints(self) -> list[int]:
+        """Mesh points of the waypoints."""
+        return [int(np.sum(self._segment <= k)) for k in range(len(self.phase.waypoints))]
+
     def _place_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Conditions at waypoints and at the end, with the intervals that they end."""
-        points = [int(np.sum(self._segment <= k)) for k in range(len(self.phase.waypoints))]
+        points = self._waypoints
         places: list[tuple[str, Sequence[Condition], int]] = [
             (f"waypoint {k + 1}", w.conditions, points[k]) for k, w in enumerate(self.phase.waypoints)
         ]

@@ -225,20 +225,23 @@ class Solver:
         problem, phase = self.problem, self.problem.phases[0]
         times = phase.segment_times(typical_duration(phase))
 
-        def path() -> KinematicPath:
+        def path(**how: Any) -> KinematicPath:
             values = dict(zip(problem.free_parameters, self.free_values.tolist(), strict=True))
-            return kinematic_path(problem, phase, numerics[0], self.start, times, values=values)
+            return kinematic_path(problem, phase, numerics[0], self.start, times, values=values, **how)
 
         first = path()
         if first.complete:
             return first
-        poses = free_poses(problem, phase, numerics[0], places_of(phase, self.initial, times))
+        past = path(through=False)
+        near = np.array([past.pose_at(t) for t in times.tolist()])
+        poses = free_poses(problem, phase, numerics[0], places_of(phase, self.initial, times), near)
         if poses is None:
             return first
         self._take(poses, numerics)
         if not isinstance(self.initial, State):
             self.start = first_state(problem, phase, numerics[0], self.initial, signals, poses)
-        return path()
+        steered = path(poses_at=poses.poses)
+        return steered if steered.complete else path()
 
     def _set_up_phases(self, numerics: list[NumericEquations]) -> None:
         """Setups of phases that follow each other, with key poses that were assembled together."""
@@ -421,8 +424,19 @@ class Solver:
         x = run.solution.variables / begin.program.scale
         return run.solution, sides.excess(begin.bounds, x, run.solution.answer.rows), run.succeeded
 
-    def least_violation(self, meshes: Sequence[Mesh], guess: Guess) -> tuple[Solution, dict[str, float], bool]:
+    def least_violation(
+        self, meshes: Sequence[Mesh], guess: Guess, limit: int
+    ) -> tuple[Solution, dict[str, float], bool]:
         """Look for the motion near a guess that violates limits and conditions least.
+
+        Parameters
+        ----------
+        meshes : sequence of Mesh
+            Meshes by phase.
+        guess : Guess
+            Guess.
+        limit : int
+            Largest number of iterations.
 
         Returns
         -------
@@ -440,7 +454,8 @@ class Solver:
         arguments = elastic.arguments(begin.x, begin.data, _rows(program, begin.x, begin.data))
         callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
         with quiet():
-            solver = elastic.solver(QUIET | DEFAULTS | {"iteration_callback": callback} | self.settings.options)
+            own = {"iteration_callback": callback, "ipopt.max_iter": limit}
+            solver = elastic.solver(QUIET | DEFAULTS | own | self.settings.options)
         answer, statistics, interrupted = self._call(begin, solver, callback, arguments)
         x, slacks = elastic.split(answer["x"].full().ravel())
         x = np.clip(x, *elastic.limits)

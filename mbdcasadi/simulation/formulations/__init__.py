@@ -3,8 +3,10 @@
 ===============  ==========================================================  =====================================
 name             when                                                        the integrator gets
 ===============  ==========================================================  =====================================
-explicit         every body has mass, no force depends on lam, few bodies    an ODE, lam eliminated
+explicit         every body has mass, no force depends on lam, and few       an ODE, lam eliminated
+                 bodies or no joints
 KKT              massless bodies, forces that depend on lam, many bodies     a DAE in ``(a, lam)``
+                 with joints
 regularised      redundant rows, rank lost on the way                        an ODE, ``S + epsilon I``, drift damped
 ===============  ==========================================================  =====================================
 """
@@ -62,5 +64,6 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
         return Regularised()
     if not integrator.solves_algebraic:
         return Explicit()
-    many = len(eom.mechanism.bodies) > EXPLICIT_BODIES
-    return KKT() if numeric.massless or (many and eom.lam.numel()) else Explicit()
+    # without constraints nothing is eliminated, and algebraic unknowns would only make the system larger
+    many = len(eom.mechanism.bodies) > EXPLICIT_BODIES and eom.lam.numel() > 0
+    return KKT() if numeric.massless or many else Explicit()

@@ -176,7 +176,7 @@ class Contact(Element):
 
     @cached_property
     def apart(self) -> ca.SX | None:
-        """Expression that is positive only if the outlines do not touch, by circles around them; None if unknown."""
+        """Expression that is positive only if the outlines do not touch; None if there is no cheap one."""
         return bounding_distance(self.a, self.b)
 
     @property

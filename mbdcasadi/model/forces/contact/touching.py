@@ -264,10 +264,13 @@ _KINDS: Sequence[tuple[tuple[type, ...], tuple[type, ...], Callable[[Any, Any], 
 
 
 def bounding_distance(a: Outline, b: Outline) -> ca.SX | None:
-    """Return an expression that is positive only if two outlines do not touch, by circles around them.
+    """Return an expression that is positive only if two outlines do not touch; None if there is none.
 
-    It costs far less than the gap of polygons. None if there is no such circle.
+    Circles around the outlines are compared, and of two polygons the axes that may separate them: this costs far less
+    than forces at the places of contact.
     """
+    if isinstance(a, PolygonEdges) and isinstance(b, PolygonEdges):
+        return ca.fmax(_least_deep(_faces(a), b.corners)[0], _least_deep(_faces(b), a.corners)[0])
     if a.bounding_circle is None:
         a, b = b, a
     if a.bounding_circle is None:

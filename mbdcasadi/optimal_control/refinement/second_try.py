@@ -1,0 +1,107 @@
+"""Solutions that are no motions, solved again: from other guesses if they jump, and on finer meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..checks.branch import branch_jump, refuse_branch_jump
+from ..checks.failure import OptimizationError
+from ..nlp.statistics import Stage
+from .local_error import projection_steps
+from .refine import refine_if_coarse
+
+if TYPE_CHECKING:
+    from ..guess.guess import Guess
+    from ..nlp.solver import Solver
+    from ..solution import Solution
+
+#: Step by which the end of an interval is moved onto the constraints, in rad or sizes of the mechanism, from which a
+#: solution is no motion, whatever mesh was asked for.
+LARGEST_PROJECTION = 0.1
+#: Pieces into which intervals are split for another guess.
+PIECES = 2
+#: Largest number of iterations from another guess.
+ITERATIONS = 300
+
+
+def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]]) -> Solution:
+    """Return a solution that is a motion: the same one, or one of another mesh or from another guess.
+
+    Parameters
+    ----------
+    solver : Solver
+        Problem that was solved.
+    solution : Solution
+        Solution that may jump to another branch within an interval, or be moved far onto the constraints.
+    guesses : iterable of callable
+        Make guesses, which are tried in turn on a finer mesh if the solution jumps.
+
+    Raises
+    ------
+    OptimizationError
+        If all solutions jump to another branch.
+    """
+    jump, s = branch_jump(solution), solution.statistics
+    if jump is None and _largest_projection(solution) <= LARGEST_PROJECTION:
+        return solution
+    what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
+    stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
+    # on a finer mesh a jump seldom leads to a motion, and at great cost
+    found = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
+    if found is None:
+        found = _refined(solver, solution, stages)
+        refuse_branch_jump(found)
+    found.statistics = replace(
+        found.statistics,
+        iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
+        seconds=s.seconds + sum(stage.seconds for stage in stages[len(s.stages) + 1 :]),
+        starts=s.starts,
+        stages=stages,
+    )
+    return found
+
+
+def _refined(solver: Solver, solution: Solution, stages: list[Stage]) -> Solution:
+    """The solution on a mesh that is refined where it is coarse; the same one if that does not succeed."""
+    before, refined = solution.statistics, refine_if_coarse(solver, solution)[0]
+    if refined is not solution:
+        r = refined.statistics
+        stages.append(Stage("refined mesh", r.iterations - before.iterations, r.status, r.seconds - before.seconds))
+    return refined
+
+
+def _from_guesses(
+    solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
+) -> Solution | None:
+    """The first solution without jumps from other guesses on a finer mesh; None if there is none."""
+    meshes = [
+        mesh.refined(np.full(mesh.count, PIECES), np.zeros(mesh.count, bool)) if mesh.count else mesh
+        for mesh in solution.meshes
+    ]
+    for make in guesses:
+        guess = make()
+        solver.best.new_stage()
+        failed = False
+        try:
+            found = refine_if_coarse(solver, solver.solve(meshes, guess, limit=ITERATIONS))[0]
+        except OptimizationError as error:
+            found, failed = error.partial, True
+        s = found.statistics
+        stages.append(Stage(f"finer mesh, {guess.description}", s.iterations, s.status, s.seconds))
+        if not failed and branch_jump(found) is None:
+            return found
+    return None
+
+
+def _largest_projection(solution: Solution) -> float:
+    """Largest step onto the constraints in positions, in rad or sizes of the mechanism."""
+    largest = 0.0
+    for part in solution.phases:
+        if part.mesh.count:
+            sizes = part.program.scales.q
+            largest = max(largest, float(np.max(projection_steps(part)[:, : sizes.size] / sizes, initial=0.0)))
+    return largest
