@@ -13,8 +13,8 @@ from ..results.trajectory import Trajectory
 from ..results.validity import report_validity, validity_conditions
 from .checks.closings import warn_of_closings
 from .guess.parameter_continuation import by_continuation, read_continuation
+from .nlp.best_so_far import BestSoFar
 from .nlp.held_limits import warn_of_passed_limits
-from .nlp.solver import BestSoFar
 from .problem import OptimalControlProblem
 from .refinement.local_error import warn_of_coarse_mesh
 from .search import Search

@@ -14,8 +14,9 @@ from .checks.failure import OptimizationError
 from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
+from .nlp.best_so_far import BestSoFar
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
-from .nlp.solver import BestSoFar, Solver
+from .nlp.solver import Solver
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .refinement.refine import refine, refine_if_coarse

@@ -5,139 +5,46 @@ from __future__ import annotations
 import itertools
 import time as clock
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from ...arguments.inputs import Signals
 from ...arguments.values import pairs_of
 from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
-from ...errors import ConditionError, Interrupted, ModelError
+from ...errors import ConditionError, ModelError
 from ...model.conditions import Condition
-from ...numerics.console import interruptible, quiet
 from ...numerics.least_squares import largest
-from ...numerics.symbolic import numeric_work
 from ...results.state import State
 from ..checks.consistency import check_end
 from ..checks.failure import OptimizationError, explain_failure
 from ..guess.free_poses import FreePoses, PosedPlace, free_poses, places_of
-from ..guess.guess import Guess, Iterate
+from ..guess.guess import Guess
 from ..guess.key_poses import key_poses
 from ..guess.kinematic_guess import KinematicPath, kinematic_path
 from ..phase import Phase, read_state_or_conditions
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..solution import Solution
+from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
-from .elastic_program import ElasticProgram
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
+from .ipopt import Beginning, Ipopt, Result, rows_at
 from .limit_sides import Bounds, LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
-from .solver_callback import SolverCallback
 from .start import check_start, first_state
 from .statistics import Answer, SolveStatistics
 
-#: Options of CasADi for solvers whose failures are reported by their status.
-QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
-#: Options of IPOPT that were measured best on these programs.
-DEFAULTS = {
-    "ipopt.print_level": 0,
-    "ipopt.sb": "yes",
-    "ipopt.tol": 1e-8,
-    "ipopt.constr_viol_tol": 1e-11,
-    "ipopt.acceptable_tol": 1e-7,
-    "ipopt.acceptable_constr_viol_tol": 1e-9,
-    "ipopt.acceptable_dual_inf_tol": 1e-5,
-    "ipopt.max_iter": 1000,
-    "ipopt.mumps_permuting_scaling": 0,
-    "ipopt.mumps_pivot_order": 0,
-    "ipopt.mu_strategy": "adaptive",
-    # progress by the residual of the optimality conditions, and no barrier above the scale of the program: of the
-    # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
-    "ipopt.adaptive_mu_globalization": "kkt-error",
-    "ipopt.mu_max": 1.0,
-    "ipopt.honor_original_bounds": "yes",
-}
-#: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.
-WARM_START: dict[str, dict[str, Any]] = {
-    "cold": {},
-    "warm": {"ipopt.mu_init": 1e-4, "ipopt.max_iter": 300},
-    "hot": {
-        "ipopt.mu_init": 1e-6,
-        "ipopt.max_iter": 60,
-        "ipopt.warm_start_init_point": "yes",
-        "ipopt.warm_start_bound_push": 1e-8,
-        "ipopt.warm_start_mult_bound_push": 1e-8,
-        "ipopt.warm_start_slack_bound_push": 1e-8,
-    },
-}
 #: Miss of an implied condition from which a solution is refused, as a share of the window that is left to it.
 BRANCH_TOLERANCE = 1e-3
 #: Distance of the first key pose from the start, as a share of the coordinates, from which it is another one.
 START_MOVED = 1e-9
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
-
-
-class BestSoFar:
-    """The best solution at any instant of a search, for the user who stops it.
-
-    Attributes
-    ----------
-    solution : Solution or None
-        The best one of the present stage, or of the last stage that has one.
-    iterate : Solution or None
-        The last iterate of a solve that did not end in a solution.
-    """
-
-    def __init__(self) -> None:
-        self.solution: Solution | None = None
-        self.iterate: Solution | None = None
-        self._is_old = False
-
-    def new_stage(self) -> None:
-        """From now on any solution is better than those before: on a finer mesh, at the next parameter values."""
-        self._is_old = True
-
-    def add(self, solution: Solution) -> None:
-        """Take a solution into account."""
-        if self.solution is None or self._is_old or solution.cost < self.solution.cost:
-            self.solution, self._is_old = solution, False
-
-    def interrupted(self) -> Interrupted:
-        """The exception for a search that the user stopped."""
-        which = "best solution" if self.solution is not None else "last iterate"
-        partial = self.solution if self.solution is not None else self.iterate
-        more = f"the {which} is in .partial" if partial is not None else "nothing was found yet"
-        return Interrupted(f"stopped by the user; {more}", partial=partial)
-
-
-@dataclass(frozen=True)
-class Beginning:
-    """What a solve on a mesh begins with: program, guess, variables and data, scaled, bounds, and the time, s."""
-
-    program: CollocationProgram
-    meshes: Sequence[Mesh]
-    guess: Guess
-    iterate: Iterate | None
-    x: np.ndarray
-    data: np.ndarray
-    bounds: Bounds
-    began: float
-
-
-class Run(NamedTuple):
-    """The last iterate of the solver, whether it is an optimum, and whether the user stopped."""
-
-    solution: Solution
-    succeeded: bool
-    interrupted: bool
 
 
 class Solver:
@@ -174,7 +81,7 @@ class Solver:
         initial: Any = None,
         best: BestSoFar | None = None,
     ):
-        self.problem, self.settings = problem, settings
+        self.problem, self.settings, self._ipopt = problem, settings, Ipopt(settings)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
         self.best = BestSoFar() if best is None else best
@@ -322,7 +229,7 @@ class Solver:
         guess : Guess
             Guess.
         warm : bool
-            Whether the guess is a solution of nearly the same problem.
+            True if the guess is a solution of nearly the same problem.
         limit : int, optional
             Largest number of iterations.
 
@@ -372,17 +279,17 @@ class Solver:
         program, iterate = begin.program, begin.iterate
         warmth = ("hot" if iterate else "warm") if warm else "cold"
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
-        if warmth == "warm" and program.violation(_rows(program, x0, begin.data)) > WARM_VIOLATION:
+        if warmth == "warm" and program.violation(rows_at(program, x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
         options = {} if limit is None else {"ipopt.max_iter": limit}
-        run = self._run(begin, begin.bounds, warmth, iterate, options)
-        solution, status = run.solution, run.solution.statistics.status
-        error = self._other_branch(solution) if run.succeeded else explain_failure(solution, status)
+        result = self._ipopt.run(begin, begin.bounds, warmth, iterate, options)
+        solution, status = self._solution(begin, result), result.statistics.status
+        error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None:
             self.best.add(solution)
         else:
             self.best.iterate = solution
-        if run.interrupted:
+        if result.interrupted:
             raise self.best.interrupted()
         if error is not None:
             raise error
@@ -419,10 +326,10 @@ class Solver:
         sides = LimitSides(begin.program)
         loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
         warmth = "cold" if begin.iterate is None else "warm"
-        run = self._run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
-        self._keep_iterate(run)
-        x = run.solution.variables / begin.program.scale
-        return run.solution, sides.excess(begin.bounds, x, run.solution.answer.rows), run.succeeded
+        result = self._ipopt.run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
+        solution = self._kept(begin, result)
+        x = solution.variables / begin.program.scale
+        return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
 
     def least_violation(
         self, meshes: Sequence[Mesh], guess: Guess, limit: int
@@ -449,31 +356,17 @@ class Solver:
             After Ctrl-C.
         """
         begin = self._beginning(meshes, guess)
-        program = begin.program
-        elastic = ElasticProgram(program, begin.bounds)
-        arguments = elastic.arguments(begin.x, begin.data, _rows(program, begin.x, begin.data))
-        callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
-        with quiet():
-            own = {"iteration_callback": callback, "ipopt.max_iter": limit}
-            solver = elastic.solver(QUIET | DEFAULTS | own | self.settings.options)
-        answer, statistics, interrupted = self._call(begin, solver, callback, arguments)
-        x, slacks = elastic.split(answer["x"].full().ravel())
-        x = np.clip(x, *elastic.limits)
-        rows = _rows(program, x, begin.data)
-        zeros = {"lam_x": np.zeros(x.size), "lam_g": np.zeros(rows.size)}
-        cost = program.nlp.evaluate(x, begin.data)[0]
-        solution = self._solution(begin, zeros | {"x": x, "g": rows, "f": cost}, statistics)
-        run = Run(solution, bool(solver.stats()["success"]), interrupted)
-        self._keep_iterate(run)
-        return solution, slacks, run.succeeded
+        result, slacks = self._ipopt.run_elastic(begin, limit)
+        return self._kept(begin, result), slacks, result.succeeded
 
-    def _keep_iterate(self, run: Run) -> None:
-        """Keep the last iterate of a solve whose result is no solution; Ctrl-C raises."""
-        self.best.iterate = run.solution
-        if run.interrupted:
+    def _kept(self, begin: Beginning, result: Result) -> Solution:
+        """The last iterate of a solve whose result is no solution; it is kept for the user who stops."""
+        self.best.iterate = solution = self._solution(begin, result)
+        if result.interrupted:
             raise self.best.interrupted()
+        return solution
 
-    # --- one run of the solver --------------------------------------------------------------
+    # --- before and after a run -------------------------------------------------------------
     def _beginning(self, meshes: Sequence[Mesh], guess: Guess) -> Beginning:
         began = clock.perf_counter()
         program = self.transcribe(meshes)
@@ -482,57 +375,12 @@ class Solver:
         lower, upper = program.bounds(self.start)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
-            x = program.with_integrals(x, _rows(program, np.clip(x, lower, upper), data))
+            x = program.with_integrals(x, rows_at(program, np.clip(x, lower, upper), data))
         bounds = Bounds(lower, upper, program.lower, np.zeros(program.lower.size))
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
 
-    def _run(
-        self,
-        begin: Beginning,
-        bounds: Bounds,
-        warmth: str,
-        iterate: Iterate | None,
-        options: dict[str, Any] | None = None,
-    ) -> Run:
-        """Run IPOPT between bounds, from the multipliers of an iterate if there is one."""
-        arguments: dict[str, Any] = {
-            "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
-            "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
-        }  # fmt: skip
-        arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-        with self._lent_solver(begin.program, warmth, options or {}) as (solver, callback):
-            answer, statistics, interrupted = self._call(begin, solver, callback, arguments)
-            succeeded = bool(solver.stats()["success"])
-        # IPOPT relaxes bounds by the last digits; a mass must not become negative
-        answer["x"] = np.clip(answer["x"].full().ravel(), bounds.lower, bounds.upper)
-        return Run(self._solution(begin, answer, statistics), succeeded, interrupted)
-
-    def _call(
-        self, begin: Beginning, solver: ca.Function, callback: SolverCallback, arguments: dict[str, Any]
-    ) -> tuple[dict[str, Any], SolveStatistics, bool]:
-        """Answer of the solver, what it took, and whether the user stopped it."""
-        built = clock.perf_counter()
-        with interruptible(raising=False) as interruption:
-            with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
-                answer = solver(**arguments)
-            stats = solver.stats()
-            seconds = clock.perf_counter() - begin.began
-            # CasADi leaves the count open if IPOPT refuses to begin
-            iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
-        sizes = begin.program.size, begin.program.lower.size
-        statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
-        return answer, statistics, interruption.requested
-
-    def _lent_solver(
-        self, program: CollocationProgram, warmth: str, more: dict[str, Any]
-    ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
-        """A compiled solver of a program, and its callback; options of the user prevail."""
-        options = more | self.settings.options
-        key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
-        return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
-
-    def _solution(self, begin: Beginning, answer: dict[str, Any], statistics: SolveStatistics) -> Solution:
-        x, *rest = (np.array(answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
+    def _solution(self, begin: Beginning, result: Result) -> Solution:
+        x, *rest = (np.array(result.answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
         return Solution(
             self.problem,
             begin.program,
@@ -542,8 +390,8 @@ class Solver:
             begin.meshes,
             begin.guess.segment_times,
             x * begin.program.scale,
-            float(answer["f"]) * begin.program.cost_scale,
-            statistics,
+            float(result.answer["f"]) * begin.program.cost_scale,
+            result.statistics,
             Answer(*rest),
         )
 
@@ -584,21 +432,3 @@ def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:
     sizes = (eom.v.numel(), eom.a.numel())
     v, a = (np.zeros(size) for size in sizes)
     return State(phase.mechanism, t, q, v, a, eom.estimate[2], np.zeros(eom.lam.numel()), eom.input_values, p)
-
-
-def _rows(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
-    """Rows of a program at an iterate, scaled."""
-    rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
-    return rows
-
-
-def _make_solver(
-    program: CollocationProgram, settings: dict[str, Any], options: dict[str, Any]
-) -> tuple[ca.Function, SolverCallback]:
-    """An IPOPT function and its callback; options of the user prevail."""
-    callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
-    try:
-        with quiet():
-            return program.nlp.solver(QUIET | settings | {"iteration_callback": callback} | options), callback
-    except RuntimeError as error:
-        raise ModelError(f"optimize: the solver refuses the options: {error}") from None

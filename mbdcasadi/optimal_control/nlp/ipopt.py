@@ -1,0 +1,220 @@
+"""Runs of IPOPT: its options, a start, and its answer."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...errors import ModelError
+from ...numerics.console import interruptible, quiet
+from ...numerics.symbolic import numeric_work
+from ..guess.guess import Guess, Iterate
+from ..refinement.mesh import Mesh
+from .collocation_program import CollocationProgram
+from .elastic_program import ElasticProgram
+from .limit_sides import Bounds
+from .setup import Settings
+from .solver_callback import SolverCallback
+from .statistics import SolveStatistics
+
+#: Options of CasADi for solvers whose failures are reported by their status.
+QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
+#: Options of IPOPT that were measured best on these programs.
+DEFAULTS = {
+    "ipopt.print_level": 0,
+    "ipopt.sb": "yes",
+    "ipopt.tol": 1e-8,
+    "ipopt.constr_viol_tol": 1e-11,
+    "ipopt.acceptable_tol": 1e-7,
+    "ipopt.acceptable_constr_viol_tol": 1e-9,
+    "ipopt.acceptable_dual_inf_tol": 1e-5,
+    "ipopt.max_iter": 1000,
+    "ipopt.mumps_permuting_scaling": 0,
+    "ipopt.mumps_pivot_order": 0,
+    "ipopt.mu_strategy": "adaptive",
+    # progress by the residual of the optimality conditions, and no barrier above the scale of the program: of the
+    # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
+    "ipopt.adaptive_mu_globalization": "kkt-error",
+    "ipopt.mu_max": 1.0,
+    "ipopt.honor_original_bounds": "yes",
+}
+#: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.
+WARM_START: dict[str, dict[str, Any]] = {
+    "cold": {},
+    "warm": {"ipopt.mu_init": 1e-4, "ipopt.max_iter": 300},
+    "hot": {
+        "ipopt.mu_init": 1e-6,
+        "ipopt.max_iter": 60,
+        "ipopt.warm_start_init_point": "yes",
+        "ipopt.warm_start_bound_push": 1e-8,
+        "ipopt.warm_start_mult_bound_push": 1e-8,
+        "ipopt.warm_start_slack_bound_push": 1e-8,
+    },
+}
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Start of a solve on a mesh.
+
+    Attributes
+    ----------
+    program : CollocationProgram
+        The program.
+    meshes : sequence of Mesh
+        Meshes by phase.
+    guess : Guess
+        Guess from which the variables come.
+    iterate : Iterate or None
+        The guess with its multipliers, if it belongs to the same program and mesh.
+    x, data : numpy.ndarray
+        Scaled variables, and data of the program.
+    bounds : Bounds
+        Bounds of variables and rows.
+    began : float
+        Reading of the clock at the start, s.
+    """
+
+    program: CollocationProgram
+    meshes: Sequence[Mesh]
+    guess: Guess
+    iterate: Iterate | None
+    x: np.ndarray
+    data: np.ndarray
+    bounds: Bounds
+    began: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """Last iterate of a run.
+
+    Attributes
+    ----------
+    answer : dict
+        Values of the solver by the names of CasADi: ``x, f, g, lam_x, lam_g``, scaled.
+    statistics : SolveStatistics
+        Iterations, status and times.
+    succeeded : bool
+        True if it is an optimum.
+    interrupted : bool
+        True if the user stopped the run.
+    """
+
+    answer: dict[str, Any]
+    statistics: SolveStatistics
+    succeeded: bool
+    interrupted: bool
+
+
+class Ipopt:
+    """IPOPT with the options of the user, which prevail.
+
+    Parameters
+    ----------
+    settings : Settings
+        Choices of the user.
+    """
+
+    def __init__(self, settings: Settings):
+        self.settings = settings
+
+    def run(
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None, options: dict[str, Any]
+    ) -> Result:
+        """Solve a program between bounds, from the multipliers of an iterate if there is one.
+
+        Parameters
+        ----------
+        begin : Beginning
+            Program, variables and data.
+        bounds : Bounds
+            Bounds of variables and rows.
+        warmth : {"cold", "warm", "hot"}
+            Options for the quality of the guess.
+        iterate : Iterate, optional
+            Has the multipliers.
+        options : dict
+            Further options of IPOPT.
+        """
+        arguments: dict[str, Any] = {
+            "x0": np.clip(begin.x, bounds.lower, bounds.upper), "p": begin.data,
+            "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
+        }  # fmt: skip
+        arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
+        with self._lent(begin.program, warmth, options) as (solver, callback):
+            result = self._call(begin, solver, callback, arguments)
+        # IPOPT relaxes bounds by the last digits; a mass must not become negative
+        result.answer["x"] = np.clip(result.answer["x"].full().ravel(), bounds.lower, bounds.upper)
+        return result
+
+    def run_elastic(self, begin: Beginning, limit: int) -> tuple[Result, dict[str, float]]:
+        """Minimise the violations of a program near a start.
+
+        Returns
+        -------
+        Result, dict of str to float
+            The last iterate with the cost of the program itself and no multipliers, and scaled violations by label.
+        """
+        program = begin.program
+        elastic = ElasticProgram(program, begin.bounds)
+        arguments = elastic.arguments(begin.x, begin.data, rows_at(program, begin.x, begin.data))
+        callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
+        with quiet():
+            own = {"iteration_callback": callback, "ipopt.max_iter": limit}
+            solver = elastic.solver(QUIET | DEFAULTS | own | self.settings.options)
+        result = self._call(begin, solver, callback, arguments)
+        x, slacks = elastic.split(result.answer["x"].full().ravel())
+        x = np.clip(x, *elastic.limits)
+        rows = rows_at(program, x, begin.data)
+        cost = program.nlp.evaluate(x, begin.data)[0]
+        answer = {"lam_x": np.zeros(x.size), "lam_g": np.zeros(rows.size), "x": x, "g": rows, "f": cost}
+        return Result(answer, result.statistics, result.succeeded, result.interrupted), slacks
+
+    def _call(
+        self, begin: Beginning, solver: ca.Function, callback: SolverCallback, arguments: dict[str, Any]
+    ) -> Result:
+        built = clock.perf_counter()
+        with interruptible(raising=False) as interruption:
+            with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
+                answer = solver(**arguments)
+            stats = solver.stats()
+            seconds = clock.perf_counter() - begin.began
+            # CasADi leaves the count open if IPOPT refuses to begin
+            iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+        sizes = begin.program.size, begin.program.lower.size
+        statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+        return Result(answer, statistics, bool(stats["success"]), interruption.requested)
+
+    def _lent(
+        self, program: CollocationProgram, warmth: str, more: dict[str, Any]
+    ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
+        """A compiled solver of a program, and its callback."""
+        options = more | self.settings.options
+        key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
+        return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
+
+
+def rows_at(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
+    """Rows of a program at an iterate, scaled."""
+    rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
+    return rows
+
+
+def _make_solver(
+    program: CollocationProgram, settings: dict[str, Any], options: dict[str, Any]
+) -> tuple[ca.Function, SolverCallback]:
+    """An IPOPT function and its callback; options of the user prevail."""
+    callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
+    try:
+        with quiet():
+            return program.nlp.solver(QUIET | settings | {"iteration_callback": callback} | options), callback
+    except RuntimeError as error:
+        raise ModelError(f"optimize: the solver refuses the options: {error}") from None
