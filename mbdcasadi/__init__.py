@@ -155,6 +155,11 @@ _LATER = {
     "visual.symbols": "Glyph glyph",
 }
 _PLACES = {name: module for module, names in _LATER.items() for name in names.split()}
+_MODULE = type(_typing)
+#: All public names: ``import *``, ``help`` and ``inspect`` go by these, and ask for those that are imported later.
+__all__ = sorted(
+    {*_PLACES, *(n for n, value in globals().items() if not n.startswith("_") and not isinstance(value, _MODULE))}
+)
 
 
 def __getattr__(name: str) -> _typing.Any:

@@ -44,3 +44,14 @@ def test_every_name_of_the_table_is_there_and_known_to_type_checkers():
 def test_an_unknown_name_is_refused():
     with pytest.raises(AttributeError, match="no attribute 'optimise_all'"):
         _ = mbd.optimise_all
+
+
+def test_import_of_all_names_and_help_have_those_that_are_imported_later():
+    script = """
+from mbdcasadi import *
+assert callable(optimize) and callable(sweep) and callable(simulate) and t.is_symbolic()
+assert "numerics" not in dir()
+import pydoc, mbdcasadi
+text = pydoc.render_doc(mbdcasadi, renderer=pydoc.plaintext)
+assert "optimize(" in text and "class Body" in text"""
+    assert "mbdcasadi.optimal_control.optimize" in loaded_by(script)
