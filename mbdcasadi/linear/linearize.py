@@ -10,7 +10,9 @@ import numpy as np
 
 from ..arguments.values import inputs_and_parameters
 from ..assembly.setup import Setup
-from ..errors import ModelError
+from ..errors import ModelError, warn
+from ..kinematics.mobility import mobility
+from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
@@ -63,6 +65,8 @@ def linearize(
 
     Notes
     -----
+    In a singular pose, of which a warning is given, infinitesimal motions are more than the degrees of freedom.
+
     About a steady motion that turns, A is constant in coordinates that do not
     see the turn: angles, or ``coordinates=`` of your own.
 
@@ -93,6 +97,7 @@ def linearize(
     eom.function(ca.vertcat(ca.SX(0, 1), *expressions))  # refuses foreign symbols
     chosen = independent(setup.numeric, point, coordinates)
     held = _feedback(setup, changed)
+    _warn_of_singular_pose(setup, point)
     directions = Directions(eom, point, chosen.positions, chosen.rates, held, changed)
     rate = ca.vertcat(chosen.position_rate, chosen.acceleration, eom.z_rate)
     change = directions.of(rate)
@@ -133,6 +138,20 @@ def read_outputs(outputs: Any) -> tuple[list[str], list[ca.SX]]:
         names += [f"{label}{end}" for end in ends]
         expressions += ca.vertsplit(ca.densify(expression))
     return names, expressions
+
+
+def _warn_of_singular_pose(setup: Setup, point: State) -> None:
+    """Warn if infinitesimal motions of the pose, which become states, are more than the degrees of freedom."""
+    numeric = setup.numeric
+    if numeric.rank(point.t, point.q).rank == setup.eom.lam.numel():
+        return
+    around = mobility(numeric, point.t, point.q)
+    if around.singular:
+        pose = describe_singularity(numeric, point.t, point.q, shaky=bool(around.shaky))
+        warn(
+            f"linearize: at t = {point.t:.6g} s the pose is singular, {pose.text}; small changes along several motions "
+            "at once do not meet the constraints, and the linear model does not hold for them"
+        )
 
 
 def _feedback(setup: Setup, changed: Sequence[Any]) -> ca.SX:

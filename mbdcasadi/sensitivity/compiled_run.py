@@ -275,7 +275,10 @@ class CompiledRun:
             raise SimulationError(self._stopped(arguments[0], reason_of(error))) from None
 
     def _stopped(self, d: np.ndarray, why: str) -> str:
-        return f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why"
+        return (
+            f"the integrator stopped at {self._where(d)}: {why}; simulate with these values says where and why; if it "
+            "reaches the end, a force has no finite derivative on the way, as a root or a power below one at zero"
+        )
 
     def _where(self, d: np.ndarray) -> str:
         parts = [

@@ -9,11 +9,13 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
-from ..errors import SimulationError
+from ..errors import SimulationError, SingularityError
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..integrators.dop853.runner import Runner
 from ..integrators.dop853.stretch import Progress, Reached, Status, Stretch
+from ..kinematics.mobility import mobility
+from ..kinematics.singular import describe_singularity
 from ..model.events import Event
 from ..numerics.console import Interruption
 from ..results.state import State
@@ -43,7 +45,15 @@ FLAGS = {
 
 
 def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, state: State) -> None:
-    """Raise with the names of the rows that depend on each other at a state."""
+    """Raise with the names of the rows that depend on each other at a state, everywhere or in its pose alone."""
+    around = mobility(numeric, state.t, state.q)
+    if around.singular:
+        pose = describe_singularity(numeric, state.t, state.q, shaky=bool(around.shaky))
+        raise SingularityError(
+            f'method="{integrator.name}" cannot start at t = {state.t:.6g} s: the pose is singular, {pose.text}; '
+            'use method="idas", or start from a pose beside it',
+            time=state.t,
+        )
     vanishing = np.abs(numeric.rank(state.t, state.q).null_rows)
     names = [numeric.eom.row_names[k] for k in np.flatnonzero(np.any(vanishing > PART, axis=0))]
     some = f"{', '.join(names[:6])}{' and others' if len(names) > 6 else ''}"

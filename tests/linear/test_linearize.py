@@ -298,3 +298,28 @@ def test_symbols_named_twice_or_foreign_are_refused():
             model.transfer_function(bad)
         with pytest.raises(mbd.MechanismError, match="frequencies must be a finite number"):
             model.frequency_response(bad)
+
+
+def equal_slider_crank():
+    """Crank and rod of the same length, the slider at the crank's pin: it may slide, or stay while both turn."""
+    crank = mbd.Body("crank", 1, 0.1, pose=(0, 0.5, np.pi / 2))
+    rod = mbd.Body("rod", 1, 0.1, pose=(0, 0.5, -np.pi / 2))
+    slider = mbd.Body("slider", 1, 0.1, pose=(0, 0, 0))
+    joints = [
+        mbd.Revolute("main", mbd.ground.at(0, 0), crank.at(-0.5, 0)),
+        mbd.Revolute("pin", crank.at(0.5, 0), rod.at(-0.5, 0)),
+        mbd.Revolute("wrist", rod.at(0.5, 0), slider.at(0, 0)),
+        mbd.Translational("guide", mbd.ground.at(0, 0), slider.at(0, 0)),
+    ]
+    return crank, rod, slider, mbd.Mechanism([crank, rod, slider], joints=joints, forces=[mbd.Gravity()])
+
+
+def test_a_linear_model_in_a_bifurcation_is_reported_and_one_with_redundant_rows_is_not(recwarn):
+    *_, mechanism = equal_slider_crank()
+    with pytest.warns(mbd.MechanismWarning, match=r"linearize: at t = 0 s the pose is singular, a bifurcation"):
+        mbd.linearize(mechanism, mbd.assemble(mechanism))
+    rods, twice = hanging_rods(1)
+    twice = twice.replace(joints=[*twice.joints, mbd.Revolute("again", mbd.ground.at(0, 0), rods[0].at(-0.35, 0))])
+    recwarn.clear()
+    mbd.linearize(twice, mbd.equilibrium(twice))
+    assert not recwarn.list

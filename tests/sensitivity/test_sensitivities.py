@@ -471,3 +471,14 @@ def test_parameters_that_are_listed_without_values():
     for parameters in (None, {g: 9.0}, [(g, 9.0)], []):
         with pytest.raises(mbd.ModelError, match="wrt= is missing"):
             mbd.sensitivities(fall, [0, 1, 2], outputs=[stone.y], parameters=parameters)
+
+
+def test_a_force_without_a_finite_derivative_on_the_way_is_named_as_a_cause():
+    """``simulate``, to which the message refers, reaches the end."""
+    start = mbd.Parameter("start", 0.3)
+    block = mbd.Body("block", mass=1, inertia=1)
+    pull = mbd.Force("pull", block.at(0, 0), [mbd.sqrt(mbd.fmax(mbd.t - start, 0)), 0])
+    model = mbd.Mechanism([block], forces=[pull], parameters=[start])
+    assert mbd.simulate(model, [0, 1.0])[block.vx][-1] == pytest.approx(0.7**1.5 / 1.5, abs=1e-6)
+    with pytest.raises(mbd.SimulationError, match="has no finite derivative on the way, as a root"):
+        mbd.sensitivities(model, [0, 1.0], outputs=[block.vx], wrt=[start])

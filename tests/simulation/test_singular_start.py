@@ -75,3 +75,9 @@ def test_a_flat_row_starts_with_velocities_along_one_of_its_motions(method):
         np.testing.assert_allclose(motion[bar.phi], motion[bars[0].phi], atol=1e-9)
     with pytest.raises(mbd.SingularityError, match="velocities must be along one of them"):
         mbd.simulate(model, times, initial=[*flat, bars[0].omega == rate], method=method)
+
+
+def test_dop853_says_that_a_start_is_singular_and_not_that_rows_are_redundant():
+    bars, model, _ = parallelogram(1, angle=0.0)
+    with pytest.raises(mbd.SingularityError, match=r'"dop853" cannot start at t = 0 s: the pose is singular, a bifurc'):
+        mbd.simulate(model, duration=0.1, initial=[bar.omega == 3.0 for bar in bars], method="dop853")
