@@ -158,7 +158,7 @@ _PLACES = {name: module for module, names in _LATER.items() for name in names.sp
 
 
 def __getattr__(name: str) -> _typing.Any:
-    """Import what is asked for first: the rooms that a simulation does not need take half of the time to import."""
+    """Import a name at its first use: simulations do not wait for rooms that they do not need."""
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = _PLACES[name]

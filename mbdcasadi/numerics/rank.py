@@ -85,7 +85,7 @@ def surely_independent(matrix: np.ndarray) -> bool:
 
 
 def surely_independent_sparse(matrix: ca.DM) -> bool:
-    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with much to spare."""
+    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with a wide margin."""
     m, n = matrix.shape
     if m > n:
         return False

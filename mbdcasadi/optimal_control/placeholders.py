@@ -119,8 +119,8 @@ def at_end(expression: Any) -> ca.SX:
 def positive_part(expression: Any) -> ca.SX:
     """Stand for ``max(x, 0)`` in a running cost, without its kink: for the work of a motor that recovers nothing.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. Where the cost
-    grows with s this is exact.
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. This is exact if
+    the cost grows with s.
 
     Parameters
     ----------
@@ -133,8 +133,8 @@ def positive_part(expression: Any) -> ca.SX:
 def absolute(expression: Any) -> ca.SX:
     """Stand for ``|x|`` in a running cost, without its kink: for fuel, or the work of a motor in both directions.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. Where the cost
-    grows with s this is exact.
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. This is exact if
+    the cost grows with s.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
         rows = ", ".join(describe_singularity(numeric, t, q).rows)
         raise SingularityError(
             f"simulate: at t = {t:.6g} s the pose is singular, a bifurcation: several motions go from it, and at rest "
-            f"the loads do not decide between them; the rows that take part are {rows}; start from a pose beside it, "
+            f"the loads do not decide between them; the rows that take part are {rows}; start from a pose near it, "
             "or with velocities along one of the motions",
             time=t,
         )

@@ -199,7 +199,7 @@ def _symbols(names: str, size: int) -> list[tuple[str, int]]:
 
 
 class _Call:
-    """A CasADi function on arrays that others may share: a call costs about a microsecond.
+    """A CasADi function on arrays that others may share, which spares the conversion of arguments.
 
     Parameters
     ----------
