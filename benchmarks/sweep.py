@@ -1,4 +1,4 @@
-"""Ten thousand runs of a four-bar: sweeps in C by threads and by processes, beside loops over peers.
+"""Ten thousand runs of a four-bar: sweeps in C by threads and by processes, compared with loops over peers.
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --runs 2000 --readme

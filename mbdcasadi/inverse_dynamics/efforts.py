@@ -41,7 +41,7 @@ class EffortProblem:
         sought = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
         if sought.numel() and ca.depends_on(ca.jacobian(eom.Q, sought), sought):
             raise MechanismError(
-                "inverse_dynamics: the forces depend on the efforts sought in a way that is not linear; drive the "
+                "inverse_dynamics: the forces depend on the unknown efforts in a way that is not linear; drive the "
                 "mechanism instead, and read driver.effort"
             )
         unknowns = ca.vertcat(eom.lam, sought)

@@ -2,7 +2,7 @@
 
 A library is kept under a key of everything that decides on it, and a digest of
 its content, which is verified before it is opened: a file that was cut off or
-changed is built anew. It is written under another name and then renamed, so that
+changed is built again. It is written under another name and then renamed, so that
 nobody sees half of it, and of two processes that build the same, either wins.
 """
 

@@ -60,7 +60,7 @@ class Written:
 class Code:
     """Some functions, interpreted at first, and compiled together once that pays.
 
-    What compiling costs is spent when interpreting has cost as much, or will: so a run is
+    They are compiled when interpreting has cost as much time as compiling takes, or will: so a run is
     never much slower than the better of the two would have been.
 
     Parameters

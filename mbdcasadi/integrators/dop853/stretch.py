@@ -272,7 +272,7 @@ class Reached:
     index : numpy.ndarray of int
         Place of each among the times of the stretch, or -1.
     status : Status
-        Why it ended.
+        Cause of its end.
     steps, rejected, evaluations : int
         Steps that were accepted and repeated, and evaluations of the equations.
     least_regularity : float
