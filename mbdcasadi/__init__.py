@@ -116,7 +116,7 @@ if _typing.TYPE_CHECKING:
     from .visual.plots.solution_plots import plot_solution
     from .visual.symbols import Glyph, glyph
 
-#: Modules that are imported when one of their names is first asked for, and these names.
+#: Modules that are imported at the first use of one of their names, and these names.
 _LATER = {
     "": "library",
     "files.acf": "read_acf",

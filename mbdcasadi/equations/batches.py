@@ -1,6 +1,6 @@
 """Batches of elements whose expressions differ in numbers alone: derived and compiled once for all of them.
 
-Thirty discs among each other are 435 contacts and one formula. The instructions
+Thirty discs have 435 contacts with each other, and one formula. The instructions
 of the expressions of each element are compared; those of one batch have the
 same ones, on other symbols and with other constants. From the instructions the
 expressions are built again, in symbols of the batch's own.

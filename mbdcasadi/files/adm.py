@@ -36,7 +36,7 @@ def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:
     (``name, body, sP1, r, kn, cn, kt, ct``) is that of a circle with the ground
     ``y <= 0``: the normal force is ``max(kn δ + cn δ̇, 0)`` with the penetration δ,
     and a spring and damper ``-(kt u + ct v)`` hold the point of contact along the
-    ground, without sliding. Errors in the drawing part ``vis`` do no harm.
+    ground, without sliding. Errors in the drawing part ``vis`` are ignored.
 
     Parameters
     ----------

@@ -114,7 +114,7 @@ class XmlElement:
         return name in self.attributes
 
     def with_defaults(self, defaults: Mapping[str, str]) -> XmlElement:
-        """Return the element with attributes that it does not give itself."""
+        """Return the element with defaults for attributes that it does not have."""
         return XmlElement(self.file, self.tag, self.line, {**defaults, **self.attributes}, self.children, self.text)
 
 
@@ -124,7 +124,7 @@ def read_xml(path: str | Path, root: str) -> XmlElement:
     Raises
     ------
     FileError
-        For a file that does not exist, is no XML, or begins with another element.
+        For a file that does not exist, is not XML, or begins with another element.
     """
     path = Path(path)
     try:

@@ -62,7 +62,7 @@ def analyse_rank(matrix: np.ndarray, tolerance: float = RANK) -> RankAnalysis:
 def surely_independent(matrix: np.ndarray) -> bool:
     """Return True if rows are independent by far; False if that takes a closer look.
 
-    A bound that costs a tenth of the singular values: the smallest one of A is at least
+    A bound that costs less than the singular values: the smallest one of A is at least
     ``||(A A^T)⁻¹||_F^(-1/2)``.
 
     Parameters

@@ -236,7 +236,7 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
                 "first for other values decides the motion, and there is no derivative"
             )
         if len(before) < 2:
-            raise ModelError(f"sensitivities: event '{here[0].name}' takes place at once where its phase begins")
+            raise ModelError(f"sensitivities: event '{here[0].name}' takes place at the start of its phase")
         chosen.append(known[here[0].name])
     return chosen
 
@@ -314,7 +314,7 @@ def _carried(
     dx: np.ndarray,
     dp: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Variations of the coordinates just after a change, and of the velocities just before it, of what goes on."""
+    """Variations of the coordinates just after a change, and of the velocities just before it, of bodies that go on."""
     eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
     here, places = _shared(flow, following)
     n_old, n = flow.eom.q.numel(), eom.q.numel()

@@ -96,11 +96,11 @@ class RepeatedElements:
 
     @property
     def size(self) -> int:
-        """Instructions of one element of each kind, with what is watched of it at outputs: about as many again."""
+        """Instructions of one element of each kind; those of its quantities watched at outputs are as many again."""
         return sum(2 * kind.size for kind in self._kinds)
 
     def watch_by(self, library: str) -> None:
-        """Let what is watched at outputs be evaluated by a library with the loops."""
+        """Evaluate the quantities watched at outputs by a library with the loops."""
         self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
 
     @cached_property
@@ -259,7 +259,7 @@ class _Loops:
         self.body += lines
 
     def function(self, name: str, size: int) -> str:
-        """Text of a function whose result is what the loops add up to."""
+        """Code of a function whose result is the sum over all loops."""
         head = f"int {name}({SIGNATURE}) {{\nconst double* values = arg[0];\n"
         head += "double* result = res[0];\nif (!result) return 0;\n"
         head += f"for (int i = 0; i < {size}; ++i) result[i] = 0;\n"
@@ -279,9 +279,9 @@ def _table(kind: str, name: str, entries: np.ndarray) -> str:
 
 
 def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
-    """Text of what a run needs of all kinds, and the length of the work array: forces and rates.
+    """Code of the functions of a run, forces and rates of all kinds, and the length of their work array.
 
-    With `outputs` what is watched at outputs too: a method that returns each of its steps has many of these.
+    With `outputs` also the quantities watched at outputs: a method that returns each of its steps has many of these.
     """
     text = ["#include <math.h>\n"]
     sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}

@@ -68,7 +68,7 @@ class WatchedTerms:
         self._compiled: tuple[ca.Function, ca.Function] | None = None
 
     def use_compiled(self, gaps: ca.Function, courses: ca.Function) -> None:
-        """Take functions of a column of values for gaps, rates and bounds, and for what is smoothed and its scales."""
+        """Take functions of a column of values: gaps, rates and bounds, and smoothed quantities and their scales."""
         self._compiled = gaps, courses
 
     # --- the expressions of an element ------------------------------------------------------
@@ -97,9 +97,9 @@ class WatchedTerms:
 
     # --- rates that are integrated along ------------------------------------------------------
     def _rates_of(self, batch: Batch) -> ca.Function:
-        """Rates of a batch: slopes of what is smoothed and of its scale, closed gaps, and what exceeds limits."""
+        """Rates of a batch: slopes of smoothed quantities and of their scales, closed gaps, and excesses over limits."""
         parts = batch.parts
-        # the integral of the speed of what a condition reports, while it is broken, is twice the excess
+        # while a condition is violated, the integral of its speed is twice the excess
         excess = ca.if_else(parts[MARGINS] < 0, ca.fabs(batch.rate(parts[REPORTED])), 0)
         closed = ca.if_else(parts[GAP] < 0, 1.0, 0.0)
         rates = ca.vertcat(batch.rate(parts[COURSES]), ca.fabs(batch.rate(parts[SCALES])), closed, excess)
@@ -182,7 +182,7 @@ class WatchedTerms:
         Parameters
         ----------
         gaps : numpy.ndarray
-            Gaps there (k, owners); elements that say when they are apart have no forces while these are open.
+            Gaps there (k, owners); elements with a test for being apart have no forces while these are open.
         """
         if self._compiled is not None:
             return np.array(self._compiled[1](table).full().T)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: Violation of a scaled row from which it is reported.
 VIOLATION_TOLERANCE = 1e-7
 
-#: Share of the largest violation below which others are not said to be in conflict.
+#: Share of the largest violation below which others are not reported as in conflict.
 SMALL_SHARE = 1e-3
 
 _MESSAGES = {

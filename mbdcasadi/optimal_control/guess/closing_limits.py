@@ -30,7 +30,7 @@ RESUMABLE = (
 )
 #: Iterations without limits, of a step in which limits close in, and of a least violation.
 FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 300, 150, 300
-#: Share of its way below which a step in which limits close in is given up.
+#: Share of its length below which a step in which limits close in is given up.
 SMALLEST_STEP = 1 / 8
 #: Power with which the remaining excess falls from step to step: in the end it is small compared with the limits.
 CLOSING_POWER = 3

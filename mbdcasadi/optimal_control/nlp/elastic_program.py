@@ -1,4 +1,4 @@
-"""The least violation: the same program with limits and conditions that yield, and what they yield as the cost."""
+"""Program of least violation: limits and conditions yield, and the amounts by which they yield are the cost."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class ElasticProgram:
         return lower, upper
 
     def arguments(self, x0: np.ndarray, data: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Arguments of the solver: the guess with slacks that meet everything, and the bounds."""
+        """Arguments of the solver: the guess with slacks that satisfy all rows, and the bounds."""
         bounds = self._bounds
         lower, upper = self.limits
         low = np.r_[bounds.rows_lower, bounds.lower[self._yielding]]

@@ -1,4 +1,4 @@
-"""Limits of a program side by side: rows and variables that one limit bounds, and bounds that are loosened."""
+"""Sides of the limits of a program: rows and variables that one limit bounds, and bounds that are loosened."""
 
 from __future__ import annotations
 
