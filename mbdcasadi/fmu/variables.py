@@ -203,7 +203,7 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _free_names(names: Sequence[str], taken: Sequence[str]) -> list[str]:
-    """Names of states, changed where the user took them."""
+    """Names of states, changed if the user took them."""
     used, found = set(taken), []
     for name in names:
         free, k = name, 1

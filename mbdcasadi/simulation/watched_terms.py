@@ -97,9 +97,9 @@ class WatchedTerms:
 
     # --- rates that are integrated along ------------------------------------------------------
     def _rates_of(self, batch: Batch) -> ca.Function:
-        """Rates of a batch: slopes of smoothed quantities and of their scales, closed gaps, and excesses over limits."""
+        """Rates of a batch: slopes of smoothed quantities and their scales, closed gaps, and excesses over limits."""
         parts = batch.parts
-        # while a condition is violated, the integral of its speed is twice the excess
+        # while a condition is broken, the integral of its speed is twice the excess
         excess = ca.if_else(parts[MARGINS] < 0, ca.fabs(batch.rate(parts[REPORTED])), 0)
         closed = ca.if_else(parts[GAP] < 0, 1.0, 0.0)
         rates = ca.vertcat(batch.rate(parts[COURSES]), ca.fabs(batch.rate(parts[SCALES])), closed, excess)
