@@ -68,7 +68,7 @@ class Method:
     settings: Sequence[float] = ()
 
     def suits(self, problem: Problem) -> bool:
-        """Whether the model is worth the try."""
+        """True if the model is worth the try."""
         return True
 
     def run(self, problem: Problem, setting: float) -> Run:
@@ -184,7 +184,7 @@ class Problem:
 
 # --- mbdcasadi -----------------------------------------------------------------------------------
 class Ledger:
-    """What CasADi's integrators did: seconds of making (with jit: of compiling) and of running them, steps taken."""
+    """Work of CasADi's integrators: seconds of making (with jit: of compiling) and of running them, steps taken."""
 
     def __init__(self) -> None:
         self.making = self.running = 0.0
