@@ -109,7 +109,7 @@ def simulated(model: Balls | Belt, build: Callable[[], tuple], **settings: Any) 
 
 
 def own_methods(name: str) -> list[Method]:
-    """What mbdcasadi offers for a model, its default first."""
+    """Methods of mbdcasadi for a model, its default first."""
     model: Any = MODELS[name]
 
     def by_tolerance(method: str, build: Callable[[], tuple]) -> Callable[[float], Run]:

@@ -1,12 +1,12 @@
-"""The four-bar as a functional mock-up unit in the hands of FMPy, beside ``simulate`` of the same mechanism.
+"""The four-bar as a functional mock-up unit run by FMPy, compared with ``simulate`` of the same mechanism.
 
     python benchmarks/fmu.py
     python benchmarks/fmu.py --readme
 
 The four-bar of the library runs for ten seconds with 1001 outputs of an angle, a speed, a pin force
-and an energy. All ways are timed in turn in one run, at the same tolerances; what compiles, assembles
-equations or unpacks is not counted. The error is the largest one of the outputs, relative to their
-size where that is above one, against DOP853 at 1e-12.
+and an energy. All ways are timed in turn in one run, at the same tolerances; compiling, deriving
+equations and unpacking are not counted. The error is the largest one of the outputs, relative to their
+size if that is above one, against DOP853 at 1e-12.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def model() -> tuple[mbd.Mechanism, list[Any], dict[str, Any]]:
 
 
 def ways(folder: Path) -> dict[str, Callable[[], np.ndarray]]:
-    """What is timed, by name: each returns the outputs (k, 4)."""
+    """Runs that are timed, by name: each returns the outputs (k, 4)."""
     mechanism, initial, outputs = model()
     path = mbd.export_fmu(mechanism, folder / "unit.fmu", outputs=outputs, initial=initial, kind="both", version=2)
     fmpy.extract(str(path), str(folder / "unit"))

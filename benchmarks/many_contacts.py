@@ -1,11 +1,10 @@
-"""Many contacts: eight dominoes and thirty discs in a funnel, beside MuJoCo and Exudyn.
+"""Many contacts: eight dominoes and thirty discs in a funnel, compared with MuJoCo and Exudyn.
 
     python benchmarks/many_contacts.py --peers peers/bin/python --before OLD/CHECKOUT
 
-There is no exact solution, and the laws of contact of the packages are not the
-same ones. Each method is therefore compared with itself: the error is the
-largest difference from the same method at a tenth of its tolerance or step. A
-pile of discs forgets its start, so that for these only the first part of the
+There is no exact solution, and the packages have different laws of contact. Each method is therefore
+compared with itself: the error is the largest difference from the same method at a tenth of its
+tolerance or step. A pile of discs forgets its start, so that for these only the first part of the
 motion is compared.
 """
 

@@ -137,7 +137,7 @@ class Model:
 
     @staticmethod
     def compared(mechanism: mbd.Mechanism) -> ca.SX:
-        """What is compared: the centre of mass of every body (2 n,), m."""
+        """Compared quantities: the centre of mass of every body (2 n,), m."""
         return ca.vertcat(*[body.position for body in mechanism.bodies])
 
 

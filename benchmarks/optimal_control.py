@@ -97,7 +97,7 @@ class Worker:
 
 @dataclass
 class Mesh:
-    """What a method did on one mesh: medians of the repeats, or why it failed.
+    """Result of a method on one mesh: medians of the repeats, or the reason for its failure.
 
     Attributes
     ----------

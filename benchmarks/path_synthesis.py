@@ -1,8 +1,8 @@
-"""A four-bar of free dimensions whose coupler point passes given points: what is found on many meshes.
+"""A four-bar of free dimensions whose coupler point passes given points, solved on many meshes.
 
 A plain problem of kinematics as optimal control: the crank turns once, the lengths of the links, the place of the
-coupler point and the times at which it passes the points are free, and the cost is the effort of the motor with a
-price on the lengths. ``python path_synthesis.py [POINTS]`` prints cost, iterations and stages for 26 meshes.
+coupler point and the times at which it passes the points are free, and the cost is the effort of the motor plus a
+term for the lengths. ``python path_synthesis.py [POINTS]`` prints cost, iterations and stages for 26 meshes.
 """
 
 from __future__ import annotations

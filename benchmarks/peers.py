@@ -27,7 +27,7 @@ import mbdcasadi as mbd
 
 #: Tolerances of the reference motion; its own error is estimated with ten times as much.
 REFERENCE_TOLERANCE = 1e-12
-#: What is timed by; ``time.process_time`` on a machine that does other work.
+#: Clock of the timings; ``time.process_time`` on a busy machine.
 _clock = time.perf_counter
 #: Above this number of unknowns a sparse linear solver is used where there is a choice.
 DENSE_UNKNOWNS = 100
@@ -39,7 +39,7 @@ def clock() -> float:
 
 
 def take_processor_time() -> None:
-    """Count the seconds of this process's processors, which other work on the machine changes less."""
+    """Count the processor time of this process, which depends less on other work on the machine."""
     global _clock
     _clock = time.process_time
 
@@ -68,7 +68,7 @@ class Method:
     settings: Sequence[float] = ()
 
     def suits(self, problem: Problem) -> bool:
-        """Whether the model is worth the try."""
+        """True if the model is worth the try."""
         return True
 
     def run(self, problem: Problem, setting: float) -> Run:
@@ -184,7 +184,7 @@ class Problem:
 
 # --- mbdcasadi -----------------------------------------------------------------------------------
 class Ledger:
-    """What CasADi's integrators did: seconds of making (with jit: of compiling) and of running them, steps taken."""
+    """Work of CasADi's integrators: seconds of making (with jit: of compiling) and of running them, steps taken."""
 
     def __init__(self) -> None:
         self.making = self.running = 0.0

@@ -194,7 +194,7 @@ def watt_six_bar(random: np.random.Generator, limits: list[float] | None) -> Pro
 
 
 def double_pendulum_cart(random: np.random.Generator, limits: list[float] | None) -> Problem:
-    """A crane: the cart goes a way, both pendulums hang at rest before and after."""
+    """A crane: the cart moves along, both pendulums hang at rest before and after."""
     lengths, distance = random.uniform(0.2, 0.8, 2), random.uniform(0.5, 2)
     cart = mbd.Body("cart", mass=random.uniform(0.5, 3), inertia=0.1, pose=(0, 0, 0))
     knots = [np.zeros(2), np.array([0, -lengths[0]]), np.array([0, -lengths.sum()])]

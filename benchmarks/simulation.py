@@ -2,7 +2,7 @@
 
     python benchmarks/simulation.py                       # the default models
     python benchmarks/simulation.py four_bar chain40 --repeats 5
-    python benchmarks/simulation.py --own --processor     # our own methods beside SciPy's, on a machine that does more
+    python benchmarks/simulation.py --own --processor     # methods of the package and SciPy's, on a busy machine
     python benchmarks/simulation.py four_bar chain100 --first     # first runs, in processes of their own
     python benchmarks/simulation.py --readme              # and put the tables into README.md
 
@@ -340,7 +340,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("models", nargs="*", default=list(DEFAULT), help=f"of {', '.join(MODELS)}")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each measure, of which the least counts")
     parser.add_argument("--no-jit", action="store_true", help="leave out what takes the C compiler")
-    parser.add_argument("--own", action="store_true", help="our own methods beside SciPy's DOP853 alone")
+    parser.add_argument("--own", action="store_true", help="methods of the package compared with SciPy's DOP853 alone")
     parser.add_argument("--processor", action="store_true", help="seconds of processors, on a machine that does more")
     parser.add_argument("--first", action="store_true", help="first runs in processes of their own, and nothing else")
     parser.add_argument("--readme", action="store_true", help="put the tables into README.md")

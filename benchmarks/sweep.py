@@ -1,4 +1,4 @@
-"""Ten thousand runs of a four-bar: sweeps in C by threads and by processes, beside loops over peers.
+"""Ten thousand runs of a four-bar: sweeps in C by threads and by processes, compared with loops over peers.
 
     python benchmarks/sweep.py
     python benchmarks/sweep.py --runs 2000 --readme
@@ -60,7 +60,7 @@ class Row:
 
 
 def processor_seconds() -> float:
-    """What this process and those that it waited for have used: other work on the machine hardly changes it."""
+    """Processor time of this process and of those that it waited for: it hardly depends on other work."""
     used = os.times()
     return used.user + used.system + used.children_user + used.children_system
 

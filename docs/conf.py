@@ -82,6 +82,6 @@ def remove_stale_stubs(app, config):
 
 
 def setup(app):
-    """What is no setting."""
+    """Connect the handlers of Sphinx events."""
     app.connect("config-inited", remove_stale_stubs)
     app.connect("autodoc-skip-member", skip_casadi)

@@ -1,7 +1,7 @@
 """How does a two-legged robot walk with the least torque, and how hard does its foot strike?
 
 Five links, four motors and no ankles (parameters of RABBIT; M. Kelly, SIAM Review 59, 2017). In the
-swing one foot is pinned; the other one lands by a plastic impact, the legs change their names, and
+swing one foot is pinned; the other one lands by a plastic impact, the legs swap their roles, and
 the next step must begin as this one did. The poses at both ends are assembled together for the guess.
 """
 

@@ -1,8 +1,8 @@
-"""How fast does an arm pick up a load in the swing, if the grip bears only so much of a blow?
+"""How fast does an arm pick up a load in the swing, if the impulse on its grip is limited?
 
-The arm comes from rest, takes a resting load along without stopping, and brings it to rest further
-on. The grip closes by a plastic impact: the faster the arm comes, the more it loses there, and the
-harder the blow. The impulse is an unknown of the optimal-control problem, and so it can be limited.
+The arm starts from rest, takes a resting load along without stopping, and brings it to rest further
+on. The grip closes by a plastic impact: the faster the arm moves, the more speed it loses there, and
+the larger the impulse. It is an unknown of the optimal-control problem, and so it can be limited.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
 """How does a leg with a spring push to hop to the same height again and again, with the least effort?
 
-Stance, flight up to a height that is asked for, flight down, and the state after the landing, which
+Stance, flight up to a prescribed height, flight down, and the state after the landing, which
 is where the next hop begins: four phases and two mechanisms. The foot is pinned while it stands; it
-lands by a plastic impact. Damping in the leg and the impact take energy that the actuator gives back.
+lands by a plastic impact. Damping in the leg and the impact dissipate energy that the actuator replaces.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""How does an arm throw a ball at a mark with the least effort, and when is it best to let go?
+"""How does an arm throw a ball at a target with the least effort, and when is it best to let go?
 
 Two links with motors at shoulder and elbow swing from rest and let the ball go; in the flight the
-arm is of no interest any more, and the second mechanism is the ball alone. Positions and velocities
+arm is no longer of interest, and the second mechanism is the ball alone. Positions and velocities
 of the ball go on where the hand opens. A given time of the swing is compared with a longer one.
 """
 

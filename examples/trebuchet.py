@@ -1,9 +1,9 @@
 """How far does a trebuchet throw, and would a longer sling or a later release throw farther?
 
 The ball slides in the trough, hangs on the sling, and flies: three mechanisms of the same bodies.
-It leaves the trough where the reaction vanishes, and the sling at a given angle between sling and
-beam. Derivatives of the range are carried through all changes, whose instants move too; they say
-which way to go, and one or two steps along them throw farther.
+It leaves the trough when the reaction vanishes, and the sling at a given angle between sling and
+beam. Derivatives of the range are carried through all changes, whose instants move too; they give
+the direction of ascent, and one or two steps along it throw farther.
 """
 
 from pathlib import Path

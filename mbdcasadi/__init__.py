@@ -116,7 +116,7 @@ if _typing.TYPE_CHECKING:
     from .visual.plots.solution_plots import plot_solution
     from .visual.symbols import Glyph, glyph
 
-#: Modules that are imported when one of their names is first asked for, and these names.
+#: Modules that are imported at the first use of one of their names, and these names.
 _LATER = {
     "": "library",
     "files.acf": "read_acf",
@@ -163,7 +163,7 @@ __all__ = sorted(
 
 
 def __getattr__(name: str) -> _typing.Any:
-    """Import what is asked for first: the rooms that a simulation does not need take half of the time to import."""
+    """Import a name at its first use: simulations do not wait for rooms that they do not need."""
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = _PLACES[name]

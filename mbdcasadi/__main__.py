@@ -20,7 +20,7 @@ from .results.summary import summary
 
 #: Exit status of a wrong model or a run that stops, and of Ctrl-C.
 WRONG, STOPPED = 2, 130
-#: Units of the outputs of an exported model, by how their names end.
+#: Units of the outputs of an exported model, by the ends of their names.
 UNITS = {"ax": "m/s2", "ay": "m/s2", "alpha": "rad/s2", "fx": "N", "fy": "N", "torque": "N.m"}
 #: Part of messages that is of use in Python alone.
 PARTIAL = "; what was computed is in .partial"

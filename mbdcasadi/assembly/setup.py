@@ -21,7 +21,7 @@ from .consistent_start import carried_by, consistent_start
 
 #: Values of the parameters at which the equations of a mechanism are kept.
 RECENT_PARAMETERS = 4
-#: Mark of an argument that is not given: None is no time.
+#: Mark of an argument that is not given: None is refused as a time.
 _UNSET: Any = object()
 
 

@@ -1,6 +1,6 @@
-"""Elements whose expressions differ in numbers alone, so that these are derived and compiled once for all of them.
+"""Batches of elements whose expressions differ in numbers alone: derived and compiled once for all of them.
 
-Thirty discs among each other are 435 contacts and one formula. The instructions
+Thirty discs have 435 contacts with each other, and one formula. The instructions
 of the expressions of each element are compared; those of one batch have the
 same ones, on other symbols and with other constants. From the instructions the
 expressions are built again, in symbols of the batch's own.
@@ -83,11 +83,11 @@ class Values:
         """
         start, count = self._starts["q"], 3 * len(self._eom.mechanism.bodies)
         first: dict[int, int] = {}
-        found = []
+        pairs = []
         for k, place in enumerate(places):
             body, which = divmod(place - start, 3)
-            found.append((first.setdefault(body, k), which) if 0 <= place - start < count else (-1, -1))
-        return tuple(found)
+            pairs.append((first.setdefault(body, k), which) if 0 <= place - start < count else (-1, -1))
+        return tuple(pairs)
 
     def column(self, *groups: Any, z_rate: Any) -> Any:
         """Values of ``t, q, v, a, z, lam, u, p`` and of the rates of z, as one column of expressions."""
@@ -102,7 +102,7 @@ class Values:
         p: np.ndarray,
         z_rate: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Values at some times (size, k), with what is not given not a number.
+        """Values at some times (size, k); NaN for those that are not given.
 
         Parameters
         ----------
@@ -113,15 +113,15 @@ class Values:
         p : numpy.ndarray
             Parameters.
         """
-        found = np.full((self.size, times.size), np.nan)
-        found[0], found[self._zero], found[self._one] = times, 0.0, 1.0
+        table = np.full((self.size, times.size), np.nan)
+        table[0], table[self._zero], table[self._one] = times, 0.0, 1.0
         for group, part in (("q", q.T), ("v", v.T), ("z", z.T), ("p", p[:, None])):
             start = self._starts[group]
-            found[start : start + part.shape[0]] = part
+            table[start : start + part.shape[0]] = part
         if z_rate is not None:
             start = self._starts["z_rate"]
-            found[start : start + z_rate.shape[1]] = z_rate.T
-        return found
+            table[start : start + z_rate.shape[1]] = z_rate.T
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ class Batch:
     places : numpy.ndarray of int
         Places of their symbols (n, k).
     constants : numpy.ndarray
-        Their constants that are not all the same (n, c).
+        Their constants that differ between elements (n, c).
     symbols, rates, parameters : casadi.SX
         Symbols of the batch (k,), their rates of change (k,), and the constants (c,).
     groups : tuple of str
@@ -166,7 +166,7 @@ class Batch:
         return ca.jtimes(expression, self.symbols, self.rates) if expression.numel() else expression
 
     def of_groups(self, *groups: str) -> list[int]:
-        """Which symbols belong to some groups."""
+        """Mask of the symbols that belong to some groups (k,)."""
         return [k for k, group in enumerate(self.groups) if group in groups]
 
     def function(self, name: str, expression: ca.SX) -> ca.Function:
@@ -194,8 +194,8 @@ class Batch:
             symbols, rates = (table[which[chosen].T, columns] for which in (self.places, self.rate_places))
             constants = self.constants[chosen].T
         shaped = [part.reshape(part.shape[0], count * moments) for part in (symbols, rates, constants)]
-        found = np.array(function(*shaped).full())
-        return found.reshape(-1, count, moments).transpose(1, 0, 2)
+        results = np.array(function(*shaped).full())
+        return results.reshape(-1, count, moments).transpose(1, 0, 2)
 
     def expanded(self, function: ca.Function, column: Any) -> list[Any]:
         """Results of a function of the batch for each element, as expressions of the column of values."""
@@ -232,17 +232,25 @@ def batches_of(
         parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)
         symbols = ca.symvar(column)
-        known = [found for found in map(values.place, symbols) if found is not None]
+        known = [entry for entry in map(values.place, symbols) if entry is not None]
         if len(known) < len(symbols):
             eom.function(column)  # raises, and says which symbol
         places, groups = [place for place, _ in known], tuple(group for _, group in known)
         try:
             tape = tape_of(ca.Function("element", [ca.vertcat(ca.SX(0, 1), *symbols)], [column]))
         except UnsupportedOperation:  # as the call of a function: it is a batch of its own
-            own = ca.vertcat(ca.SX(0, 1), *symbols)
+            symbol_column = ca.vertcat(ca.SX(0, 1), *symbols)
             rates, none = ca.SX.sym("r", len(groups)), np.zeros((1, 0))
             batches[(number,)] = Batch(
-                values, np.array([number]), np.array([places], int), none, own, rates, ca.SX(0, 1), groups, tuple(parts)
+                values,
+                np.array([number]),
+                np.array([places], int),
+                none,
+                symbol_column,
+                rates,
+                ca.SX(0, 1),
+                groups,
+                tuple(parts),
             )
             continue
         key = tuple(part.numel() for part in parts), groups, values.bodies(places), tape.instructions.tobytes()

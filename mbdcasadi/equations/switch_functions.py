@@ -22,7 +22,7 @@ _SWITCHING = (
     *_COMPARE, *_AT_ZERO, *_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_ATAN2, ca.OP_DIV,
     ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
 )  # fmt: skip
-#: Operations that may bring a short transient about, when their operand is zero, or largest or smallest.
+#: Operations that may cause a short transient, when their operand is zero, or largest or smallest.
 _TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
 
 #: Operations that switch with the motion.
@@ -32,7 +32,7 @@ _OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT")
 
 
 def time_switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-    """Functions that switch at zero, that switch at integers, and that bring a transient about."""
+    """Functions that switch at zero, that switch at integers, and that cause a transient."""
     function = ca.Function("parts", [t, p], [parts])
     nodes = function.instructions_sx()
     wanted = set(_SWITCHING) | set(_TRANSIENT)
@@ -151,6 +151,6 @@ def nesting_depths(column: ca.SX, t: ca.SX, p: ca.SX) -> np.ndarray:
             level[to[1]] = work[places[0]]
         else:
             # the quotient that passes whole numbers divides: it is one level above the operands, its remainder another
-            own = 2 if op in (ca.OP_FMOD, ca.OP_REMAINDER) else int(op in _SWITCHING)
-            work[to[0]] = max(work[place] for place in places) + own
+            added = 2 if op in (ca.OP_FMOD, ca.OP_REMAINDER) else int(op in _SWITCHING)
+            work[to[0]] = max(work[place] for place in places) + added
     return level

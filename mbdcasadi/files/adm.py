@@ -36,7 +36,7 @@ def read_adm(path: str | Path, forces: FileForces | None = None) -> Mechanism:
     (``name, body, sP1, r, kn, cn, kt, ct``) is that of a circle with the ground
     ``y <= 0``: the normal force is ``max(kn δ + cn δ̇, 0)`` with the penetration δ,
     and a spring and damper ``-(kt u + ct v)`` hold the point of contact along the
-    ground, without sliding. Errors in the drawing part ``vis`` do no harm.
+    ground, without sliding. Errors in the drawing part ``vis`` are ignored.
 
     Parameters
     ----------
@@ -105,13 +105,13 @@ def _file_forces(forces: FileForces | None, data: JsonObject, file: str) -> File
     """Return the functions that the user gives for Matlab files, if the model has these."""
     if forces is not None and not isinstance(forces, Mapping):
         raise FileError(f'{file}: forces= takes functions by name, as {{"pistonForce": function}}, got {forces!r}')
-    given = {str(name).removesuffix(".m"): function for name, function in (forces or {}).items()}
+    functions = {str(name).removesuffix(".m"): function for name, function in (forces or {}).items()}
     fields = [_named(entry, file, "force", number) for number, entry in enumerate(objects(data, "forces", file), 1)]
     known = [matlab_name(f) for f in fields if f.get("type", None) == "PointForceFile"]
-    if strange := [name for name in given if name not in known]:
+    if strange := [name for name in functions if name not in known]:
         has = f"; it has {', '.join(known)}" if known else ""
         raise FileError(f"{file}: forces= gives {', '.join(strange)}, and no force of the model is in such a file{has}")
-    return given
+    return functions
 
 
 def _free_name(name: str, elements: list[Element]) -> str:

@@ -170,7 +170,7 @@ def _point_force(part: Part) -> list[Element]:
 
 
 def _point_force_of_file(part: Part) -> list[Element]:
-    """Return a force that Matlab code gives in the file, by the function that the user gives for it."""
+    """Return a force that is Matlab code in the file, from the function that the user gives for it."""
     fields, body = part.fields, part.moving()
     code = matlab_name(fields)
     if code not in part.file_forces:
@@ -178,9 +178,9 @@ def _point_force_of_file(part: Part) -> list[Element]:
             f"it is the Matlab code {code}.m, which is never run; give it as a function: "
             f'mbd.read_adm(…, forces={{"{code}": lambda t, q, v: (fx, fy)}})'
         )
-    given = f'{fields.description}: forces["{code}"]'
+    label = f'{fields.description}: forces["{code}"]'
     function = function_of(part.file_forces[code], fields.description, f'forces["{code}"]', "t", "q", "v")
-    return [Force(part.name, part.marker(1), vector2(function(t, body.q, body.v), given, "its value"), _frame(fields))]
+    return [Force(part.name, part.marker(1), vector2(function(t, body.q, body.v), label, "its value"), _frame(fields))]
 
 
 def matlab_name(fields: Fields) -> str:

@@ -1,4 +1,4 @@
-"""XML files whose elements know their line, for messages."""
+"""XML files, with the line of every element for messages."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ class XmlElement:
         FileError
             If there are several.
         """
-        found = list(self.all(tag))
-        if len(found) > 1:
-            raise found[1].refuse("is the second one where one is meant")
-        return found[0] if found else None
+        children = list(self.all(tag))
+        if len(children) > 1:
+            raise children[1].refuse("is the second one; at most one is allowed")
+        return children[0] if children else None
 
     def known(self, *tags: str) -> None:
         """Raise for a child of a kind that is none of these."""
@@ -114,7 +114,7 @@ class XmlElement:
         return name in self.attributes
 
     def with_defaults(self, defaults: Mapping[str, str]) -> XmlElement:
-        """Return the element with attributes that it does not give itself."""
+        """Return the element with defaults for attributes that it does not have."""
         return XmlElement(self.file, self.tag, self.line, {**defaults, **self.attributes}, self.children, self.text)
 
 
@@ -124,7 +124,7 @@ def read_xml(path: str | Path, root: str) -> XmlElement:
     Raises
     ------
     FileError
-        For a file that does not exist, is no XML, or begins with another element.
+        For a file that does not exist, is not XML, or begins with another element.
     """
     path = Path(path)
     try:
@@ -151,7 +151,7 @@ def read_xml(path: str | Path, root: str) -> XmlElement:
     except expat.ExpatError as error:
         reason = re.sub(r":? line \d+, column \d+", "", str(error))
         raise FileError(f"{path}: not valid XML in line {error.lineno}: {reason}") from None
-    found = outermost.children[0]
-    if found.tag != root:
-        raise FileError(f"{path}: the outermost element must be {root}, got {found.tag}")
-    return found
+    root_element = outermost.children[0]
+    if root_element.tag != root:
+        raise FileError(f"{path}: the outermost element must be {root}, got {root_element.tag}")
+    return root_element

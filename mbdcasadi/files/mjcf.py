@@ -31,7 +31,7 @@ from .spatial import (
 DENSITY = 1000.0
 #: Geoms that have no mass.
 _MASSLESS = ("plane", "hfield")
-#: What is for the eye, for sensors or for the solver, and changes no equation of motion.
+#: Elements for visualisation, sensors or the solver, which change no equation of motion.
 _IGNORED = ("asset", "visual", "statistic", "size", "sensor", "keyframe", "custom", "extension")
 
 
@@ -121,7 +121,7 @@ class _Reader:
         self.from_geoms = element.get("inertiafromgeom", "auto")
         self.has_auto_limits = element.get("autolimits", "true") == "true"
         if element.get("coordinate", "local") != "local":
-            raise element.refuse("has coordinate = 'global', which MuJoCo gave up; give local ones")
+            raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
 
     def _read_defaults(self, element: XmlElement, above: _Class, name: str) -> None:
         found = above.extended(element)
@@ -133,7 +133,7 @@ class _Reader:
         """An element with the defaults of its class."""
         name = element.get("class", childclass)
         if name not in self.classes:
-            raise element.refuse(f"is of the class '{name}', which is not there")
+            raise element.refuse(f"is of the class '{name}', which does not exist")
         return element.with_defaults(self.classes[name].values.get(tag or element.tag, {}))
 
     def _angle(self, value: float) -> float:
@@ -165,7 +165,7 @@ class _Reader:
                 self._read_body(child, link, child.get("childclass", childclass))
             elif child.tag in ("joint", "freejoint"):
                 if link.parent is None:
-                    raise child.refuse("stands outside of a body")
+                    raise child.refuse("is outside any body")
                 link.joints.append(self._joint(self._filled(child, childclass, "joint"), link))
             elif child.tag == "geom":
                 geoms.append(self._filled(child, childclass))
@@ -198,11 +198,11 @@ class _Reader:
             *axis, angle = element.numbers("axisangle", None, (4,))
             return rotation_around(_direction(element, "axisangle", np.array(axis)), self._angle(angle))
         if element.has("euler"):
-            found = np.eye(3)
+            rotation = np.eye(3)
             for letter, angle in zip(self.sequence, element.numbers("euler", None, (3,)), strict=True):
                 turn = rotation_about("xyz".index(letter.lower()), self._angle(angle))
-                found = found @ turn if letter.islower() else turn @ found
-            return found
+                rotation = rotation @ turn if letter.islower() else turn @ rotation
+            return rotation
         if element.has("xyaxes"):
             values = element.numbers("xyaxes", None, (6,))
             x = _direction(element, "xyaxes", values[:3])
@@ -220,7 +220,7 @@ class _Reader:
         axis = element.numbers("axis", "0 0 1", (3,))
         length = float(np.linalg.norm(axis))
         if length == 0:
-            raise element.refuse("has an axis without direction")
+            raise element.refuse("has an axis of length zero")
         robot = self._robot
         turns = self._angle if kind == "hinge" else float
         limited = element.get("limited", "auto")
@@ -276,9 +276,9 @@ class _Reader:
         size = np.zeros(0) if not element.has("size") else element.numbers("size")
         if element.has("fromto"):
             ends = element.numbers("fromto", None, (6,))
-            center, way = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
-            rotation = _to_z(_direction(element, "fromto", way))
-            half = float(np.linalg.norm(way)) / 2
+            center, span = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
+            rotation = _to_z(_direction(element, "fromto", span))
+            half = float(np.linalg.norm(span)) / 2
             size = np.r_[size[:2], half] if kind in ("box", "ellipsoid") and size.size > 1 else np.r_[size[:1], half]
             if kind in ("box", "ellipsoid") and size.size == 2:
                 size = np.r_[size[0], size]
@@ -340,7 +340,7 @@ class _Reader:
     def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray]:
         name = element.get(key)
         if name not in self._sites:
-            raise element.refuse(f"names the site '{name}', which is not there")
+            raise element.refuse(f"names the site '{name}', which does not exist")
         return self._sites[name]
 
     def _read_coupling(self, element: XmlElement, name: str) -> None:
@@ -403,7 +403,7 @@ def _direction(element: XmlElement, name: str, values: np.ndarray) -> np.ndarray
     """Values scaled to length one; an error if they are zero."""
     length = float(np.linalg.norm(values))
     if length == 0:
-        raise element.refuse(f"has a {name} without direction")
+        raise element.refuse(f"has a {name} of length zero")
     found: np.ndarray = values / length
     return found
 

@@ -1,7 +1,7 @@
 """Robots in space whose motion is planar, as planar mechanisms.
 
 The formats of robots describe bodies in space. If all hinges are parallel, and all slides lie in the plane across
-them, the bodies move in parallel planes; what is then of use of a body is its mass, its centre of mass in the
+them, the bodies move in parallel planes; the data of a body that matter are then its mass, its centre of mass in the
 plane, and its moment of inertia about the normal.
 """
 
@@ -44,11 +44,11 @@ class SpatialJoint:
     Attributes
     ----------
     source : XmlElement
-        Where it stands.
+        Element of the file that describes it.
     name : str
         Its name.
     kind : {"hinge", "slide"}
-        What it is.
+        Kind of the joint.
     axis, point : numpy.ndarray
         In the frame of the link (3,).
     reference : float
@@ -75,7 +75,7 @@ class Link:
     Attributes
     ----------
     source : XmlElement
-        Where it stands.
+        Element of the file that describes it.
     name : str
         Its name.
     parent : Link or None
@@ -83,7 +83,7 @@ class Link:
     rotation, position : numpy.ndarray
         Of its frame in the world (3, 3), (3,).
     masses : list of Mass
-        What it consists of.
+        Its parts.
     joints : list of SpatialJoint
         By which it moves, the first one next to the parent; none if it is fixed to it.
     """
@@ -114,7 +114,7 @@ class Loop:
     fixed: bool = False
 
 
-#: What depends on the coordinates of joints: actuators and couplings.
+#: Actuators and couplings: elements that depend on the coordinates of joints.
 Law = Callable[[Sequence["Coordinate"]], Element | None]
 
 
@@ -134,7 +134,7 @@ class Coordinate:
 
 @dataclass(eq=False)
 class Robot:
-    """What a file describes.
+    """Robot that a file describes, in space.
 
     Attributes
     ----------
@@ -153,7 +153,7 @@ class Robot:
     inputs : list of Input
         Inputs of the actuators.
     left_out : list of str
-        What the file holds and no element stands for.
+        Contents of the file that no element represents.
     """
 
     source: XmlElement
@@ -172,14 +172,14 @@ class Robot:
             for joint in link.joints:
                 if joint.name == name:
                     return joint
-        raise source.refuse(f"names the joint '{name}', which is not there")
+        raise source.refuse(f"names the joint '{name}', which does not exist")
 
     def link(self, name: str, source: XmlElement) -> Link:
         """Return a link by its name, or raise for the element that names it."""
         for link in self.links:
             if link.name == name:
                 return link
-        raise source.refuse(f"names the body '{name}', which is not there")
+        raise source.refuse(f"names the body '{name}', which does not exist")
 
 
 class Plane:
@@ -241,8 +241,8 @@ class Plane:
         for second in directions[1:]:
             across = np.cross(directions[0], second)
             if np.linalg.norm(across) > PARALLEL * max(float(np.linalg.norm(second)), 1e-12):
-                found: np.ndarray = across / np.linalg.norm(across)
-                return found
+                normal: np.ndarray = across / np.linalg.norm(across)
+                return normal
         raise robot.source.refuse("has no plane")
 
     @property

@@ -16,7 +16,7 @@ from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
 from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy
 
-#: Kinds of joints, and what they are here.
+#: Kinds of joints of the format, and the kinds that represent them.
 _KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 
 
@@ -74,18 +74,18 @@ def read_urdf(path: str | Path, *, gravity: Sequence[float] = (0.0, 0.0, -9.81))
     for joint in joints:
         for end in ("parent", "child"):
             if _reference(joint, end) not in links:
-                raise joint.refuse(f"names the link '{_reference(joint, end)}', which is not there")
+                raise joint.refuse(f"names the link '{_reference(joint, end)}', which does not exist")
         if children[_reference(joint, "child")] is not joint:
             raise joint.refuse(f"moves the link '{_reference(joint, 'child')}', which another joint moves already")
     tops = [name for name in links if name not in children]
     if len(tops) != 1:
-        raise root.refuse(f"has {len(tops)} outermost links ({', '.join(tops[:3])}), where one is meant")
+        raise root.refuse(f"has {len(tops)} outermost links ({', '.join(tops[:3])}); there must be one")
     world = Link(links[tops[0]], tops[0], None, np.eye(3), np.zeros(3))
     robot.links.append(world)
     _add_children(robot, world, links, joints)
     if len(robot.links) < len(links):
         lost = next(element for name, element in links.items() if name not in {link.name for link in robot.links})
-        raise lost.refuse("hangs on a ring of joints that reaches no outermost link")
+        raise lost.refuse("belongs to a ring of joints without an outermost link")
     _read_mimics(robot, joints)
     _read_transmissions(robot, root, joints)
     return PlanarBuilder(robot).mechanism()
@@ -147,7 +147,7 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
     axis = np.array([1.0, 0.0, 0.0]) if axis_element is None else axis_element.numbers("xyz", None, (3,))
     length = float(np.linalg.norm(axis))
     if length == 0:
-        raise joint.refuse("has an axis without direction")
+        raise joint.refuse("has an axis of length zero")
     dynamics, limit = joint.one("dynamics"), joint.one("limit")
     damping = 0.0 if dynamics is None else dynamics.number("damping", "0", least=0.0)
     if dynamics is not None and dynamics.number("friction", "0") != 0:

@@ -36,7 +36,7 @@ def binary_of(
 
 
 def _folder(version: int) -> tuple[str, str] | None:
-    """Folder of the binaries of this machine, and how they end; None on a machine that FMI does not name."""
+    """Folder of the binaries of this machine, and their ending; None on a machine that FMI does not name."""
     machine = platform.machine().lower()
     is_64 = sys.maxsize > 2**32
     arm, intel = machine in ("aarch64", "arm64"), machine in ("x86_64", "amd64", "x86", "i386", "i686")

@@ -14,7 +14,7 @@ from .variables import UNITS, Variable, Variables
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What the XML files tell.
+    """Contents of the XML files of a unit.
 
     Attributes
     ----------
@@ -175,17 +175,17 @@ class Description:
         ET.SubElement(root, "DefaultExperiment", known)
 
     def _attributes(self, variable: Variable) -> dict[str, str]:
-        found = {
+        attributes = {
             "name": variable.name,
             "valueReference": str(variable.reference),
             "causality": variable.causality,
             "variability": "tunable" if variable.causality == "parameter" else "continuous",
         }
         if variable.causality in ("output", "local"):
-            found["initial"] = "calculated"
+            attributes["initial"] = "calculated"
         elif variable.causality == "parameter":
-            found["initial"] = "exact"
-        return found
+            attributes["initial"] = "exact"
+        return attributes
 
     def _numbers(self, variable: Variable) -> dict[str, str]:
         found = {"unit": variable.unit} if variable.unit else {}

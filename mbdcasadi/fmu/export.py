@@ -77,7 +77,7 @@ def export_fmu(
         Parameters that can be changed, also during a simulation; all of the mechanism by default.
     initial : sequence of relations, or State
         Conditions at the start (see :func:`assemble`), which may hold parameters, or a state. If
-        parameters or the start time are changed, the unit is assembled anew under these conditions.
+        parameters or the start time are changed, the unit is assembled again under these conditions.
     kind : {"co-simulation", "model-exchange"} or both of them
         Kind of simulation.
     version : {2, 3}
@@ -193,15 +193,15 @@ def _content(
 def _binaries(
     files: Mapping[str, str], compiled: Sequence[str], identifier: str, version: int, path: Any, *, required: bool
 ) -> dict[str, bytes]:
-    found = binary_of(files, compiled, identifier, version)
-    if found is None:
+    binaries = binary_of(files, compiled, identifier, version)
+    if binaries is None:
         reason = "no C compiler is on the path, or FMI names no folder for this machine"
         if required:
             raise ModelError(
                 f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"
             )
         warn(f"export_fmu: {reason}: {Path(path).name} holds sources and no binary; importers that compile take it")
-    return found or {}
+    return binaries or {}
 
 
 def _target(path: Any) -> Path:
@@ -226,17 +226,17 @@ def _positive(value: Any, name: str) -> float:
     return found
 
 
-def _listed(given: Any, known: Sequence[Any], wanted: type, argument: str) -> tuple[Any, ...]:
-    if given is None:
+def _listed(chosen: Any, known: Sequence[Any], wanted: type, argument: str) -> tuple[Any, ...]:
+    if chosen is None:
         return tuple(known)
-    controllers = given.values() if isinstance(given, Mapping) else [given]
+    controllers = chosen.values() if isinstance(chosen, Mapping) else [chosen]
     for value in controllers:
         if isinstance(value, SampledController):
             raise ModelError(
                 f"export_fmu: {argument} holds a SampledController, which runs in Python; export the input, and "
                 "connect the controller to it outside"
             )
-    symbols = entries(given, f"export_fmu: {argument}")
+    symbols = entries(chosen, f"export_fmu: {argument}")
     for symbol in symbols:
         if isinstance(symbol, SampledController):
             return _listed({symbol: symbol}, known, wanted, argument)
@@ -262,19 +262,19 @@ def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model
 def _outputs(setup: Setup, outputs: Any) -> dict[str, ca.SX]:
     if outputs is not None and not isinstance(outputs, Mapping):
         raise ModelError(f"export_fmu: outputs= takes {{name: expression}}, got {outputs!r}")
-    found = {}
+    expressions = {}
     for name, value in (outputs or {}).items():
         if not isinstance(name, str):
-            raise ModelError(f"export_fmu: outputs= takes names as texts, got {name!r}")
+            raise ModelError(f"export_fmu: outputs= takes names as strings, got {name!r}")
         try:
             expression = ca.SX(value)
         except (NotImplementedError, TypeError):
-            raise ModelError(f"export_fmu: the output '{name}' is no expression, got {value!r}") from None
+            raise ModelError(f"export_fmu: the output '{name}' is not an expression, got {value!r}") from None
         if expression.numel() != 1:
             raise ModelError(f"export_fmu: the output '{name}' must be a scalar, got shape {expression.shape}")
         setup.eom.function(expression)  # refuses symbols that the mechanism does not have
-        found[name] = ca.densify(expression)
-    return found
+        expressions[name] = ca.densify(expression)
+    return expressions
 
 
 def _refuse_undefined(model: Model) -> None:
@@ -282,8 +282,8 @@ def _refuse_undefined(model: Model) -> None:
     for name, expression in model.outputs.items():
         if not np.isfinite(float(model.start[expression])):
             raise ModelError(
-                f"export_fmu: the output '{name}' is not finite at t = {model.start.t:.6g} s: data that are left, a "
-                "division by zero, or a root of a negative number"
+                f"export_fmu: the output '{name}' is not finite at t = {model.start.t:.6g} s: data evaluated outside "
+                "their range, a division by zero, or a root of a negative number"
             )
 
 

@@ -31,7 +31,7 @@ HELD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What a unit is made of.
+    """Mechanism, start and outputs of a unit.
 
     Attributes
     ----------
@@ -40,13 +40,13 @@ class Model:
     start : State
         The start.
     conditions : tuple of Condition
-        What it meets besides the constraints.
+        Conditions that the start meets besides the constraints.
     outputs : dict of str to casadi.SX
         Scalars by name.
     drift_rate : float
         Rate with which drift from the constraints decays in model exchange, 1/s.
     is_state : bool
-        True if the start was given as a state, which is then what a start under other parameters is nearest to.
+        True if the start was given as a state; a start at other parameters is then the nearest one to it.
     """
 
     numeric: NumericEquations
@@ -111,7 +111,7 @@ class Model:
         return eom.Phi_q @ inverse @ columns, inverse, columns
 
     def _solve(self, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Changes of (a, lam) that a force and the right side of the acceleration equation bring about."""
+        """Changes of (a, lam) that a force and the right side of the acceleration equation cause."""
         eom = self.eom
         if self.has_newton:
             matrix, inverse, columns = self._newton_matrix
@@ -173,7 +173,7 @@ class Model:
 
     @cached_property
     def _drift(self) -> tuple[ca.SX, ca.SX]:
-        """What is added to the rates of q and v so that drift from the constraints decays."""
+        """Terms that are added to the rates of q and v so that drift from the constraints decays."""
         eom = self.eom
         if not eom.lam.numel():
             return ca.SX(eom.q.numel(), 1), ca.SX(eom.q.numel(), 1)
@@ -209,7 +209,7 @@ class Model:
 
     @cached_property
     def validity(self) -> list[ValidityCondition]:
-        """Conditions under which the elements mean what they say."""
+        """Conditions under which the elements are valid."""
         return validity_conditions(self.eom.mechanism)
 
     @cached_property
@@ -327,7 +327,7 @@ class Model:
     # --- structure --------------------------------------------------------------------------------
     @cached_property
     def dependencies(self) -> tuple[np.ndarray, np.ndarray]:
-        """On which of (states, inputs) rates of states and outputs depend, (n_x, n_x + n_u), (n_y, n_x + n_u)."""
+        """Sparsity of the rates and the outputs by (states, inputs), (n_x, n_x + n_u) and (n_y, n_x + n_u)."""
         eom = self.eom
         known = ca.vertcat(eom.q, eom.v, eom.z, eom.u)
         unknown = ca.vertcat(eom.a, eom.lam)
@@ -336,15 +336,15 @@ class Model:
             a, _, lam, _ = dynamics_of(self.numeric, redundant=self.is_redundant)(*self._known)
             reach = _pattern(ca.vertcat(a, lam), known)
         rates = ca.vertcat(eom.v + self._drift[0], eom.a + self._drift[1], eom.z_rate)
-        found = []
+        patterns = []
         for expression in (rates, self._outputs):
             direct, through = _pattern(expression, known), _pattern(expression, unknown)
-            found.append(direct | (through.astype(int) @ reach.astype(int) > 0))
-        return found[0], found[1]
+            patterns.append(direct | (through.astype(int) @ reach.astype(int) > 0))
+        return patterns[0], patterns[1]
 
 
 def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
-    """Which entries of a column depend on which symbols (k, n)."""
+    """Sparsity of a column by the symbols (k, n)."""
     shape = expression.numel(), symbols.numel()
     if not all(shape):
         return np.zeros(shape, bool)

@@ -17,7 +17,7 @@ from .variables import Variables
 
 #: Files that are the same for every mechanism.
 FOLDER = Path(__file__).parent / "c"
-#: Optimisation of each file that is compiled: more gives nothing for the equations.
+#: Optimisation of each file that is compiled: a higher level gains nothing for the equations.
 OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
 
 
@@ -38,13 +38,13 @@ def source_files(
         _prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes
     )
     engine = engine_source()
-    # names that are seen outside of their file are those of this unit alone
-    own = "".join(
+    # two units in one program must not share the symbols of their libraries
+    prefixes = "".join(
         f"#define {name} {identifier}_{name}\n" for name in sorted(set(re.findall(r"\bmbd_\w+(?=\()", engine)))
     )
     interface = f"fmi{version}.c"
     files = {
-        "engine.c": f"{own}\n{engine}",
+        "engine.c": f"{prefixes}\n{engine}",
         "instance.c": (FOLDER / "instance.c").read_text(encoding="utf-8"),
         interface: (FOLDER / interface).read_text(encoding="utf-8"),
         "equations.c": equations,

@@ -118,7 +118,7 @@ def variables_of(
     Parameters
     ----------
     inputs, parameters : sequence
-        What is shown.
+        Inputs and parameters of the unit.
     levels : numpy.ndarray
         Values of all inputs of the mechanism.
     units : mapping of str to str
@@ -127,32 +127,32 @@ def variables_of(
     Raises
     ------
     ModelError
-        For a name that is used twice or is none, and units of unknown variables.
+        For a name that is invalid or used twice, and units of unknown variables.
     """
     eom, mechanism = model.eom, model.eom.mechanism
-    given = [*(u.label for u in inputs), *(p.label for p in parameters), *model.outputs]
-    _check_names(given)
-    unknown = [name for name in units if name not in given]
+    used_names = [*(u.label for u in inputs), *(p.label for p in parameters), *model.outputs]
+    _check_names(used_names)
+    unknown = [name for name in units if name not in used_names]
     if unknown:
         raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
     count = 0
 
     def made(names: Sequence[str], causality: str, **more: Sequence) -> tuple[Variable, ...]:
         nonlocal count
-        found = []
+        created = []
         for k, name in enumerate(names):
-            found.append(Variable(count, name, causality, **{key: value[k] for key, value in more.items()}))
+            created.append(Variable(count, name, causality, **{key: value[k] for key, value in more.items()}))
             count += 1
-        return tuple(found)
+        return tuple(created)
 
     input_places = [_place(mechanism.inputs, u) for u in inputs]
     parameter_places = [_place(mechanism.parameters, p) for p in parameters]
     state_names = _free_names(
-        [*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], given
+        [*eom.coordinate_names, *_velocity_names(eom), *(z.label for z in mechanism.states)], used_names
     )
     sizes = np.r_[_sizes(model), np.ones(eom.z.numel())]
     unit_of = _units_of_states(eom)
-    time = made(["time"] if "time" not in given else ["time (independent)"], "independent", unit=["s"])
+    time = made(["time"] if "time" not in used_names else ["time (independent)"], "independent", unit=["s"])
     shown_inputs = made(
         [u.label for u in inputs],
         "input",
@@ -184,7 +184,7 @@ def variables_of(
     )
     indicator_names = [f"switch {k + 1}" for k in range(model.timed.numel())]
     indicator_names += [f"gap {k + 1}" for k in range(model.gaps.numel())]
-    indicators = made(_free_names(indicator_names, given), "local")
+    indicators = made(_free_names(indicator_names, used_names), "local")
     return Variables(
         time, shown_inputs, shown_parameters, outputs, states, rates, indicators, input_places, parameter_places
     )
@@ -194,16 +194,16 @@ def _check_names(names: Sequence[str]) -> None:
     seen: set[str] = set()
     for name in names:
         if not name.strip() or re.search(r"[\x00-\x1f\x7f]", name):
-            raise ModelError(f"export_fmu: {name!r} is no name of a variable; take one line of text")
+            raise ModelError(f"export_fmu: {name!r} is not a valid name of a variable; use one line of text")
         if name in seen:
             raise ModelError(
-                f"export_fmu: the name '{name}' is used twice; inputs, parameters and outputs need their own"
+                f"export_fmu: the name '{name}' is used twice; inputs, parameters and outputs need different names"
             )
         seen.add(name)
 
 
 def _free_names(names: Sequence[str], taken: Sequence[str]) -> list[str]:
-    """Names of states, changed where the user took them."""
+    """Names of states, changed if the user took them."""
     used, found = set(taken), []
     for name in names:
         free, k = name, 1

@@ -215,7 +215,7 @@ class Shooting:
 def nodes_from_data(setup: MotionSetup, experiment: Experiment, index: int, guess: np.ndarray) -> np.ndarray:
     """State ``(q, v, z)`` at a time of the experiment.
 
-    What is measured of positions moves the pose, its differences in time the
+    Measured positions move the pose, their differences in time the
     velocity, as little as need be; the constraints hold to rounding. First-order
     states, and whatever is not seen in the data, stay as guessed.
     """

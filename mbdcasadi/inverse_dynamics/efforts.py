@@ -38,13 +38,13 @@ class EffortProblem:
         self.redundant = False
         eom = numeric.eom
         self._labels = [eom.mechanism.inputs[k].label for k in self.unknown]
-        sought = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
-        if sought.numel() and ca.depends_on(ca.jacobian(eom.Q, sought), sought):
+        efforts = eom.u[self.unknown] if self.unknown else ca.SX(0, 1)
+        if efforts.numel() and ca.depends_on(ca.jacobian(eom.Q, efforts), efforts):
             raise MechanismError(
-                "inverse_dynamics: the forces depend on the efforts sought in a way that is not linear; drive the "
+                "inverse_dynamics: the forces depend on the unknown efforts in a way that is not linear; drive the "
                 "mechanism instead, and read driver.effort"
             )
-        unknowns = ca.vertcat(eom.lam, sought)
+        unknowns = ca.vertcat(eom.lam, efforts)
         residual = eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q
         slope = ca.jacobian(residual, unknowns)
         self._linear = not ca.depends_on(slope, unknowns)

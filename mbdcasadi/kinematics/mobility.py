@@ -21,7 +21,7 @@ from ..numerics.tolerances import NEARLY_SINGULAR
 
 #: Distances by which a pose is moved to see whether a loss of rank is particular to it, in characteristic lengths.
 EXCURSIONS = (0.03, 0.03, 0.03, 0.01, 0.003)
-#: How often these are tried again if several loops are singular at once.
+#: Largest number of further trials if several loops are singular at once.
 SEARCH = 5
 #: Distance by which it is moved to see whether a direction can be followed at all.
 PROBE = 1e-3

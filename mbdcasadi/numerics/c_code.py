@@ -74,7 +74,7 @@ OPERATIONS: dict[str, str] = {
     "HYPOT": "hypot({x}, {y})",
     "REMAINDER": "remainder({x}, {y})",
 }
-#: Entries of a tape beside the operations.
+#: Entries of a tape besides the operations.
 CONSTANT, INPUT, OUTPUT = 0, 1, 2
 _CODES = {getattr(ca, f"OP_{name}"): code for code, name in enumerate(OPERATIONS, start=3)}
 _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}

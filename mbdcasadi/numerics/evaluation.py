@@ -16,7 +16,7 @@ BATCHES = (128, 16, 1)
 class Evaluator:
     """A compiled function of expressions, called with arrays and numbers: some microseconds a call.
 
-    A call of a ``casadi.Function`` converts every argument and result, some 0.1 µs a number, which
+    A call of a ``casadi.Function`` converts every argument and result, about 0.1 µs a number, which
     costs more than the evaluation of a mechanism of some bodies. Here they
     pass through buffers, of which each thread has its own.
 
@@ -57,15 +57,15 @@ class Evaluator:
         *arguments : array_like
             Each (k, entries) by row, the first one so; others also (entries,), for the same at all points.
         """
-        given = [np.atleast_2d(np.asarray(argument, float)) for argument in arguments]
-        count = len(given[0])
+        points = [np.atleast_2d(np.asarray(argument, float)) for argument in arguments]
+        count = len(points[0])
         results = [np.zeros((count, shape[0] * shape[1])) for shape, _ in self._patterns]
         start = 0
         for size in BATCHES:
             while count - start >= size:
                 chosen = slice(start, start + size)
                 buffers = self._buffers(size)
-                for place, value in zip(buffers.arguments, given, strict=True):
+                for place, value in zip(buffers.arguments, points, strict=True):
                     place[:] = value[chosen] if len(value) == count else value
                 buffers.evaluate()
                 for result, values, (_, places) in zip(results, buffers.results, self._patterns, strict=True):

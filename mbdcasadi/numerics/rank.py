@@ -62,7 +62,7 @@ def analyse_rank(matrix: np.ndarray, tolerance: float = RANK) -> RankAnalysis:
 def surely_independent(matrix: np.ndarray) -> bool:
     """Return True if rows are independent by far; False if that takes a closer look.
 
-    A bound that costs a tenth of the singular values: the smallest one of A is at least
+    A bound that costs less than the singular values: the smallest one of A is at least
     ``||(A A^T)⁻¹||_F^(-1/2)``.
 
     Parameters
@@ -85,7 +85,7 @@ def surely_independent(matrix: np.ndarray) -> bool:
 
 
 def surely_independent_sparse(matrix: ca.DM) -> bool:
-    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with much to spare."""
+    """The same of a large sparse matrix, by its factors and inverse iteration: an estimate, with a wide margin."""
     m, n = matrix.shape
     if m > n:
         return False

@@ -26,7 +26,7 @@ def real_array(values: Any) -> np.ndarray:
 def distinct(values: np.ndarray) -> np.ndarray:
     """Return the different ones of some numbers, in order.
 
-    As ``numpy.unique``, whose first call imports a twentieth of a second of modules.
+    The same as ``numpy.unique``, whose first call imports further modules.
     """
     ordered = np.sort(values)
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if ordered.size else ordered

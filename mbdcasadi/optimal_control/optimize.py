@@ -99,9 +99,9 @@ def optimize(
     -----
     MechanismWarning
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
-        if what closes at the end of one has passed through its place before, or a foothold pulls; if a path limit
-        is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse for
-        the motion that was found (not checked if ``guess=`` is a solution).
+        if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
+        limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
+        for the motion that was found (not checked if ``guess=`` is a solution).
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")

@@ -117,10 +117,10 @@ def at_end(expression: Any) -> ca.SX:
 
 
 def positive_part(expression: Any) -> ca.SX:
-    """Stand for ``max(x, 0)`` in a running cost, without its kink: for the work of a motor that recovers nothing.
+    """Return a term for ``max(x, 0)`` in a running cost, without its kink: work of a motor without recovery.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. Where the cost
-    grows with s this is exact.
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. This is exact if
+    the cost grows with s.
 
     Parameters
     ----------
@@ -131,10 +131,10 @@ def positive_part(expression: Any) -> ca.SX:
 
 
 def absolute(expression: Any) -> ca.SX:
-    """Stand for ``|x|`` in a running cost, without its kink: for fuel, or the work of a motor in both directions.
+    """Return a term for ``|x|`` in a running cost, without its kink: fuel, or work of a motor in both directions.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. Where the cost
-    grows with s this is exact.
+    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. This is exact if
+    the cost grows with s.
 
     Parameters
     ----------

@@ -46,9 +46,9 @@ def stability(
     ----------
     motion : Trajectory or Solution
         One period: a simulation, through changes of the mechanism or in one mechanism, which ends at an event or
-        after the period; or a solution of a periodic problem, for which nothing else is given.
+        after the period; or a solution of a periodic problem, which needs no other argument.
     boundary : sequence of relations
-        Between :func:`at_start` and :func:`at_end`: what the next period begins with.
+        Relations between :func:`at_start` and :func:`at_end`: the start of the next period.
     events : sequence of Event
         Those of the simulation.
     inputs : mapping, optional
@@ -95,7 +95,7 @@ def stability(
     """
     if isinstance(motion, Solution):
         if boundary or events or inputs is not None:
-            raise ModelError("stability: boundary=, events= and inputs= belong to a simulation; a solution knows them")
+            raise ModelError("stability: boundary=, events= and inputs= belong to a simulation; a solution has its own")
         return motion.stability()
     if not isinstance(motion, Trajectory):
         raise ModelError(f"stability: takes a Trajectory or a Solution, got {motion!r}")
@@ -116,7 +116,7 @@ def _stability_of_simulation(
         held = [list(zip(p.mechanism.inputs, p.initial.inputs.tolist(), strict=True)) for p in motion.phases]
         inputs = [pair for pairs in reversed(held) for pair in pairs]
     tangent = start_directions(first.mechanism, start)
-    found = phased_variation(
+    variation = phased_variation(
         motion, events, motion.t[[0, -1]], [], Directions(tangent, {}, {}), integrator, list(dict(inputs).items())
     )
     left, right = [], []
@@ -127,7 +127,7 @@ def _stability_of_simulation(
         if abs(missed) > PERIODIC_TOLERANCE * (1 + largest(end.q) + largest(end.v)):
             warn(f"stability: the motion is not periodic: {relation.label} is missed by {missed:.3g}")
         left.append(by_start @ tangent)
-        right.append(-by_end @ found.end)
+        right.append(-by_end @ variation.end)
     return next_start(np.array(left), np.array(right), "state it in boundary=")
 
 
@@ -144,9 +144,9 @@ def _slopes(relation: Condition, start: State, end: State) -> tuple[np.ndarray, 
     for mark in marks:
         if mark.phase is not None or mark.kind not in ("at_start", "at_end"):
             raise ModelError(f"stability: {relation.label}: takes at_start and at_end of the motion, got {mark.label}")
-    own = {mark.node.element_hash(): ca.SX.sym("x") for mark in marks}
-    named = with_values(relation.expression, lambda mark: own[mark.node.element_hash()])
-    symbols = ca.vertcat(ca.SX(0, 1), *own.values())
+    symbol_of = {mark.node.element_hash(): ca.SX.sym("x") for mark in marks}
+    named = with_values(relation.expression, lambda mark: symbol_of[mark.node.element_hash()])
+    symbols = ca.vertcat(ca.SX(0, 1), *symbol_of.values())
     values = [float((start if mark.kind == "at_start" else end)[mark.expression]) for mark in marks]
     rest = ca.substitute(named, symbols, ca.SX(ca.DM(values))) if marks else named
     by_mark: Any = end[ca.substitute(ca.jacobian(named, symbols), symbols, ca.SX(ca.DM(values)))] if marks else []

@@ -1,4 +1,4 @@
-"""The way to a solution at given parameter values: settings, meshes, guesses, and what follows a failure."""
+"""Search for a solution at given parameter values: settings, meshes, guesses, and a second search after a failure."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Search:
         tolerance : float, optional
             Largest local error of an interval.
         goes_on : bool
-            Whether a failure is followed by a search with limits that close in.
+            True if a failure is followed by a search with limits that close in.
         """
         near = guess.solution if isinstance(guess, Shifted) else guess
         warm = isinstance(near, Solution) and starts is None
@@ -133,7 +133,7 @@ class _Attempt:
         return best_of(self.solver, self.meshes, self.candidates, warm=warm, settle=settle)
 
     def go_on(self, failure: OptimizationError) -> Solution:
-        """Return a solution that is found by limits that close in, or raise what was found out."""
+        """Return a solution found by limits that close in, or raise the failure with the result of the search."""
         solver, first = self.solver, self.candidates[0]
         solution = LimitSearch(solver, self.meshes, first, at_rest(solver), self._detour).run(failure)
         return refine_if_coarse(self.solver, solution)[0] if self.refined else solution
@@ -146,7 +146,7 @@ class _Attempt:
 
     @cached_property
     def _detour(self) -> Callable[[], Guess]:
-        """Makes guesses with random detours."""
+        """Function that makes guesses with random detours."""
         return partial(random_detour, self.solver, np.random.default_rng(0))
 
 

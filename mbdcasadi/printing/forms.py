@@ -113,7 +113,7 @@ class Forms:
             for part, term in flat:
                 totals[term] = totals.get(term, 0.0) + value * part
                 largest[term] = max(largest.get(term, 0.0), abs(part * value))
-        # What cancels but for rounding errors is nothing.
+        # coefficients that cancel except for rounding errors are zero
         summands = [
             self.product([((total, term), 1)]) if abs(total) != largest[term] else (total, term)
             for term, total in totals.items()

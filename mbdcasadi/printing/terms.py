@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 #: Most operations, symbols and numbers that are written out.
 LIMIT = 400
 
-# What binds how tightly, as in Python.
+# Precedence of operators, as in Python.
 OR, AND, NOT, COMPARISON, SUM, PRODUCT, POWER, ATOM = range(8)
 
 

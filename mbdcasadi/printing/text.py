@@ -101,7 +101,7 @@ def digits(value: float) -> str:
 def to_text(expression: Any, limit: int = LIMIT) -> str:
     """Scalar expression as plain text.
 
-    What Python can read, if the names of the symbols are (``crank.x`` is an
+    The text is valid Python if the names of the symbols are (``crank.x`` is an
     attribute): ``if_else``, ``atan2``, ``fmax`` and the like are functions.
     Sums and products are written without inner parentheses, with like terms
     and repeated factors collected.

@@ -25,7 +25,7 @@ def is_short(expression: ca.SX, limit: int) -> bool:
     while stack:
         node = stack.pop()
         count += 1
-        # What waits counts too: the walk ends after `limit` steps, however often parts are shared.
+        # nodes that wait count too: the walk ends after `limit` steps, however often parts are shared.
         if count + len(stack) > limit:
             return False
         stack.extend(_parts(node))

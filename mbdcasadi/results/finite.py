@@ -16,7 +16,7 @@ from ..printing import to_text
 def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments: Sequence[np.ndarray]) -> None:
     """Raise an error if an expression is NaN at a state although all that it depends on is finite.
 
-    What is unknown itself may be NaN: the multipliers of a kinematic analysis.
+    Unknown quantities may be NaN: the multipliers of a kinematic analysis.
 
     Parameters
     ----------

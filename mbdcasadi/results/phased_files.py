@@ -48,11 +48,11 @@ def save_phased(motion: PhasedTrajectory, path: str | Path) -> None:
         "statistics": json.dumps(asdict(motion.statistics)),
     }
     for k, mechanism in enumerate(mechanisms):
-        own, eom = [part for part in parts if part.mechanism is mechanism], equations(mechanism)
+        its_parts, eom = [part for part in parts if part.mechanism is mechanism], equations(mechanism)
         prefix = f"mechanism {k} "
-        content |= {prefix + name: np.vstack([getattr(part, name) for part in own]) for name in ARRAYS}
+        content |= {prefix + name: np.vstack([getattr(part, name) for part in its_parts]) for name in ARRAYS}
         content |= {f"{prefix}{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
-        content[f"{prefix}fingerprint"] = fingerprint(eom, own[0].arguments)
+        content[f"{prefix}fingerprint"] = fingerprint(eom, its_parts[0].arguments)
     write_arrays(path, content | _events_of(motion, mechanisms))
 
 
@@ -78,8 +78,8 @@ def _events_of(motion: PhasedTrajectory, mechanisms: Sequence[Mechanism]) -> dic
         "event places": np.reshape(rows, (len(rows), 5)).astype(int),
         "event parameters": np.reshape(values, (len(values), motion.parameters.size)),
     }
-    for k, (mechanism, own) in enumerate(zip(mechanisms, states, strict=True)):
-        content |= states_of(own, equations(mechanism), f"mechanism {k} event ")
+    for k, (mechanism, its_states) in enumerate(zip(mechanisms, states, strict=True)):
+        content |= states_of(its_states, equations(mechanism), f"mechanism {k} event ")
     return content
 
 
@@ -91,14 +91,14 @@ def _phase_of(event: EventOccurrence, motion: PhasedTrajectory) -> int:
     return -1
 
 
-def read_phased(archive: Archive, given: Sequence[Mechanism]) -> PhasedTrajectory:
+def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTrajectory:
     """Read what :func:`save_phased` wrote.
 
     Parameters
     ----------
     archive : Archive
         The file.
-    given : sequence of Mechanism
+    candidates : sequence of Mechanism
         The mechanisms, in any order.
 
     Raises
@@ -120,7 +120,7 @@ def read_phased(archive: Archive, given: Sequence[Mechanism]) -> PhasedTrajector
         raise archive.refuse("the entry 'phase mechanisms' leaves out a number")
     labels = archive.names("parameter names")
     values = archive.numbers("parameters", numbers.size, len(labels))
-    matching = _Matching(archive, given, count)
+    matching = _Matching(archive, candidates, count)
     mechanisms: list[Mechanism] = []
     tables: list[list[np.ndarray]] = []
     for k in range(count):
@@ -130,7 +130,7 @@ def read_phased(archive: Archive, given: Sequence[Mechanism]) -> PhasedTrajector
         mechanisms.append(mechanism)
         tables.append(columns)
     matching.warn_of_differences()
-    whole = union_of([*mechanisms, *given])
+    whole = union_of([*mechanisms, *candidates])
     by_phase = [_parameters_in(whole, labels, row) for row in values]
     events, own_events = _read_events(archive, mechanisms, whole, labels, numbers.size)
     all_statistics = archive.json("phase statistics")
@@ -138,7 +138,7 @@ def read_phased(archive: Archive, given: Sequence[Mechanism]) -> PhasedTrajector
     if not (isinstance(all_statistics, list) and isinstance(missing, list)):
         raise archive.refuse("the entry 'phase statistics' or 'missing multipliers' is not a list")
     if not len(all_statistics) == len(missing) == numbers.size:
-        raise archive.refuse("the entry 'phase statistics' or 'missing multipliers' has another number of phases")
+        raise archive.refuse("the entry 'phase statistics' or 'missing multipliers' has the wrong number of phases")
     parts, used = [], [0] * count
     for i, k in enumerate(numbers):
         eom, rows = equations(mechanisms[k]), slice(used[k], used[k] + lengths[i])
@@ -172,7 +172,7 @@ class _Matching:
         self, number: int, t: np.ndarray, count: int, labels: Sequence[str], values: np.ndarray
     ) -> tuple[Mechanism, list[np.ndarray]]:
         """Return a mechanism and its columns ``q, v, a, z, lam, u``; `count` times are those of its first phase."""
-        found: list[tuple[bool, bool, Mechanism, list[np.ndarray], str]] = []
+        candidates: list[tuple[bool, bool, Mechanism, list[np.ndarray], str]] = []
         for mechanism in self._with_names(number):
             eom = equations(mechanism)
             columns = read_columns(self._archive, f"mechanism {number} ", eom, t.size)
@@ -180,8 +180,8 @@ class _Matching:
             first = [x[:count] for x in columns]
             here = fingerprint(eom, (t[:count, None], *first, p[None]))
             other = difference(eom, self._archive[f"mechanism {number} fingerprint"], here)
-            found.append((bool(other), mechanism in self._taken, mechanism, columns, other))
-        _, _, mechanism, columns, other = min(found, key=lambda one: one[:2])
+            candidates.append((bool(other), mechanism in self._taken, mechanism, columns, other))
+        _, _, mechanism, columns, other = min(candidates, key=lambda one: one[:2])
         self._taken.add(mechanism)
         if other:
             self._differences.append(f"mechanism {number + 1} in {other}")
@@ -229,12 +229,12 @@ def _read_events(
         raise archive.refuse("the entry 'event places' is not one of places")
     states: dict[tuple[int, int], State] = {}
     for k, mechanism in enumerate(mechanisms):
-        own = sorted(place for number, place in by_place if number == k)
+        state_places = sorted(place for number, place in by_place if number == k)
         eom = equations(mechanism)
-        at = np.array([by_place[k, place][0] for place in own], float)
-        p = [_own_parameters(eom, labels, by_place[k, place][1]) for place in own]
+        at = np.array([by_place[k, place][0] for place in state_places], float)
+        p = [_own_parameters(eom, labels, by_place[k, place][1]) for place in state_places]
         read = read_states(archive, f"mechanism {k} event ", eom, at, p)
-        states |= {(k, place): state for place, state in zip(own, read, strict=True)}
+        states |= {(k, place): state for place, state in zip(state_places, read, strict=True)}
     events: list[EventOccurrence] = []
     by_phase: list[list[EventOccurrence]] = [[] for _ in range(phases)]
     for name, time, row in zip(names, times.tolist(), rows.tolist(), strict=True):

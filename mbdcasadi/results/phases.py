@@ -63,7 +63,7 @@ def places_in(whole: ca.SX, part: ca.SX) -> list[int]:
 def present(expression: ca.SX, whole: Mechanism, mechanism: Mechanism) -> ca.SX:
     """Return an expression without the reactions of joints that a mechanism does not have.
 
-    What is left does not depend on the bodies of such a joint any more, which may not be there.
+    The rest no longer depends on the bodies of such a joint, which may be absent.
     """
 
     def make() -> tuple[ca.SX, ca.SX]:

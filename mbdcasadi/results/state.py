@@ -36,7 +36,7 @@ class State(HoldsSymbols):
         Reason if there are no accelerations and multipliers.
     impulses : mapping of element to numpy.ndarray, optional
         Impulses of constraints at the instant, by their rows: of a state just after an impact. The name of a
-        constraint stands for one that the mechanism does not have, as read from a file.
+        constraint may take its place if the mechanism does not have it, as read from a file.
     whole : State, optional
         The same state as one of all mechanisms of a motion: what the mechanism does not have is read there.
 

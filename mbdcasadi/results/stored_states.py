@@ -72,15 +72,15 @@ def read_states(
     impulses = _listed(archive, f"{prefix}impulses", times.size, None)
     obstacles = _listed(archive, f"{prefix}obstacles", times.size, "")
     elements = {element.name: element for element in eom.row_elements}
-    found = []
+    states = []
     for k, (time, p) in enumerate(zip(times.tolist(), parameters, strict=True)):
         q, v, a, z, lam, u = (x[k] for x in columns)
         obstacle = MechanismError(obstacles[k]) if obstacles[k] else None
         by_element = None
         if impulses[k] is not None:
             by_element = {elements.get(name, name): np.array(x, float) for name, x in impulses[k].items()}
-        found.append(State(eom.mechanism, time, q, v, a, z, lam, u, p, obstacle, by_element))
-    return found
+        states.append(State(eom.mechanism, time, q, v, a, z, lam, u, p, obstacle, by_element))
+    return states
 
 
 def _listed(archive: Archive, name: str, count: int, otherwise: Any) -> list[Any]:

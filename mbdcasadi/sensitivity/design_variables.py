@@ -199,7 +199,7 @@ class PhasedDesignVariables(DesignVariables):
         first = self._setup.mechanism
         known = {Parameter: ("parameter", "parameters"), Input: ("input", "inputs")}
         for kind, (word, name) in known.items():
-            if isinstance(key, kind) and not any(key is own for own in getattr(first, name)):
+            if isinstance(key, kind) and not any(key is other for other in getattr(first, name)):
                 k = position_in(getattr(self._whole, name), key, "wrt=")
                 value = self._values.get(key, key.value)
                 if isinstance(value, ca.SX) or np.ndim(value):

@@ -91,12 +91,14 @@ class PhaseFlow:
     ):
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
         p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
-        own = [(u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)]
+        known_inputs = [
+            (u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)
+        ]
         first = part.initial
         start = State(
             self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters
         )
-        setup = Setup(self.mechanism, "sensitivities", times=grid, initial=start, inputs=own, parameters=p)
+        setup = Setup(self.mechanism, "sensitivities", times=grid, initial=start, inputs=known_inputs, parameters=p)
         if setup.signals.is_sampled:
             raise ModelError(
                 "sensitivities: through changes of the mechanism inputs= takes numbers and expressions, no samples"
@@ -118,8 +120,8 @@ class PhaseFlow:
         self, expressions: Sequence[ca.SX], whole: Mechanism, values: np.ndarray
     ) -> list[ca.SX]:
         """Expressions with the values of parameters that only other mechanisms have."""
-        own = self.mechanism.parameters
-        absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in own)]
+        present_parameters = self.mechanism.parameters
+        absent = [k for k, x in enumerate(whole.parameters) if not any(x is other for other in present_parameters)]
         symbols = ca.vertcat(ca.SX(0, 1), *[whole.parameters[k] for k in absent])
         varied = [whole.parameters[k] for k in absent if whole.parameters[k] in self._varied.parameters]
         by_varied = ca.jacobian(ca.vertcat(ca.SX(0, 1), *map(ca.vec, expressions)), ca.vertcat(ca.SX(0, 1), *varied))
@@ -147,20 +149,20 @@ class PhaseFlow:
         course = motion.course(self.x0, self.p, self.levels, channel)
         run = motion.motion(course)
         known = [self.x0, self.p, self.levels, channel, *course.arguments]
-        found = call(run, *known)
-        states = found[0].full()
+        results = call(run, *known)
+        states = results[0].full()
         if not motion.reached(states):
             raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
-        moved = call(run.forward(k), *known, *found, dx0, dp, self.dlevels, *still([channel, *course.arguments], k))
+        moved = call(run.forward(k), *known, *results, dx0, dp, self.dlevels, *still([channel, *course.arguments], k))
         outputs = motion.outputs(self._shown)
-        given = [found[0], self.p, self.levels, channel]
-        y = outputs(*given)
-        dy = call(outputs.forward(k), *given, y, moved[0], dp, self.dlevels, *still([channel], k))
+        output_arguments = [results[0], self.p, self.levels, channel]
+        y = outputs(*output_arguments)
+        dy = call(outputs.forward(k), *output_arguments, y, moved[0], dp, self.dlevels, *still([channel], k))
         n_t, n_y = states.shape[1], int(np.sum(self.rows))
         values, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
         values[:, self.rows] = y.full().T
         slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1)
-        return values, slopes, found[1].full().ravel(), moved[1].full()
+        return values, slopes, results[1].full().ravel(), moved[1].full()
 
     # --- at one instant ------------------------------------------------------------------------
     def at(

@@ -39,7 +39,7 @@ from .phase_flow import Directions, PhaseFlow
 
 #: Rate of an event, relative to the rates of its state, below which the motion grazes and has no derivative.
 GRAZING = 1e-8
-#: Share of a variation by which the rows of a joint that closes may open for other values.
+#: Share of a variation up to which the rows of a joint that closes may open for other values.
 CLOSING_TOLERANCE = 1e-5
 #: Length of the stretch in which a motion that ends just after a change is evaluated, as a share of the whole.
 MOMENT = 1e-6
@@ -125,7 +125,7 @@ def phased_variation(
     ModelError
         For events that reset velocities, and several that take place together: their order decides the variation.
     SimulationError
-        Where the motion grazes the zero of an event, or a joint would not close for other values.
+        If the motion grazes the zero of an event, or a joint would not close for other values.
     """
     changes, ending = _changes(motion, events), _ending(motion, events)
     return _Passage(motion, times, outputs, directions, integrator, inputs).run(changes, ending)
@@ -236,7 +236,7 @@ def _changes(motion: Trajectory, events: Sequence[Event]) -> list[Event]:
                 "first for other values decides the motion, and there is no derivative"
             )
         if len(before) < 2:
-            raise ModelError(f"sensitivities: event '{here[0].name}' takes place at once where its phase begins")
+            raise ModelError(f"sensitivities: event '{here[0].name}' takes place at the start of its phase")
         chosen.append(known[here[0].name])
     return chosen
 
@@ -314,7 +314,7 @@ def _carried(
     dx: np.ndarray,
     dp: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Variations of the coordinates just after a change, and of the velocities just before it, of what goes on."""
+    """Variations of the coordinates just after a change, and of the velocities just before it, of bodies that go on."""
     eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
     here, places = _shared(flow, following)
     n_old, n = flow.eom.q.numel(), eom.q.numel()

@@ -235,9 +235,11 @@ def _through_changes(
         "sensitivities",
         times,
         initial=initial,
-        inputs=[pair for pair in all_inputs if any(pair[0] is own for own in mechanism.inputs)],
+        inputs=[pair for pair in all_inputs if any(pair[0] is other for other in mechanism.inputs)],
         parameters=[
-            pair for pair in pairs_of(parameters, "parameters=") if any(pair[0] is own for own in mechanism.parameters)
+            pair
+            for pair in pairs_of(parameters, "parameters=")
+            if any(pair[0] is other for other in mechanism.parameters)
         ],
         **chosen,
     )
@@ -251,11 +253,11 @@ def _through_changes(
         {key: row for key, row in by_key.items() if isinstance(key, Parameter)},
         {key: row for key, row in by_key.items() if isinstance(key, Input)},
     )
-    found = phased_variation(
+    variation = phased_variation(
         motion, events, setup.grid, [e for _, e in named], directions, setup.integrator, all_inputs
     )
-    at_events = [EventSensitivities(event, named, design) for event in found.events]
-    return Sensitivities(found.t, named, design, found.y, found.slope, at_events)
+    at_events = [EventSensitivities(event, named, design) for event in variation.events]
+    return Sensitivities(variation.t, named, design, variation.y, variation.slope, at_events)
 
 
 def _start_slopes(design: DesignVariables) -> np.ndarray:

@@ -182,7 +182,7 @@ class BorderPassage:
             left = [k for k in left if k not in group]
             after = self.sides.copy()
             after[group] = sides[group]
-            for k in tuple(following):  # in the order in which switches stand inside others
+            for k in tuple(following):  # in the order of their nesting
                 if not left or self._margins_in_time(after)[k] < 0:
                     after[k] = sides[k]
                     group.append(k)

@@ -1,7 +1,7 @@
-"""Forces of many elements of one kind, and what is watched of them, as C: one formula for all, called for near ones.
+"""Forces of many elements of one kind, and their watched quantities, in C: one formula, evaluated for near ones.
 
-In the equations as expressions every contact is there with all its
-instructions, evaluated whether it is closed or not. Compiled, a loop goes over the
+As expressions the equations contain every contact with all its
+instructions, which are evaluated whether it is closed or not. Compiled, a loop goes over the
 elements of a kind. It passes over those that are apart by a cheap test, and the
 code is as long as one of them.
 """
@@ -61,12 +61,12 @@ class RepeatedElements:
     Parameters
     ----------
     terms : WatchedTerms
-        What is watched of them.
+        Their watched quantities.
 
     Attributes
     ----------
     pays : bool
-        Whether there are so many that compiling them pays in most runs.
+        True if there are so many that compiling them pays in most runs.
     """
 
     def __init__(self, terms: WatchedTerms):
@@ -91,16 +91,16 @@ class RepeatedElements:
 
     @cached_property
     def loops(self) -> tuple[str, int]:
-        """What a run needs in C, and the length of the work array of its functions."""
+        """Functions of a run in C, and the length of their work array."""
         return _common(self.terms, self._kinds, outputs=True)
 
     @property
     def size(self) -> int:
-        """Instructions of one element of each kind, with what is watched of it at outputs: about as many again."""
+        """Instructions of one element of each kind; those of its quantities watched at outputs are as many again."""
         return sum(2 * kind.size for kind in self._kinds)
 
     def watch_by(self, library: str) -> None:
-        """Let what is watched at outputs be evaluated by a library with the loops."""
+        """Evaluate the quantities watched at outputs by a library with the loops."""
         self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
 
     @cached_property
@@ -108,7 +108,10 @@ class RepeatedElements:
         """The functions, compiled; or None; and how they were compiled, or why not."""
         using = build.compiler()
         if using is None:
-            return None, "no C compiler was found: with so many contacts a compiled run is some ten times faster"
+            return (
+                None,
+                "no C compiler was found: these contacts are interpreted, and a run with so many is faster compiled",
+            )
         source = _source(self.terms, self._kinds)
         key = build.key_of(FORMAT, using.identity, OPTIMISATION, *build.FLAGS, source)
         began, library = time.perf_counter(), build.find(key)
@@ -146,7 +149,7 @@ class _Kind:
     apart : Tape or None
         Positive for an element whose results are all zero.
     has_forces : bool
-        Whether its forces depend on known quantities alone: not on accelerations and reactions.
+        True if its forces depend on known quantities alone: not on accelerations and reactions.
     """
 
     def __init__(self, terms: WatchedTerms, number: int):
@@ -157,9 +160,9 @@ class _Kind:
         displacements, forces = batch.parts[DISPLACEMENTS], batch.parts[FORCES]
         unknown = batch.of_groups("a", "lam")
         self.has_forces = not (unknown and ca.depends_on(ca.vertcat(displacements, forces), batch.symbols[unknown]))
-        own = batch.of_groups("q")
-        self._coordinates = terms.values.coordinate(batch.places[:, own])
-        self._force = ca.jtimes(displacements, batch.symbols[own], forces, True) if own else ca.SX(0, 1)
+        coordinates = batch.of_groups("q")
+        self._coordinates = terms.values.coordinate(batch.places[:, coordinates])
+        self._force = ca.jtimes(displacements, batch.symbols[coordinates], forces, True) if coordinates else ca.SX(0, 1)
 
     def _tape(self, name: str, expression: ca.SX) -> Tape:
         batch = self.batch
@@ -189,12 +192,12 @@ class _Kind:
         if name == "rates":
             return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
         if name == "gaps":
-            own, count = terms.numbered(GAP)[k], len(terms.owners)
-            places = np.hstack([own, own + count, own + 2 * count])
+            numbers, count = terms.numbered(GAP)[k], len(terms.owners)
+            places = np.hstack([numbers, numbers + count, numbers + 2 * count])
             return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), places
-        own = terms.numbered(COURSES)[k]
+        numbers = terms.numbered(COURSES)[k]
         tape = self._tape(name, terms.course_functions[k].call(arguments)[0])
-        return tape, np.hstack([own, own + len(terms.smoothings)])
+        return tape, np.hstack([numbers, numbers + len(terms.smoothings)])
 
     def slopes(self) -> tuple[Tape, np.ndarray, np.ndarray]:
         """Nonzero slopes of the forces by the symbols, and their coordinates and places of symbols (n, k)."""
@@ -224,9 +227,9 @@ class _Loops:
         table : str
             Name of the table in C with these.
         rates : bool
-            Whether the tape needs rates of the symbols.
+            True if the tape needs rates of the symbols.
         all_of_them : bool
-            Whether elements that are apart are evaluated too.
+            True if elements that are apart are evaluated too.
         """
         if not rows.size:
             return
@@ -256,7 +259,7 @@ class _Loops:
         self.body += lines
 
     def function(self, name: str, size: int) -> str:
-        """Text of a function whose result is what the loops add up to."""
+        """Code of a function whose result is the sum over all loops."""
         head = f"int {name}({SIGNATURE}) {{\nconst double* values = arg[0];\n"
         head += "double* result = res[0];\nif (!result) return 0;\n"
         head += f"for (int i = 0; i < {size}; ++i) result[i] = 0;\n"
@@ -276,9 +279,9 @@ def _table(kind: str, name: str, entries: np.ndarray) -> str:
 
 
 def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
-    """Text of what a run needs of all kinds, and the length of the work array: forces and rates.
+    """Code of the functions of a run, forces and rates of all kinds, and the length of their work array.
 
-    With `outputs` what is watched at outputs too: a method that returns each of its steps has many of these.
+    With `outputs` also the quantities watched at outputs: a method that returns each of its steps has many of these.
     """
     text = ["#include <math.h>\n"]
     sizes = {"forces": terms.eom.q.numel(), "rates": terms.size}
@@ -295,7 +298,7 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
                 continue
             tape, rows = kind.results(name)
             text += [tape.as_c, _table("int", f"{name}_places_{number}", rows)]
-            is_gap = name == "gaps"  # they are wanted of those that are apart too
+            is_gap = name == "gaps"  # gaps are needed of elements that are apart too
             loops[name].add(
                 kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
             )
@@ -313,9 +316,9 @@ def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
     acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
     entries = [columns * n + rows for _, _, rows, columns in acting]
     pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
-    for (kind, tape, *_), own in zip(acting, entries, strict=True):
-        table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, own)
-        # they are long, and evaluated seldom
+    for (kind, tape, *_), entry_places in zip(acting, entries, strict=True):
+        table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, entry_places)
+        # slopes are long code that is evaluated seldom: optimising it costs more time than it saves
         text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
         text.append(_table("int", table, into))
         slopes.add(kind, tape, into, table)
@@ -335,7 +338,7 @@ def _sparse(pattern: ca.Sparsity) -> list[int]:
 
 
 def _interface(name: str, inputs: Sequence[list[int]], outputs: Sequence[list[int]], work: int) -> str:
-    """What CasADi asks of a function in a library beside itself."""
+    """Functions that CasADi calls besides the function itself: sizes and sparsities."""
     text = []
     for what, patterns in (("in", inputs), ("out", outputs)):
         tables = []

@@ -54,7 +54,7 @@ class Crossing:
 
 
 class _Terms:
-    """What is looked for, as expressions and functions; made once for a mechanism and some events.
+    """Expressions and functions of events; made once for a mechanism and some events.
 
     Attributes
     ----------

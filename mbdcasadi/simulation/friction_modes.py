@@ -257,7 +257,7 @@ class FrictionModes(Modes):
     ) -> bool:
         """True if friction at rest is below its limit, and what starts to slide does so in its sense.
 
-        What others that stick hold may exert any force up to its limit.
+        Other frictions that stick may exert any force up to their limits.
         """
         for i in resting:
             friction, sense = self.frictions[i], mode.senses[i]

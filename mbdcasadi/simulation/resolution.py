@@ -141,7 +141,7 @@ class Resolution:
         return None if np.isinf(blow) else (blow, np.zeros(0))
 
     def _course(self, path: Path) -> _Course:
-        """What is watched along a path; of the last one it is known."""
+        """Watched quantities along a path; those of the last path are kept."""
         if self._last is None or self._last.path is not path:
             table = self.terms.table(path.times, path.x, self._numeric.p)
             gaps = self.terms.gaps(table)

@@ -22,7 +22,7 @@ GOES_ON = 1e-6
 def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
     """Raise at a start in a singular pose from which the equations of motion determine no motion.
 
-    In a shaky pose loads may act along an infinitesimal motion that goes nowhere: reactions would have to be
+    In a shaky pose loads may act along an infinitesimal motion that cannot go on: reactions would have to be
     infinite, and an integrator follows the rounding of the pose. At rest in a pose from which several motions go, the
     accelerations of least norm may lie along none of them.
 
@@ -43,7 +43,7 @@ def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
         rows = ", ".join(describe_singularity(numeric, t, q).rows)
         raise SingularityError(
             f"simulate: at t = {t:.6g} s the pose is singular, a bifurcation: several motions go from it, and at rest "
-            f"the loads do not decide between them; the rows that take part are {rows}; start from a pose beside it, "
+            f"the loads do not decide between them; the rows that take part are {rows}; start from a pose near it, "
             "or with velocities along one of the motions",
             time=t,
         )

@@ -312,7 +312,7 @@ class _Quantities:
     """
 
     def __init__(self, eom: Equations, signals: Signals):
-        # kept beside what is made of it: a hash in the structure is unique only while the node lives
+        # kept with the functions that are made of it: a hash in the structure is unique only while the node lives
         self._expressions = signals.parametrised
         switches, transients = _state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)

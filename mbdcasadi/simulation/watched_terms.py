@@ -1,4 +1,4 @@
-"""What is watched of the elements of a mechanism along a run, as functions that elements of one kind share."""
+"""Quantities of the elements that are watched along a run, as functions that elements of one kind share."""
 
 from __future__ import annotations
 
@@ -54,9 +54,11 @@ class WatchedTerms:
         self.eom, self.values = eom, Values(eom)
         self._unknown = ca.vertcat(eom.a, eom.lam, eom.u)
         everything = [(e, self._smoothings_of(e), _conditions(e)) for e in eom.mechanism.elements]
-        self._offered = {e: (own, conditions) for e, own, conditions in everything if own or conditions}
+        self._offered = {
+            e: (smoothings, conditions) for e, smoothings, conditions in everything if smoothings or conditions
+        }
         self.elements = list(self._offered)
-        self.smoothings: list[Smoothing] = [s for own, _ in self._offered.values() for s in own]
+        self.smoothings: list[Smoothing] = [s for smoothings, _ in self._offered.values() for s in smoothings]
         self.owners = [e for e in self.elements if self._has_gap(e)]
         self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
         self.validity = [c for _, conditions in self._offered.values() for c in conditions]
@@ -66,7 +68,7 @@ class WatchedTerms:
         self._compiled: tuple[ca.Function, ca.Function] | None = None
 
     def use_compiled(self, gaps: ca.Function, courses: ca.Function) -> None:
-        """Take functions of a column of values for gaps, rates and bounds, and for what is smoothed and its scales."""
+        """Take functions of a column of values: gaps, rates and bounds, and smoothed quantities and their scales."""
         self._compiled = gaps, courses
 
     # --- the expressions of an element ------------------------------------------------------
@@ -95,9 +97,9 @@ class WatchedTerms:
 
     # --- rates that are integrated along ------------------------------------------------------
     def _rates_of(self, batch: Batch) -> ca.Function:
-        """Rates of a batch: slopes of what is smoothed and of its scale, closed gaps, and what exceeds limits."""
+        """Rates of a batch: slopes of smoothed quantities and their scales, closed gaps, and excesses over limits."""
         parts = batch.parts
-        # the integral of the speed of what a condition reports, while it is broken, is twice the excess
+        # while a condition is broken, the integral of its speed is twice the excess
         excess = ca.if_else(parts[MARGINS] < 0, ca.fabs(batch.rate(parts[REPORTED])), 0)
         closed = ca.if_else(parts[GAP] < 0, 1.0, 0.0)
         rates = ca.vertcat(batch.rate(parts[COURSES]), ca.fabs(batch.rate(parts[SCALES])), closed, excess)
@@ -167,7 +169,7 @@ class WatchedTerms:
 
     @cached_property
     def course_functions(self) -> list[ca.Function]:
-        """What is smoothed of each batch, and its scales."""
+        """Smoothed quantities of each batch, and their scales."""
         return [b.function("courses", ca.vertcat(b.parts[COURSES], b.parts[SCALES])) for b in self.batches]
 
     @cached_property
@@ -175,32 +177,32 @@ class WatchedTerms:
         return [b.function("limits", b.parts[REPORTED] + b.parts[MARGINS]) for b in self.batches]
 
     def courses(self, table: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-        """What is smoothed, and its scales, at the columns of a table (k, 2 x smoothings).
+        """Smoothed quantities and their scales at the columns of a table (k, 2 x smoothings).
 
         Parameters
         ----------
         gaps : numpy.ndarray
-            Gaps there (k, owners); elements that say when they are apart have no forces while these are open.
+            Gaps there (k, owners); elements with a test for being apart have no forces while these are open.
         """
         if self._compiled is not None:
             return np.array(self._compiled[1](table).full().T)
-        found = np.zeros((table.shape[1], 2 * len(self.smoothings)))
+        courses = np.zeros((table.shape[1], 2 * len(self.smoothings)))
         batches = zip(self.batches, self.course_functions, self.numbered(COURSES), self.numbered(GAP), strict=True)
-        for batch, function, own, owners in batches:
-            into = np.hstack([own, own + len(self.smoothings)])
-            if not own.size:
+        for batch, function, numbers, owners in batches:
+            into = np.hstack([numbers, numbers + len(self.smoothings)])
+            if not numbers.size:
                 continue
             if not batch.parts[APART].numel():
-                found[:, into] = batch.evaluated(function, table).transpose(2, 0, 1)
+                courses[:, into] = batch.evaluated(function, table).transpose(2, 0, 1)
                 continue
             moments, elements = np.nonzero(gaps[:, owners[:, 0]] < 0)
             if moments.size:
                 values = batch.evaluated(function, table[:, moments], elements)[0]
-                found[moments[:, None], into[elements]] = values.T
-        return found
+                courses[moments[:, None], into[elements]] = values.T
+        return courses
 
     def at_limit(self, table: np.ndarray) -> np.ndarray:
-        """What the conditions report at their limits, at the columns of a table (k, conditions)."""
+        """Values that the conditions limit, at the columns of a table (k, conditions)."""
         return self._collected(self._limits, MARGINS, 1, table)
 
     # --- gaps -------------------------------------------------------------------------------------
@@ -224,8 +226,8 @@ class WatchedTerms:
             first, which = bodies[k]
             is_angle = which not in (0, 1)
             together.setdefault((k if is_angle else first, is_angle), []).append(k)
-        for own in together.values():
-            bound += ca.sqrt(ca.sum2(slopes[:, own] ** 2)) * ca.sqrt(ca.sumsqr(batch.rates[own]))
+        for indices in together.values():
+            bound += ca.sqrt(ca.sum2(slopes[:, indices] ** 2)) * ca.sqrt(ca.sumsqr(batch.rates[indices]))
         return bound
 
     def gaps(self, table: np.ndarray, owners: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -238,17 +240,17 @@ class WatchedTerms:
         """
         if owners is None:
             if self._compiled is not None:
-                found = np.array(self._compiled[0](table).full().T)
+                stacked = np.array(self._compiled[0](table).full().T)
             else:
-                found = self._collected(self.bounded_gaps, GAP, 3, table)
-            gaps, rates, bounds = np.split(found, 3, axis=1)
+                stacked = self._collected(self.bounded_gaps, GAP, 3, table)
+            gaps, rates, bounds = np.split(stacked, 3, axis=1)
             return gaps, rates, bounds
         single = np.zeros((3, owners.size))
         for number, (batch, function) in enumerate(zip(self.batches, self.bounded_gaps, strict=True)):
             columns = np.flatnonzero(self._owner_places[0][owners] == number)
             if columns.size:
-                own = self._owner_places[1][owners[columns]]
-                single[:, columns] = batch.evaluated(function, table[:, columns], own)[0]
+                elements = self._owner_places[1][owners[columns]]
+                single[:, columns] = batch.evaluated(function, table[:, columns], elements)[0]
         return single[0], single[1], single[2]
 
     @cached_property

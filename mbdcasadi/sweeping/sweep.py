@@ -75,7 +75,7 @@ def sweep(
 ) -> Sweep:
     """Run one compiled simulation over many values of parameters and inputs.
 
-    What travels to the workers are ``casadi.Function`` objects and arrays: they
+    The workers receive ``casadi.Function`` objects and arrays: they
     find the starts of their cases by continuation from that of one of them, and
     integrate. A start that is not reached this way is assembled here. A
     case that fails is kept as such, with its message, and the others go on.
@@ -269,7 +269,7 @@ class _Plan:
         Raises
         ------
         MechanismError
-            Why the first one cannot, if none can.
+            Reason for which the first one cannot, if none can.
         """
         obstacle: MechanismError | None = None
         shared = {name: self._given[name] for name in ("initial", "inputs", "method", "reltol", "abstol")}

@@ -160,10 +160,10 @@ class WholeParcel:
         def work(cases: np.ndarray) -> None:
             runner = self._free.borrow("runner", self._runner)
             runners.append(runner)
-            own = (part[cases] for part in (starts, parameters, levels))
+            case_values = (part[cases] for part in (starts, parameters, levels))
             # what all cases share has a stride of zero
             shared = (part[:1] if part.strides[0] == 0 else part[cases] for part in course)
-            values[cases], reasons = self._run(runner, *own, *shared)
+            values[cases], reasons = self._run(runner, *case_values, *shared)
             for k, reason in zip(cases, reasons, strict=True):
                 messages[k] = reason
             runners.remove(runner)
@@ -215,18 +215,18 @@ class WholeParcel:
     ) -> tuple[np.ndarray, list[str]]:
         """The same without C: case by case."""
         values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
-        found: dict[int, tuple[np.ndarray, ...]] = {}
+        motions: dict[int, tuple[np.ndarray, ...]] = {}
         for k in range(len(starts)):
-            own = (part[k if len(part) > 1 else 0] for part in course)
-            motion = self._motion(runner, starts[k], parameters[k], levels[k], *own)
+            case_course = (part[k if len(part) > 1 else 0] for part in course)
+            motion = self._motion(runner, starts[k], parameters[k], levels[k], *case_course)
             if isinstance(motion, str):
                 messages[k] = motion
             else:
-                found[k] = motion
-        if not found:
+                motions[k] = motion
+        if not motions:
             return values, messages
-        chosen = np.array(list(found))
-        columns = [np.concatenate(parts, axis=-1) for parts in zip(*found.values(), strict=True)]
+        chosen = np.array(list(motions))
+        columns = [np.concatenate(parts, axis=-1) for parts in zip(*motions.values(), strict=True)]
         rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
         rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
         for k, row in zip(chosen, rows, strict=True):

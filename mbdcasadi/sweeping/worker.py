@@ -59,7 +59,7 @@ class BatchOutcome:
     values : numpy.ndarray
         Outputs (k, n); NaN for a case without.
     messages : list of str
-        Why a case failed; empty for others.
+        Reason for the failure of a case; empty for others.
     reached : numpy.ndarray of bool
         True if its start was found (k,).
     """

@@ -65,7 +65,7 @@ class Film:
         Frames to a second on the screen.
     title : str
     names : bool
-        Whether names are shown, in a page from the start.
+        True if names are shown, in a page from the start.
     """
 
     motion: Trajectory

@@ -391,7 +391,7 @@ def test_reset_and_rollback(unit, linkage, version):
     free(state)
     with pytest.raises(FMICallException):
         (other.fmu.deSerializeFMUstate if version == 2 else other.fmu.deserializeFMUState)(b"\0" * len(serial))
-    assert "none of this model" in other.said[-1]
+    assert "belongs to another model" in other.said[-1]
 
 
 def test_inputs_as_straight_lines(unit, linkage):
@@ -472,7 +472,7 @@ def test_directional_derivatives(unit, linkage):
     assert exact[0] == pytest.approx((pair[0] - pair[1]) / 2e-4, rel=1e-6)
     with pytest.raises(FMICallException):
         run.fmu.getDirectionalDerivative(outputs, [0], [1.0])
-    assert "derivatives by time are not there" in run.said[-1]
+    assert "derivatives by time are not available" in run.said[-1]
 
 
 def test_drift_is_held_in_model_exchange(unit):
@@ -594,7 +594,7 @@ def test_command_line(tmp_path, capsys):
 
 # --- wrong calls of the importer -----------------------------------------------------------------------
 def test_wrong_calls_are_refused_in_words(unit):
-    """What an importer does wrong is an error with a message, and nothing breaks."""
+    """A wrong call of an importer is an error with a message, and nothing breaks."""
     early = unit()
     with pytest.raises(FMICallException):
         early.step(0.1) if setattr(early, "time", 0.0) is None else None
@@ -618,11 +618,11 @@ def test_wrong_calls_are_refused_in_words(unit):
     exchange.fmu.enterContinuousTimeMode()
     with pytest.raises(FMICallException):
         exchange.set(damping=0.5)
-    assert "damping can be changed at events alone" in exchange.said[-1]
+    assert "damping can be changed only at events" in exchange.said[-1]
 
 
 def test_what_leaves_its_range(tmp_path):
-    """Data that are left stop the step where they end, with the name; limits of parameters and of elements are told."""
+    """Data stop the step at the end of their range, with the name; limits of parameters and elements are reported."""
     mass = mbd.Parameter("mass", 1.0)
     cart = mbd.Body("cart", mass=mass, inertia=1)
     rail = mbd.Translational("rail", mbd.ground.at(0, 0), cart.at(0, 0))
@@ -674,10 +674,10 @@ def test_wrong_arguments(linkage, tmp_path):
         ),
         ("stray.x", dict(outputs={"x": stray.x})),
         ("must be a scalar", dict(outputs={"x": m.bodies[0].position})),
-        ("is no expression", dict(outputs={"x": "crank"})),
+        ("is not an expression", dict(outputs={"x": "crank"})),
         ("takes {name: expression}", dict(outputs=[m.bodies[0].x])),
         ("the name 'torque' is used twice", dict(outputs={"torque": m.bodies[0].x})),
-        ("is no name of a variable", dict(outputs={"a\nb": m.bodies[0].x})),
+        ("is not a valid name of a variable", dict(outputs={"a\nb": m.bodies[0].x})),
         ("names 'weight', which is no", dict(units={"weight": "N"})),
         ("FMI 2.0 and 3.0), got 4", dict(version=4)),
         ("or both, got 'realtime'", dict(kind="realtime")),
@@ -714,7 +714,7 @@ def size_limit(size):
 
 
 def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
-    """A full disk leaves the file that was there before; a compiler that fails, or is missing, is told."""
+    """A full disk leaves the file that was there before; a compiler that fails, or is missing, is reported."""
     m, path = linkage.mechanism, tmp_path / "x.fmu"
     path.write_bytes(b"old")
     with size_limit(2000):

@@ -101,7 +101,7 @@ def test_bad_drawings(tmp_path, monkeypatch):
         with pytest.raises(mbd.FileError, match=r"a\.\w+: the file cannot be read"):
             read(path)
         path.write_text("nothing of the kind")
-        with pytest.raises(mbd.FileError, match=r"this is no \w+ drawing"):
+        with pytest.raises(mbd.FileError, match=r"this is not an? \w+ drawing"):
             read(path)
     path = tmp_path / "open.svg"
     path.write_text('<svg xmlns="http://www.w3.org/2000/svg"><path d="M 0 0 L 10 0 L 10 10"/></svg>')

@@ -27,7 +27,7 @@ class TestSurelyIndependent:
 
     @pytest.mark.parametrize("value", [0.0, 1e-13, 1e-9, 1e-6])
     def test_dependent_or_nearly_so(self, check, value):
-        """What is below 1e-6 is for singular values to decide."""
+        """Below 1e-6 the decision is left to singular values."""
         assert not check(with_smallest(value))
 
     def test_never_against_singular_values(self, check):

@@ -160,6 +160,6 @@ def test_before_anything_is_solved(monkeypatch):
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("mbdcasadi.optimal_control.nlp.setup.kinematic_path", pressing)
-    with pytest.raises(mbd.Interrupted, match="nothing was found yet") as caught:
+    with pytest.raises(mbd.Interrupted, match="no solution was found yet") as caught:
         mbd.optimize(problem, intervals=4)
     assert caught.value.partial is None

@@ -51,7 +51,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 def test_all_analyses_agree_with_closed_forms(name):
-    """Derivatives were without their jumps, and the values of sweeps those of a force that never switched."""
+    """Derivatives contain their jumps, and sweeps the switches of the force."""
     force, speed = CASES[name]
     body, mechanism = pushed(force)
     given = {"initial": [body.vx == 1]}

@@ -25,7 +25,7 @@ def plate(forces, *, meet=True):
 
 
 def test_loads_that_no_reactions_hold_are_refused():
-    """It integrated the rounding of the pose for up to a minute."""
+    """No integrator follows the rounding of the pose."""
     model = plate(lambda body: [mbd.Gravity()])
     assert mbd.check(model).singular == "shaky"
     with pytest.raises(mbd.SingularityError, match="pose is shaky") as caught:
@@ -55,7 +55,7 @@ def test_flat_rows_are_bifurcations(loops):
 
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_a_flat_row_at_rest_is_refused_under_its_weight(method):
-    """It may fall as a row, or with one crank left where it is: it ran on, and ended beside all of these motions."""
+    """It may fall as a row, or with one crank left where it is; a run would end beside all of these motions."""
     bars, model, _ = parallelogram(2, angle=0.0, gravity=True)
     with pytest.raises(mbd.SingularityError, match="bifurcation: several motions go from it.*left 0.x"):
         mbd.simulate(model, np.linspace(0, 1, 21), initial=[bars[0].phi == 0, bars[0].omega == 0], method=method)

@@ -1,4 +1,4 @@
-"""What is watched of contacts, derived once for those of one kind."""
+"""Watched quantities of contacts, derived once for those of one kind."""
 
 import casadi as ca
 import numpy as np

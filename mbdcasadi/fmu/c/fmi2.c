@@ -124,7 +124,7 @@ STATUS NAMED(fmi2EnterInitializationMode)(fmi2Component c) {
 STATUS NAMED(fmi2ExitInitializationMode)(fmi2Component c) {
   instance* s = of(c);
   const int status = settle(s);
-  /* co-simulation and model exchange go on from here in different modes, and ask for nothing that tells them apart */
+  /* co-simulation and model exchange go on from here in different modes, and no call distinguishes them here */
   if (status == OK_) s->block[MODE] = EVENT_MODE;
   return STATUSES[status];
 }
@@ -203,7 +203,7 @@ STATUS NAMED(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], s
   double identity = 0.0;
   if (size >= SAVED_BYTES) memcpy(&identity, bytes, sizeof identity);
   if (identity != MODEL_IDENTITY) {
-    say(of(c), ERROR_, "the serialized state is none of this model");
+    say(of(c), ERROR_, "the serialized state belongs to another model");
     return fmi2Error;
   }
   if (!*state && !(*state = malloc(SAVED_BYTES))) return fmi2Error;
@@ -290,7 +290,7 @@ STATUS NAMED(fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nomina
 
 static int set_slope(instance* s, unsigned reference, int order, double slope) {
   if (reference < FIRST_INPUT || reference >= FIRST_PARAMETER || order != 1 || !isfinite(slope)) {
-    say(s, ERROR_, "derivatives of order 1 can be set, of inputs alone");
+    say(s, ERROR_, "only derivatives of inputs can be set, and only of order 1");
     return ERROR_;
   }
   const int k = INPUT_PLACES[reference - FIRST_INPUT];
@@ -314,7 +314,7 @@ STATUS NAMED(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi2ValueRefer
                                            const fmi2Integer order[], fmi2Real value[]) {
   (void)vr; (void)order; (void)value;
   if (!count) return fmi2OK;
-  say(of(c), ERROR_, "derivatives of outputs in time are not there");
+  say(of(c), ERROR_, "derivatives of outputs in time are not available");
   return fmi2Error;
 }
 
@@ -323,7 +323,7 @@ STATUS NAMED(fmi2DoStep)(fmi2Component component, fmi2Real time, fmi2Real step, 
   instance* s = c->s;
   (void)no_return;
   if (s->block[MODE] == TERMINATED || s->block[MODE] < EVENT_MODE) {
-    say(s, ERROR_, "a step is possible between initialization and termination");
+    say(s, ERROR_, "a step is possible only between initialization and termination");
     return c->last = fmi2Error;
   }
   if (!(fabs(time - s->block[TIME]) <= 1e-9 * (fabs(time) + fabs(step)))) {

@@ -258,7 +258,7 @@ STATUS NAMED(fmi3SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte
 STATUS NAMED(fmi3DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState* state) {
   double identity = 0.0;
   if (size >= SAVED_BYTES) memcpy(&identity, bytes, sizeof identity);
-  if (identity != MODEL_IDENTITY) return refuse(c, "the serialized state is none of this model");
+  if (identity != MODEL_IDENTITY) return refuse(c, "the serialized state belongs to another model");
   if (!*state && !(*state = malloc(SAVED_BYTES))) return fmi3Error;
   memcpy(*state, bytes, SAVED_BYTES);
   return fmi3OK;
@@ -275,7 +275,7 @@ STATUS NAMED(fmi3GetAdjointDerivative)(fmi3Instance c, const fmi3ValueReference 
                                        const fmi3ValueReference known[], size_t knowns, const fmi3Float64 seed[],
                                        size_t seeds, fmi3Float64 result[], size_t results) {
   (void)unknown; (void)unknowns; (void)known; (void)knowns; (void)seed; (void)seeds; (void)result; (void)results;
-  return refuse(c, "adjoint derivatives are not there");
+  return refuse(c, "adjoint derivatives are not available");
 }
 
 STATUS NAMED(fmi3EnterConfigurationMode)(fmi3Instance c) { return refuse(c, "there are no structural parameters"); }
@@ -347,14 +347,14 @@ STATUS NAMED(fmi3SetTime)(fmi3Instance c, fmi3Float64 time) {
 }
 
 STATUS NAMED(fmi3SetContinuousStates)(fmi3Instance c, const fmi3Float64 x[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is another one");
+  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
   memcpy(of(c)->x, x, sizeof(double) * N_X);
   changed(of(c));
   return fmi3OK;
 }
 
 STATUS NAMED(fmi3GetContinuousStateDerivatives)(fmi3Instance c, fmi3Float64 rates[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is another one");
+  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
   const int status = update_derivatives(of(c));
   memcpy(rates, of(c)->xdot, sizeof(double) * N_X);
   return STATUSES[status];
@@ -362,21 +362,21 @@ STATUS NAMED(fmi3GetContinuousStateDerivatives)(fmi3Instance c, fmi3Float64 rate
 
 STATUS NAMED(fmi3GetEventIndicators)(fmi3Instance c, fmi3Float64 values[], size_t count) {
   instance* s = of(c);
-  if (count != N_INDICATORS) return refuse(c, "the number of event indicators is another one");
+  if (count != N_INDICATORS) return refuse(c, "the number of event indicators is wrong");
   const int status = settle(s);
   find_indicators(s, s->block[TIME], s->x, values);
   return STATUSES[status];
 }
 
 STATUS NAMED(fmi3GetContinuousStates)(fmi3Instance c, fmi3Float64 x[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is another one");
+  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
   const int status = settle(of(c));
   memcpy(x, of(c)->x, sizeof(double) * N_X);
   return STATUSES[status];
 }
 
 STATUS NAMED(fmi3GetNominalsOfContinuousStates)(fmi3Instance c, fmi3Float64 nominals[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is another one");
+  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
   memcpy(nominals, NOMINALS, sizeof(double) * N_X);
   return fmi3OK;
 }
@@ -404,7 +404,7 @@ STATUS NAMED(fmi3EnterStepMode)(fmi3Instance c) {
 STATUS NAMED(fmi3GetOutputDerivatives)(fmi3Instance c, const fmi3ValueReference vr[], size_t count,
                                        const int32_t orders[], fmi3Float64 value[], size_t values) {
   (void)vr; (void)orders; (void)value; (void)values;
-  return count ? refuse(c, "derivatives of outputs in time are not there") : fmi3OK;
+  return count ? refuse(c, "derivatives of outputs in time are not available") : fmi3OK;
 }
 
 STATUS NAMED(fmi3DoStep)(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Boolean no_return,
@@ -417,7 +417,7 @@ STATUS NAMED(fmi3DoStep)(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi
   if (early_return) *early_return = false;
   if (last_time) *last_time = s->block[TIME];
   if (s->block[MODE] == TERMINATED || s->block[MODE] < EVENT_MODE)
-    return refuse(c, "a step is possible between initialization and termination");
+    return refuse(c, "a step is possible only between initialization and termination");
   if (!(fabs(time - s->block[TIME]) <= 1e-9 * (fabs(time) + fabs(step)))) {
     say(s, ERROR_, "the step is to begin at t = %.12g s, and the unit is at t = %.12g s", time, s->block[TIME]);
     return fmi3Error;

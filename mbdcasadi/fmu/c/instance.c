@@ -1,6 +1,6 @@
 /* One instance of the mechanism: start, co-simulation, derivatives and values; the same for every version of FMI.
 
-   Above this file stand model.h, which is written for the mechanism, and engine.c, the integrator.
+   This file is compiled after model.h, which is written for the mechanism, and engine.c, the integrator.
 
    A state is x = (q, v, z). All that changes in the course of a simulation is one block of doubles, so that a saved
    state is a copy of it. In co-simulation the integrator takes steps of its own size, also beyond the communication
@@ -61,7 +61,7 @@ typedef struct {
   double *times_out, *x_out;
   integer* index_out;
   double *a, *zdot, *lam, *y, *xdot, *work, *scratch, *switches;
-  int has_outputs, has_derivatives;       /* whether y, xdot belong to the present state */
+  int has_outputs, has_derivatives;       /* true if y, xdot belong to the present state */
   char* warned;
   report_t report;
   void* host;
@@ -320,12 +320,12 @@ static void blame(instance* s, int status) {
     element_forces(arg, res, NULL, s->scratch + N_FORCES, 0);
     for (int i = 0; i < N_FORCES; ++i)
       if (!isfinite(s->scratch[i])) {
-        say(s, status, "the force of %s is not finite at t = %.6g s: data that are left, a division by zero, or a root "
+        say(s, status, "the force of %s is not finite at t = %.6g s: data evaluated outside their range, a division by zero, or a root "
             "of a negative number", FORCE_OWNERS[i], s->block[TIME]);
         return;
       }
   }
-  say(s, status, "accelerations and reactions are not finite at t = %.6g s: the pose is singular, or data are left",
+  say(s, status, "accelerations and reactions are not finite at t = %.6g s: the pose is singular, or data are evaluated outside their range",
       s->block[TIME]);
 }
 
@@ -337,7 +337,7 @@ static void find_outputs(instance* s) {
   if (N_OUTPUTS) outputs(arg, res, NULL, s->work, 0);
 }
 
-/* Warn of elements that are beyond what they are valid for, each once. */
+/* Warn of elements outside their range of validity, each once. */
 static void check_validity(instance* s) {
   if (!N_VALIDITY) return;
   const double *q = s->x, *v = q + N_COORDINATES, *z = v + N_COORDINATES;
@@ -453,7 +453,7 @@ static int set_value(instance* s, unsigned reference, double value) {
   if (reference < FIRST_OUTPUT) {
     const int k = PARAMETER_PLACES[reference - FIRST_PARAMETER];
     if (s->block[MODE] == CONTINUOUS) {
-      say(s, ERROR_, "the parameter %s can be changed at events alone", NAMES[reference]);
+      say(s, ERROR_, "the parameter %s can be changed only at events", NAMES[reference]);
       return ERROR_;
     }
     if (s->p[k] == value) return OK_;
@@ -471,7 +471,7 @@ static int set_value(instance* s, unsigned reference, double value) {
   return ERROR_;
 }
 
-/* Seeds by value reference, and what they bring about. */
+/* Seeds by value reference, and the derivatives along them. */
 static int derivative_along(instance* s, const unsigned* unknown, size_t unknowns, const unsigned* known, size_t knowns,
                             const double* seed, double* result) {
   double *dx = s->scratch, *du = dx + N_X, *dp = du + N_INPUTS, *dxdot = dp + N_PARAMETERS, *dy = dxdot + N_X;
@@ -482,7 +482,7 @@ static int derivative_along(instance* s, const unsigned* unknown, size_t unknown
     else if (r >= FIRST_PARAMETER && r < FIRST_OUTPUT) dp[PARAMETER_PLACES[r - FIRST_PARAMETER]] = seed[i];
     else if (r >= FIRST_STATE && r < FIRST_RATE) dx[r - FIRST_STATE] = seed[i];
     else {
-      say(s, ERROR_, "derivatives by %s are not there: take inputs, parameters and states",
+      say(s, ERROR_, "derivatives by %s are not available: take inputs, parameters and states",
           r < REFERENCES ? NAMES[r] : "an unknown variable");
       return ERROR_;
     }
@@ -494,7 +494,7 @@ static int derivative_along(instance* s, const unsigned* unknown, size_t unknown
     if (r >= FIRST_OUTPUT && r < FIRST_STATE) result[i] = dy[r - FIRST_OUTPUT];
     else if (r >= FIRST_RATE && r < FIRST_INDICATOR) result[i] = dxdot[r - FIRST_RATE];
     else {
-      say(s, ERROR_, "derivatives of %s are not there: take outputs and rates of states",
+      say(s, ERROR_, "derivatives of %s are not available: take outputs and rates of states",
           r < REFERENCES ? NAMES[r] : "an unknown variable");
       return ERROR_;
     }
@@ -630,8 +630,8 @@ static int take_step(instance* s, double wanted, double limit) {
 
 static const char* reason(int status) {
   switch (status) {
-    case TOO_SMALL: return "the error test failed again and again at the smallest step";
-    case APART: return "the constraints cannot be met together any more";
+    case TOO_SMALL: return "the error test failed repeatedly at the smallest step";
+    case APART: return "the constraints can no longer be met together";
     case SINGULAR: return "the pose is singular";
     default: return "the equations gave values that are not finite";
   }
@@ -727,7 +727,7 @@ static double* save(const instance* s) {
 
 static int restore(instance* s, const double* saved) {
   if (!saved || saved[IDENTITY] != MODEL_IDENTITY) {
-    say(s, ERROR_, "the saved state is none of this model");
+    say(s, ERROR_, "the saved state belongs to another model");
     return ERROR_;
   }
   memcpy(s->block, saved, SAVED_BYTES);

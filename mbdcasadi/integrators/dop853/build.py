@@ -2,7 +2,7 @@
 
 A library is kept under a key of everything that decides on it, and a digest of
 its content, which is verified before it is opened: a file that was cut off or
-changed is built anew. It is written under another name and then renamed, so that
+changed is built again. It is written under another name and then renamed, so that
 nobody sees half of it, and of two processes that build the same, either wins.
 """
 
@@ -228,7 +228,7 @@ def compiled(files: Mapping[str, str], sources: Sequence[tuple[str, str]], using
         for command in commands:
             _run(using, command, scratch)
         if not (Path(scratch) / made).exists():
-            raise CompilationError(f"the compiler {using.name} failed: it made nothing")
+            raise CompilationError(f"the compiler {using.name} failed: it wrote no library")
         return (Path(scratch) / made).read_bytes()
 
 
@@ -249,7 +249,7 @@ def _run(using: Compiler, options: Sequence[str], folder: str) -> None:
 
 
 def _reason(said: str) -> str:
-    """The first error in what a compiler says, else its first line."""
+    """First error in the output of a compiler, else its first line."""
     lines = said.strip().splitlines()
     return next((line for line in lines if "error" in line), lines[0] if lines else "it gives no reason")
 

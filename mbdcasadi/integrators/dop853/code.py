@@ -37,18 +37,18 @@ def package_version() -> str:
 
 @dataclass(frozen=True, eq=False)
 class Written:
-    """C code of functions that is written otherwise than from their instructions: with loops.
+    """C code of functions, written with loops instead of from their instructions.
 
     Attributes
     ----------
     shared : str
-        What stands before them.
+        Code before them: tables and functions that they share.
     bodies : mapping
         By the name of a function its definition, and the length of the work array that it needs.
     size : int
         Number of instructions.
     opened : callable, optional
-        Called with the path of the library, which holds the shared functions too.
+        Called with the path of the library, which contains the shared functions too.
     """
 
     shared: str
@@ -60,7 +60,7 @@ class Written:
 class Code:
     """Some functions, interpreted at first, and compiled together once that pays.
 
-    What compiling costs is spent when interpreting has cost as much, or will: so a run is
+    They are compiled when interpreting has cost as much time as compiling takes, or will: so a run is
     never much slower than the better of the two would have been.
 
     Parameters

@@ -26,7 +26,7 @@ EXPONENT = 8
 
 @cache
 def coefficients() -> Any:
-    """The module of SciPy with the coefficients; read alone, since its package takes half a second to import."""
+    """The module of SciPy with the coefficients; loaded without its package, which takes long to import."""
     name = "scipy.integrate._ivp.dop853_coefficients"
     scipy = find_spec("scipy")
     folder = (scipy.submodule_search_locations or [""])[0] if scipy is not None else ""

@@ -341,7 +341,7 @@ static void record(run_t* run, stretch_t* task, double t, const double* y, integ
 
 static int sign_of(double x) { return x > 0.0 ? 1 : x < 0.0 ? -1 : 0; }
 
-/* Whether a parabola through three values of one sign comes near to zero between them. */
+/* True if a parabola through three values of one sign comes near to zero between them. */
 static int may_touch(double t0, double f0, double t1, double f1, double t2, double f2) {
   if (f0 == 0.0 || sign_of(f0) != sign_of(f1) || sign_of(f1) != sign_of(f2)) return 0;
   const double h0 = t1 - t0, h1 = t2 - t1, bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0);

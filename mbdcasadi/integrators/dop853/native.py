@@ -356,7 +356,7 @@ class NativeRun:
         reached : numpy.ndarray
             Times up to which they came, s.
         """
-        system, given, count = self.system, _Arrays(), cases.times.shape[-1]
+        system, arrays, count = self.system, _Arrays(), cases.times.shape[-1]
         capacity = count + 8
         out_times, out_x = np.empty(capacity), np.empty((capacity, system.size))
         out_integrals, out_index = np.empty((capacity, system.integrals)), np.empty(capacity, np.int64)
@@ -365,7 +365,7 @@ class NativeRun:
             start=common.start,
             count=count,
             channel=system.channel,
-            weights=given.doubles(common.weights),
+            weights=arrays.doubles(common.weights),
             reltol=common.reltol,
             abstol=common.abstol,
             accuracy=ACCURACY,
@@ -373,11 +373,11 @@ class NativeRun:
             halt=self._halt.ctypes.data,
             samples=SAMPLES,
             spacing=np.inf,
-            offset=given.doubles(none),
-            band=given.doubles(none),
-            side=given.doubles(none),
-            direction=given.ints(none),
-            decides=given.ints(none),
+            offset=arrays.doubles(none),
+            band=arrays.doubles(none),
+            side=arrays.doubles(none),
+            direction=arrays.ints(none),
+            decides=arrays.ints(none),
             capacity=capacity,
             out_times=out_times.ctypes.data,
             out_x=out_x.ctypes.data,
@@ -395,15 +395,15 @@ class NativeRun:
             rows=values.shape[1],
             output_needs_dynamics=cases.needs_dynamics,
             output=entry,
-            starts=given.doubles(cases.starts),
-            p=given.doubles(cases.p),
-            levels_of=given.doubles(cases.levels),
+            starts=arrays.doubles(cases.starts),
+            p=arrays.doubles(cases.p),
+            levels_of=arrays.doubles(cases.levels),
             stride=count if len(cases.times) > 1 else 0,
-            times=given.doubles(cases.times),
-            channels=given.doubles(cases.channels),
-            max_step=given.doubles(cases.max_step),
-            stops=given.ints(cases.stops),
-            wanted=given.ints(cases.wanted),
+            times=arrays.doubles(cases.times),
+            channels=arrays.doubles(cases.channels),
+            max_step=arrays.doubles(cases.max_step),
+            stops=arrays.ints(cases.stops),
+            wanted=arrays.ints(cases.wanted),
             values=values.ctypes.data,
             status=status.ctypes.data,
             reached=reached.ctypes.data,

@@ -102,7 +102,7 @@ class Runner:
         return self._cache.get_or_create("explicit runs", Lending)
 
     def release(self) -> None:
-        """Leave what runs to later runs; this one is at its end."""
+        """Give compiled functions and buffers back for later runs."""
         if self._borrowed is not None:
             self._lending.give_back(*self._borrowed)
             self._borrowed = None
@@ -189,7 +189,7 @@ class Runner:
         return self._run.run_cases(cases, common, code, values)
 
     def halt(self) -> None:
-        """End what runs in another thread."""
+        """Stop a run in another thread."""
         self._run.halt()
 
     def slice(self) -> float:

@@ -199,14 +199,14 @@ def _symbols(names: str, size: int) -> list[tuple[str, int]]:
 
 
 class _Call:
-    """A CasADi function on arrays that others may share: a call costs about a microsecond.
+    """A CasADi function on arrays that others may share, which spares the conversion of arguments.
 
     Parameters
     ----------
     function : casadi.Function
         The function.
     arguments, results : sequence of numpy.ndarray, optional
-        Places of all arguments and results; of its own if left out.
+        Places of all arguments and results; new ones if left out.
     """
 
     def __init__(
@@ -286,13 +286,13 @@ class _Steps:
         self.rate, self.complete, self.projection = _Call(f.rate), _Call(f.complete), _Call(f.projection)
 
     def begin(self, s: Stretch) -> None:
-        """Take what holds over a stretch."""
+        """Take tolerances, parameters and input levels of a stretch."""
         self.reltol[0], self.abstol[0], self.weights[:] = s.reltol, s.abstol, s.weights
         self.held[0][:], self.held[1][:] = s.p, s.levels
         self.hold(s.channels[0])
 
     def hold(self, channel: np.ndarray) -> None:
-        """Take what holds over an interval."""
+        """Take the channels of an interval."""
         self.held[2][:] = channel
 
 
@@ -400,7 +400,7 @@ class _StretchRun:
             correction = self._norm(moved, f.scale)
             f.next[: self.n_x] = x
             f.k[STAGES] = self._rate(t, f.next)
-        # a sum is finite exactly if its terms are, but for overflow, which is none of a motion
+        # a sum is finite exactly if its terms are, except for overflow, which does not occur in a motion
         return correction <= DRIFT and math.isfinite(f.k[STAGES, : self.n_x].sum())
 
     def _prepare_dense(self) -> None:

@@ -232,7 +232,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Cases:
-    """Runs of one system over times of the same number.
+    """Runs of one system over equally many times.
 
     Attributes
     ----------
@@ -241,13 +241,13 @@ class Cases:
     times : numpy.ndarray
         Increasing, later than the start (k, n), s; (1, n) if all cases share them, as all that follows.
     wanted, stops : numpy.ndarray of bool
-        Which of them are outputs, and over which no step may go.
+        Times that are outputs, and times over which no step may go.
     channels : numpy.ndarray
-        What holds in the interval that ends at each of the times (k, n, n_channel).
+        Values in the interval that ends at each of the times (k, n, n_channel).
     max_step : numpy.ndarray
         Longest steps (k,), s.
     needs_dynamics : bool
-        Whether the outputs contain accelerations, multipliers or inputs.
+        True if the outputs contain accelerations, multipliers or inputs.
     """
 
     starts: np.ndarray
@@ -272,7 +272,7 @@ class Reached:
     index : numpy.ndarray of int
         Place of each among the times of the stretch, or -1.
     status : Status
-        Why it ended.
+        Cause of its end.
     steps, rejected, evaluations : int
         Steps that were accepted and repeated, and evaluations of the equations.
     least_regularity : float

@@ -16,7 +16,7 @@ from .shapes import Polygon, Shape
 TOLERANCE = 1e-4
 #: Metres in a pixel of CSS.
 PIXEL = 0.0254 / 96
-#: Distance of ends that are one, relative to the size of the drawing.
+#: Distance below which two ends are joined, relative to the size of the drawing.
 JOINED = 1e-6
 #: Halvings of a curve, at most.
 _MOST_HALVINGS = 12
@@ -32,7 +32,7 @@ def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | Non
     except OSError as error:
         raise _unreadable(path, error) from None
     except Exception as error:  # whatever the library meets in a broken file
-        raise FileError(f"{path}: this is no SVG drawing: {error}") from None
+        raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
     paths = [library.Path(e) for e in document.elements() if isinstance(e, library.Shape)]
     subpaths = [part for each in paths for part in each.as_subpaths() if len(part) > 1]
     ends = np.array([[point.x, point.y] for part in subpaths for s in part for point in (s.start, s.end) if point])
@@ -55,7 +55,7 @@ def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | Non
     except Exception as error:
         if isinstance(error, OSError) and error.strerror:
             raise _unreadable(path, error) from None
-        raise FileError(f"{path}: this is no DXF drawing: {error}") from None
+        raise FileError(f"{path}: this is not a DXF drawing: {error}") from None
     factor = _unit(document, path) if scale is None else _positive(scale, path, "scale")
     lines = list(_lines(e for e in document.modelspace() if layer is None or e.dxf.layer == layer))
     ends = np.vstack([np.zeros((0, 2)), *(_ends(line) for line in lines)])
@@ -66,7 +66,7 @@ def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | Non
 
 
 def _lines(entities: Iterable[Any]) -> Iterator[Any]:
-    """Lines and curves of entities, polylines and blocks taken apart; texts, dimensions and the like are none."""
+    """Lines and curves of entities, polylines and blocks taken apart; texts, dimensions and the like are left out."""
     for entity in entities:
         if entity.dxftype() in ("LWPOLYLINE", "POLYLINE", "INSERT"):
             yield from _lines(entity.virtual_entities())
@@ -150,7 +150,7 @@ def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _chained(pieces: Sequence[np.ndarray], joined: float) -> list[Loop]:
-    """Loops from pieces that meet at their ends; what is left open is no outline."""
+    """Loops from pieces that meet at their ends; open ones are left out."""
     loops, left = [], list(pieces)
     while left:
         chain = left.pop(0)

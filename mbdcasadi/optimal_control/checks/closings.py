@@ -1,4 +1,4 @@
-"""Warnings about motions of several phases that a solver does not see: what passes, what pulls, what is left open."""
+"""Warnings about motions of several phases that meet all demands: joints that pass, that pull, and free choices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: Times of a phase at which it is looked whether something passes.
 POINTS = 400
-#: Part of the range of a row, or of a reaction, that counts as nothing.
+#: Share of the range of a row, or of a reaction, that counts as zero.
 NOTHING = 1e-3
 
 
@@ -98,22 +98,22 @@ def _beyond(row: np.ndarray) -> np.ndarray | None:
 # --- what pulls -------------------------------------------------------------------------------
 def _sides(solution: Solution, change: Change) -> dict[Any, dict[int, float]]:
     """Signs of the impulses of joints to the ground that close at a change, by joint and its row."""
-    found: dict[Any, dict[int, float]] = {}
+    signs: dict[Any, dict[int, float]] = {}
     if not change.setup.guards:
-        return found
+        return signs
     impulses = change.impulses(solution.variables)
     names, _, values = _guards_of(solution, change)
     for name, row in zip(names, values.T, strict=True):
         size = float(np.max(np.abs(row)))
         inside = np.flatnonzero(np.abs(row) > NOTHING * size)
         for joint in impulses:
-            own = list(getattr(joint, "row_names", ()))
-            if name not in own or not any(body.is_ground for body in joint.bodies) or not inside.size:
+            row_names = list(getattr(joint, "row_names", ()))
+            if name not in row_names or not any(body.is_ground for body in joint.bodies) or not inside.size:
                 continue
-            k = own.index(name)
+            k = row_names.index(name)
             if np.all(np.sign(row[inside]) == np.sign(row[inside[-1]])) and impulses[joint][k]:
-                found.setdefault(joint, {})[k] = float(np.sign(impulses[joint][k]))
-    return found
+                signs.setdefault(joint, {})[k] = float(np.sign(impulses[joint][k]))
+    return signs
 
 
 def _is_foothold(solution: Solution, joint: Any) -> bool:
@@ -125,7 +125,7 @@ def _is_foothold(solution: Solution, joint: Any) -> bool:
 
 def _warn_of_pulling(solution: Solution, joint: Any, by_row: dict[int, float]) -> None:
     for part in solution.phases:
-        if part.phase.is_instant or not any(joint is own for own in part.phase.mechanism.joints):
+        if part.phase.is_instant or not any(joint is other for other in part.phase.mechanism.joints):
             continue
         values = part.trajectory[joint.multipliers].reshape(len(part.trajectory), -1)
         size = float(np.max(np.abs(values), initial=0.0))

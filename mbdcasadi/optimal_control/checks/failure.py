@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: Violation of a scaled row from which it is reported.
 VIOLATION_TOLERANCE = 1e-7
 
-#: Share of the largest violation below which others are not said to be in conflict.
+#: Share of the largest violation below which others are not reported as in conflict.
 SMALL_SHARE = 1e-3
 
 _MESSAGES = {
@@ -185,7 +185,7 @@ def not_found(failure: OptimizationError, stages: list[str]) -> OptimizationErro
 
 
 def _without_message(failure: OptimizationError) -> str:
-    """What a failure reports besides the message of the solver: from the least met demand on."""
+    """Report of a failure without the message of the solver: from the least met demand on."""
     text = str(failure)
     status = _MESSAGES.get(failure.partial.statistics.status, "")
     return text.removeprefix(status).removeprefix("; ").removeprefix(" ")
@@ -194,7 +194,7 @@ def _without_message(failure: OptimizationError) -> str:
 def _conflicts(solution: Solution, slacks: dict[str, float]) -> list[Violation]:
     """Violations by label, the largest first; each where it is largest."""
     program, rows = solution.program, solution.answer.rows
-    sides, found = LimitSides(program, conditions=True).sides, []
+    sides, violations = LimitSides(program, conditions=True).sides, []
     for label, slack in slacks.items():
         side = sides[label]
         above, below = rows[side.rows_above], program.lower[side.rows_below] - rows[side.rows_below]
@@ -203,10 +203,10 @@ def _conflicts(solution: Solution, slacks: dict[str, float]) -> list[Violation]:
             row = program.rows[places[int(np.argmax(np.r_[above, below]))]]
             interval = row.interval if row.repeated else None
             time = time_of(row, solution)
-            found.append(Violation(label, slack * row.size, row.unit, time, interval, row.tau, slack))
+            violations.append(Violation(label, slack * row.size, row.unit, time, interval, row.tau, slack))
             continue
-        found.append(_of_bound(solution, label, slack))
-    return sorted(found, key=lambda v: -v.scaled)
+        violations.append(_of_bound(solution, label, slack))
+    return sorted(violations, key=lambda v: -v.scaled)
 
 
 def _of_bound(solution: Solution, label: str, slack: float) -> Violation:

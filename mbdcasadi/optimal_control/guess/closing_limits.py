@@ -1,4 +1,4 @@
-"""What follows a solve that failed: without limits first, then with limits that close in, then the least violation.
+"""Search after a solve that failed: without limits first, then with limits that close in, then the least violation.
 
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
@@ -30,9 +30,9 @@ RESUMABLE = (
 )
 #: Iterations without limits, of a step in which limits close in, and of a least violation.
 FREE_ITERATIONS, CLOSING_ITERATIONS, VIOLATION_ITERATIONS = 300, 150, 300
-#: Share of its way below which a step in which limits close in is given up.
+#: Share of its length below which a step in which limits close in is given up.
 SMALLEST_STEP = 1 / 8
-#: Power with which the remaining excess falls along the way: in the end it is small beside the limits.
+#: Power with which the remaining excess falls from step to step: in the end it is small compared with the limits.
 CLOSING_POWER = 3
 #: Sum of scaled violations up to which a motion counts as one that meets all demands.
 FEASIBLE = 1e-6
@@ -78,7 +78,7 @@ class LimitSearch:
         self._stages: list[Stage] = []
 
     def run(self, failure: OptimizationError) -> Solution:
-        """Return a solution, or raise the failure with what the search found out.
+        """Return a solution, or raise the failure with the result of the search.
 
         Raises
         ------
@@ -156,9 +156,9 @@ class LimitSearch:
             self._note(solution, solution.statistics.status, f"least violation, {total:.2g} in all")
             if total <= FEASIBLE:
                 feasible = _without_multipliers(solution.as_guess(self._solver.problem))
-                found = self._solved(feasible, "all limits, from a motion that meets them")
-                if found is not None:
-                    return found.point
+                solved = self._solved(feasible, "all limits, from a motion that meets them")
+                if solved is not None:
+                    return solved.point
             elif succeeded:
                 conflicting.append((solution, slacks))
                 if len(conflicting) == STARTS:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 #: Excess of a limit up to which it counts as met.
 LIMIT_TOLERANCE = 1e-6
-#: Weight of a change of a parameter by its own size beside that of a typical step of the heaviest body.
+#: Weight of a change of a parameter by its own size, relative to that of a typical step of the heaviest body.
 PARAMETER_WEIGHT = 1e-2
 
 
@@ -145,7 +145,9 @@ class _System:
         eom = self._phase.equations
         p, extra = ca.SX(ca.DM(self._numeric.p)), []
         for j, symbol in enumerate(self._parameters):
-            place = next((i for i, own in enumerate(self._phase.mechanism.parameters) if own is symbol), None)
+            place = next(
+                (i for i, parameter in enumerate(self._phase.mechanism.parameters) if parameter is symbol), None
+            )
             if place is None:
                 extra.append(self.free[j])
             else:
@@ -158,11 +160,11 @@ class _System:
     def solve(self, near: np.ndarray) -> FreePoses | None:
         """Solve by IPOPT within the limits, and to rounding by Newton's method."""
         numeric, count = self._numeric, len(self._places)
-        own = np.array([p.value for p in self._parameters])
-        sizes = np.where(own != 0, np.abs(own), 1.0)
+        initial_values = np.array([p.value for p in self._parameters])
+        sizes = np.where(initial_values != 0, np.abs(initial_values), 1.0)
         heavy = float(np.max(numeric.weights * numeric.typical_step**2))
         weights = np.r_[np.tile(numeric.weights, count), PARAMETER_WEIGHT * heavy / sizes**2]
-        estimate = np.r_[near.ravel(), own]
+        estimate = np.r_[near.ravel(), initial_values]
         bounds = [
             sign * (self.free[k] - bound)
             for k, p in enumerate(self._parameters)

@@ -49,7 +49,7 @@ class KinematicPath:
     poses : numpy.ndarray
         (k, n).
     complete : bool
-        Whether the linkage was seen to reach all places on the way.
+        True if the linkage was seen to reach all places.
     """
 
     segment_times: np.ndarray
@@ -94,7 +94,7 @@ def kinematic_path(
     values : mapping of Parameter to float, optional
         Values of the free parameters, in place of their own.
     through : bool
-        Whether the conditions of the waypoints are met.
+        True to meet the conditions of the waypoints.
     poses_at : numpy.ndarray, optional
         Poses at start, waypoints and end (k, n), in place of the conditions there.
     """

@@ -35,5 +35,5 @@ class BestSoFar:
         """The exception for a search that the user stopped."""
         which = "best solution" if self.solution is not None else "last iterate"
         partial = self.solution if self.solution is not None else self.iterate
-        more = f"the {which} is in .partial" if partial is not None else "nothing was found yet"
+        more = f"the {which} is in .partial" if partial is not None else "no solution was found yet"
         return Interrupted(f"stopped by the user; {more}", partial=partial)

@@ -207,7 +207,7 @@ class Change:
         return float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
 
     def _velocity_rows(self, values: ca.SX, name: str) -> Rows:
-        """``J v⁺ = b``; rows that the coordinates are chosen by hold by themselves."""
+        """``J v⁺ = b``; rows by which the coordinates are chosen hold identically."""
         solved = set(self.after.scheme.eom.explicit)
         chosen = [k for k in self.setup.kept if k not in solved]
         eom, time = self.after.phase.equations, self.after.scales.time

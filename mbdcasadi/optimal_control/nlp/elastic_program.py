@@ -1,4 +1,4 @@
-"""The least violation: the same program with limits and conditions that yield, and what they yield as the cost."""
+"""Program of least violation: limits and conditions yield, and the amounts by which they yield are the cost."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ class ElasticProgram:
         hessian = derivatives["hess_lag"](x, data, 0.0, lam_g[: self._m]) + lam_f * NEARNESS * ca.DM.eye(n)
         hessian = ca.diagcat(hessian, ca.MX(self._count, self._count))
         names = ["x", "p"]
-        given = {
+        functions = {
             "grad_f": ca.Function("nlp_grad_f", [y, p], [cost, gradient], names, ["f", "grad_f_x"]),
             "jac_g": ca.Function("nlp_jac_g", [y, p], [rows, slopes], names, ["g", "jac_g_x"]),
             "hess_lag": ca.Function(
                 "nlp_hess_l", [y, p, lam_f, lam_g], [hessian], [*names, "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
             ),
         }
-        return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, given | options)
+        return ca.nlpsol("violation", "ipopt", {"x": y, "p": p, "f": cost, "g": rows}, functions | options)
 
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,7 +89,7 @@ class ElasticProgram:
         return lower, upper
 
     def arguments(self, x0: np.ndarray, data: np.ndarray, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Arguments of the solver: the guess with slacks that meet everything, and the bounds."""
+        """Arguments of the solver: the guess with slacks that satisfy all rows, and the bounds."""
         bounds = self._bounds
         lower, upper = self.limits
         low = np.r_[bounds.rows_lower, bounds.lower[self._yielding]]

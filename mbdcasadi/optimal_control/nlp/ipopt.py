@@ -168,8 +168,8 @@ class Ipopt:
         arguments = elastic.arguments(begin.x, begin.data, rows_at(program, begin.x, begin.data))
         callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
         with quiet():
-            own = {"iteration_callback": callback, "ipopt.max_iter": limit}
-            solver = elastic.solver(QUIET | DEFAULTS | own | self.settings.options)
+            run_options = {"iteration_callback": callback, "ipopt.max_iter": limit}
+            solver = elastic.solver(QUIET | DEFAULTS | run_options | self.settings.options)
         result = self._call(begin, solver, callback, arguments)
         x, slacks = elastic.split(result.answer["x"].full().ravel())
         x = np.clip(x, *elastic.limits)

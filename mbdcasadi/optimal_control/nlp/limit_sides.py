@@ -1,4 +1,4 @@
-"""Limits of a program side by side: rows and variables that one limit bounds, and bounds that are loosened."""
+"""Sides of the limits of a program: rows and variables that one limit bounds, and bounds that are loosened."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class LimitSides:
     program : CollocationProgram
         Program whose limits are meant.
     conditions : bool
-        Whether conditions at places count, too, and equalities with both sides.
+        True if conditions at places count too, and equalities with both sides.
     """
 
     def __init__(self, program: CollocationProgram, *, conditions: bool = False):
@@ -79,7 +79,7 @@ class LimitSides:
 
     def excess(self, bounds: Bounds, x: np.ndarray, rows: np.ndarray) -> dict[str, float]:
         """Largest amounts by which limits are passed, scaled, by label; those that hold are left out."""
-        found = {}
+        amounts = {}
         for label, side in self.sides.items():
             parts = [
                 rows[side.rows_above] - bounds.rows_upper[side.rows_above],
@@ -89,5 +89,5 @@ class LimitSides:
             ]
             most = float(np.max(np.concatenate(parts), initial=0.0))
             if most > 0:
-                found[label] = most
-        return found
+                amounts[label] = most
+        return amounts

@@ -1,4 +1,4 @@
-"""Solutions that are no motions, solved again: from other guesses if they jump, and on finer meshes."""
+"""Second solves of solutions that are not motions: from other guesses if they jump, and on finer meshes."""
 
 from __future__ import annotations
 
@@ -51,18 +51,18 @@ def as_motion(solver: Solver, solution: Solution, guesses: Iterable[Callable[[],
     what = "mesh too coarse for the motion" if jump is None else f"jump to another branch at t = {jump.begin:.6g} s"
     stages = [*s.stages, Stage(what, s.iterations, s.status, s.seconds)]
     # on a finer mesh a jump seldom leads to a motion, and at great cost
-    found = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
-    if found is None:
-        found = _refined(solver, solution, stages)
-        refuse_branch_jump(found)
-    found.statistics = replace(
-        found.statistics,
+    motion = _from_guesses(solver, solution, guesses, stages) if jump is not None else None
+    if motion is None:
+        motion = _refined(solver, solution, stages)
+        refuse_branch_jump(motion)
+    motion.statistics = replace(
+        motion.statistics,
         iterations=s.iterations + sum(stage.iterations for stage in stages[len(s.stages) + 1 :]),
         seconds=s.seconds + sum(stage.seconds for stage in stages[len(s.stages) + 1 :]),
         starts=s.starts,
         stages=stages,
     )
-    return found
+    return motion
 
 
 def _refined(solver: Solver, solution: Solution, stages: list[Stage]) -> Solution:
@@ -87,13 +87,13 @@ def _from_guesses(
         solver.best.new_stage()
         failed = False
         try:
-            found = refine_if_coarse(solver, solver.solve(meshes, guess, limit=ITERATIONS))[0]
+            candidate = refine_if_coarse(solver, solver.solve(meshes, guess, limit=ITERATIONS))[0]
         except OptimizationError as error:
-            found, failed = error.partial, True
-        s = found.statistics
+            candidate, failed = error.partial, True
+        s = candidate.statistics
         stages.append(Stage(f"finer mesh, {guess.description}", s.iterations, s.status, s.seconds))
-        if not failed and branch_jump(found) is None:
-            return found
+        if not failed and branch_jump(candidate) is None:
+            return candidate
     return None
 
 

@@ -18,7 +18,7 @@ MOVE, LINE, CLOSE = 1, 2, 79
 LOWEST, STEP = 2.0, 0.5
 
 
-#: Size of names, points: they are read where a drawing stands in a column.
+#: Size of names, points: legible in a drawing that is as wide as a column.
 NAME = 9.5
 
 
@@ -116,7 +116,7 @@ def _text(axes: Axes, label: Any) -> Any:
 
 
 def _leader(axes: Axes, label: Any) -> Any:
-    """A thin line from a point to its name, with a dot at the point; None if the name is beside it."""
+    """A thin line from a point to its name, with a dot at the point; None if the name is next to it."""
     if label.leader is None:
         return None
     return axes.annotate(

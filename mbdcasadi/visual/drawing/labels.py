@@ -108,7 +108,7 @@ class _Taken:
 
 
 def _leader(shift: np.ndarray, size: np.ndarray) -> np.ndarray | None:
-    """End (2,) of the line that leads from a point to its name, points from it; None if the name is beside it."""
+    """End (2,) of the line that leads from a point to its name, points from it; None if the name is next to it."""
     gap = np.maximum(np.abs(shift) - size / 2, 0.0)
     if np.hypot(*gap) < LED:
         return None

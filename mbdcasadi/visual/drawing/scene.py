@@ -63,7 +63,7 @@ class Label:
     shift : tuple of float
         Middle of the text from the point, points of the paper.
     leader : tuple of float or None
-        End of a line that leads from the point to the text, points of the paper; None if the text is beside its point.
+        End of a line that leads from the point to the text, points of the paper; None if the text is next to its point.
     """
 
     frame: int

@@ -89,7 +89,7 @@ def filled(
 
 
 def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
-    """Data for the scripts of a page: the drawing, the items that one points at, and the plots.
+    """Data for the scripts of a page: the drawing, the items with tooltips, and the plots.
 
     Parameters
     ----------

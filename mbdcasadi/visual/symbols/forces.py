@@ -84,7 +84,7 @@ class FrictionGlyph(Glyph, of=FrictionInJoint):
             frame.area("rubber", lines.rectangle((-1.3 * u, edge), (1.3 * u, edge + 0.6 * u)), layer=scene.PIN)
 
     def loads(self) -> list[Load]:
-        """Return no arrow: what acts is in the tooltip."""
+        """Return no arrow: the load is in the tooltip."""
         return []
 
     def tooltip(self) -> dict[str, ca.SX]:
