@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..equations.numeric import NumericEquations
+from ..errors import SimulationError
 from ..integrators.failures import in_words
 from ..kinematics.singular import describe_singularity
 from ..results.validity import broken_at_pose
@@ -67,4 +68,24 @@ def cause_of_failure(
     return (
         f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
         f"at {v[0][fastest]:.3g} per second); {advice} may help{remarks}"
+    )
+
+
+def singular_stop(numeric: NumericEquations, entry: float, time: float, x: np.ndarray) -> SimulationError:
+    """Error of a run at a singular pose that the motion cannot be continued across, from a state just before it."""
+    pose = describe_singularity(numeric, time, x[: numeric.eom.q.numel()])
+    return SimulationError(
+        f"the simulation stopped at t = {entry:.6g} s, before a singular pose, {pose.text}; the motion could not "
+        "be continued across it; what was computed is in .partial",
+        time=entry,
+    )
+
+
+def singular_event(numeric: NumericEquations, name: str, time: float, x: np.ndarray) -> SimulationError:
+    """Error of a run at an event after which the velocities do not follow from the constraints."""
+    pose = describe_singularity(numeric, time, x[: numeric.eom.q.numel()])
+    return SimulationError(
+        f"the simulation stopped at t = {time:.6g} s: event '{name}' takes place in a singular pose, or too near to "
+        f"one, {pose.text}; the velocities after it are not determined there; what was computed is in .partial",
+        time=time,
     )

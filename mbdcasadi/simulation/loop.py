@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -17,7 +16,6 @@ from ..equations.impact_law import by_element, jump
 from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
-from ..kinematics.singular import describe_singularity
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..numerics.console import interruptible
@@ -26,11 +24,12 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .events import Crossing, EventWatch
-from .failure_diagnosis import cause_of_failure
+from .failure_diagnosis import cause_of_failure, singular_event, singular_stop
 from .impacts import INSTANT, Impacts
 from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
+from .piece_projection import PieceProjection
 from .resolution import Resolution
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
@@ -42,15 +41,8 @@ from .uniqueness import Uniqueness
 from .unseen_loads import UnseenLoads
 from .whole_stepping import WholeStepper, refuse_redundant_rows
 
-#: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
-APART = 1e-8
-#: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
-#: relative tolerances, from which a constraint counts as one that jumps.
-LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
-#: Points of an output interval by which a jump is distinguished from drift.
-CLOSER_LOOK = 32
 #: A multistep method starts with some hundred small steps of low order: pieces that take fewer steps than this are
 #: joined (measured: twenty pieces of 140 steps take three times as long as one).
 STEPS_PER_PIECE = 1000
@@ -101,6 +93,7 @@ class _Arc:
         else:
             self.stepper = Stepper(*arguments, redundant=run.redundant, max_step=run.max_step)
         self.passage = SingularPassage(regularity, self.stepper.outputs)
+        self.projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
 
 
 class Run:
@@ -402,7 +395,9 @@ class Run:
         """
         arc, times = self._arc, path.times[1:]
         outputs = arc.stepper.outputs if passage is None else arc.stepper.tolerant_outputs
-        x, apart = (path.x[1:], None) if path.on_constraints else self._projected(piece, path, outputs, passage)
+        x, apart = path.x[1:], None
+        if not path.on_constraints:
+            x, apart = arc.projection.states(piece, path, outputs, across=passage is not None)
         if apart is not None:
             failure, times = apart, times[: len(x)]
         arc.stepper.note_turning(x)
@@ -422,7 +417,7 @@ class Run:
             if not self._decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
         if deciding and passage is not None and not all(c.event.terminal for c in deciding):
-            raise self._undetermined(deciding[0])
+            raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
         if deciding:
             return self._at_events(deciding, count)
         if failure is not None:
@@ -434,32 +429,6 @@ class Run:
         else:
             self._trail.add(times, x)
         return False
-
-    def _projected(
-        self, piece: Piece, path: Path, outputs: Outputs, passage: Passage | None
-    ) -> tuple[np.ndarray, IntegrationFailure | None]:
-        """States of a piece on the constraints, as many as can be brought there, and the failure of the next one.
-
-        Without events only those that are kept are projected, and the last one.
-        """
-        times, x = path.times[1:], path.x[1:]
-        rows = np.ones(times.size, bool)
-        if not self._arc.watch.events:
-            rows[:-1] = piece.wanted[: times.size][:-1]
-        for chosen in (rows, np.ones(times.size, bool)):
-            if not times.size:
-                break
-            moved = outputs.projected(times[chosen], x[chosen])
-            together = outputs.recovery.left_over <= APART
-            part = replace(piece, times=times[chosen])
-            leap = self._leap(part, x[chosen], moved) if together and passage is None else None
-            if together and leap is None:
-                found = x.copy()
-                found[chosen] = moved
-                return found, None
-            if np.all(chosen):
-                return leap if leap is not None else self._together(times, moved)
-        return x, None
 
     def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
         """Events of a piece, up to the instant of the first that decides how the run goes on."""
@@ -492,30 +461,9 @@ class Run:
         except IntegrationFailure:
             passage = None
         if passage is None and arc.passage.smallest(path) < REALLY_SINGULAR:
-            raise self._stopped_before(entry, trail)
+            time, x = trail.before(entry)
+            raise singular_stop(arc.numeric, entry, time, x)
         return passage
-
-    def _stopped_before(self, entry: float, trail: Trail) -> SimulationError:
-        """Error at a singular pose that the motion cannot be continued across."""
-        time, x = trail.before(entry)
-        q = x[: self._arc.numeric.eom.q.numel()]
-        pose = describe_singularity(self._arc.numeric, time, q)
-        return SimulationError(
-            f"the simulation stopped at t = {entry:.6g} s, before a singular pose, {pose.text}; the motion could not "
-            "be continued across it; what was computed is in .partial",
-            time=entry,
-        )
-
-    def _undetermined(self, crossing: Crossing) -> SimulationError:
-        """Error at an event after which the velocities do not follow from the constraints."""
-        q = crossing.x[: self._arc.numeric.eom.q.numel()]
-        pose = describe_singularity(self._arc.numeric, crossing.time, q)
-        return SimulationError(
-            f"the simulation stopped at t = {crossing.time:.6g} s: event '{crossing.event.name}' takes place in a "
-            f"singular pose, or too near to one, {pose.text}; the velocities after it are not determined there; "
-            "what was computed is in .partial",
-            time=crossing.time,
-        )
 
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
         """Advance to the far side of a singular pose; whether the run ended."""
@@ -557,64 +505,6 @@ class Run:
     def decides(event: Event, own_events: Sequence[Event]) -> bool:
         """True if the run ends, or changes its mechanism, at an event."""
         return _cuts(event) or any(event is own for own in own_events)
-
-    def _together(self, times: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, IntegrationFailure | None]:
-        """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
-        numeric = self._arc.numeric
-        eom = numeric.eom
-        for k, time in enumerate(times):
-            phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
-            if np.max(phi) > APART:
-                rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
-                message = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
-                last = x[k - 1] if k else self._x
-                return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
-        return x, None
-
-    def _leap(
-        self, piece: Piece, integrated: np.ndarray, x: np.ndarray
-    ) -> tuple[np.ndarray, IntegrationFailure] | None:
-        """Outputs up to one to which only a jump of a constraint leads, and the failure there; None without a jump.
-
-        A row that jumps with the coordinates (an angle by ``atan2``) has a derivative
-        without the jump: the integrator passes by it, and the projection makes up for it at once. Jumps in time
-        are known beforehand.
-        """
-        times = piece.times[: len(x) - 1 if piece.ends_at_jump else len(x)]
-        x, integrated = x[: times.size], integrated[: times.size]
-        numeric, n = self._arc.numeric, self._arc.numeric.eom.q.numel()
-        correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
-        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self.integrator.reltol), 1.0)
-        begins = np.r_[piece.start, times]
-        states = np.vstack([self._x, x])
-        found = (
-            int(k)
-            for k in np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
-            if self._jumps_within(begins[k : k + 2], states[k], limit)
-        )
-        k = next(found, -1)
-        if k < 0:
-            return None
-        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
-        row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
-        moved = int(np.argmax(correction[k]))
-        message = (
-            f"the constraints are not continuous: '{row}' jumps before t = {times[k]:.6g} s, where "
-            f"{numeric.eom.coordinate_names[moved]} would have to leap by {(x - integrated)[k, moved]:.3g}"
-        )
-        last = x[k - 1] if k else self._x
-        return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
-
-    def _jumps_within(self, interval: np.ndarray, x: np.ndarray, limit: float) -> bool:
-        """True if the correction by projection jumps between two outputs; drift grows little by little instead."""
-        arc, n = self._arc, self._arc.numeric.eom.q.numel()
-        times = np.linspace(interval[0], interval[1], CLOSER_LOOK + 1)[1:]
-        try:
-            integrated = arc.stepper.unprojected(float(interval[0]), x, times)
-        except IntegrationFailure:
-            return True
-        moved = (arc.stepper.outputs.projected(times, integrated) - integrated)[:, :n] / arc.numeric.column_scale
-        return bool(np.max(np.abs(np.diff(moved, axis=0, prepend=0.0))) > limit)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""

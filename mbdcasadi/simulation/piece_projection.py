@@ -1,0 +1,135 @@
+"""States of a piece of a run on the constraints, and the failure if they cannot be brought there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..integrators.compiled import IntegrationFailure
+from .outputs import Outputs
+from .path import Path
+from .schedule import Piece
+from .stepping import Stepper
+
+#: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
+APART = 1e-8
+#: Change of the correction by projection from one output to the next, relative to the sizes of the coordinates and in
+#: relative tolerances, from which a constraint counts as one that jumps.
+LEAP, LEAP_IN_TOLERANCES = 1e-3, 30.0
+#: Points of an output interval by which a jump is distinguished from drift.
+CLOSER_LOOK = 32
+
+
+class PieceProjection:
+    """Projection of integrated states onto the constraints, piece by piece.
+
+    Parameters
+    ----------
+    stepper : Stepper
+        Integrates the equations.
+    reltol : float
+        Relative tolerance of the integrator.
+    only_wanted : bool
+        True if only the outputs that are kept, and the last state, are projected: no event is looked for.
+    """
+
+    def __init__(self, stepper: Stepper, reltol: float, *, only_wanted: bool):
+        self._stepper, self._reltol, self._only_wanted = stepper, reltol, only_wanted
+
+    def states(
+        self, piece: Piece, path: Path, outputs: Outputs, *, across: bool
+    ) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """Return states of a piece on the constraints, up to the first that cannot be brought there, and the failure.
+
+        Parameters
+        ----------
+        piece : Piece
+            Times of the states.
+        path : Path
+            States of the integrator, from the start of the piece.
+        outputs : Outputs
+            Projects them.
+        across : bool
+            True if the path leads across a singular pose.
+        """
+        times, x = path.times[1:], path.x[1:]
+        rows = np.ones(times.size, bool)
+        if self._only_wanted:
+            rows[:-1] = piece.wanted[: times.size][:-1]
+        for chosen in (rows, np.ones(times.size, bool)):
+            if not times.size:
+                break
+            moved = outputs.projected(times[chosen], x[chosen])
+            together = outputs.recovery.left_over <= APART
+            part = replace(piece, times=times[chosen])
+            leap = self._leap(part, path.x[0], x[chosen], moved) if together and not across else None
+            if together and leap is None:
+                found = x.copy()
+                found[chosen] = moved
+                return found, None
+            if np.all(chosen):
+                return leap if leap is not None else self._together(times, path.x[0], moved)
+        return x, None
+
+    def _together(
+        self, times: np.ndarray, start: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, IntegrationFailure | None]:
+        """Outputs up to the first one that cannot be brought onto the constraints, and the failure there."""
+        numeric = self._stepper.numeric
+        eom = numeric.eom
+        for k, time in enumerate(times):
+            phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
+            if np.max(phi) > APART:
+                rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
+                message = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
+                last = x[k - 1] if k else start
+                return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+        return x, None
+
+    def _leap(
+        self, piece: Piece, start: np.ndarray, integrated: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, IntegrationFailure] | None:
+        """Outputs up to one to which only a jump of a constraint leads, and the failure there; None without a jump.
+
+        A row that jumps with the coordinates (an angle by ``atan2``) has a derivative
+        without the jump: the integrator passes by it, and the projection makes up for it at once. Jumps in time
+        are known beforehand.
+        """
+        times = piece.times[: len(x) - 1 if piece.ends_at_jump else len(x)]
+        x, integrated = x[: times.size], integrated[: times.size]
+        numeric, n = self._stepper.numeric, self._stepper.numeric.eom.q.numel()
+        correction = np.abs(np.diff((x - integrated)[:, :n] / numeric.column_scale, axis=0, prepend=0.0))
+        limit = min(max(LEAP, LEAP_IN_TOLERANCES * self._reltol), 1.0)
+        begins = np.r_[piece.start, times]
+        states = np.vstack([start, x])
+        found = (
+            int(k)
+            for k in np.flatnonzero(correction.max(axis=1, initial=0.0) > limit)
+            if self._jumps_within(begins[k : k + 2], states[k], limit)
+        )
+        k = next(found, -1)
+        if k < 0:
+            return None
+        phi = np.abs(numeric.position(float(times[k]), integrated[k, :n])[0])
+        row = numeric.eom.row_names[numeric.eom.position_rows[int(np.argmax(phi))]]
+        moved = int(np.argmax(correction[k]))
+        message = (
+            f"the constraints are not continuous: '{row}' jumps before t = {times[k]:.6g} s, where "
+            f"{numeric.eom.coordinate_names[moved]} would have to leap by {(x - integrated)[k, moved]:.3g}"
+        )
+        last = x[k - 1] if k else start
+        return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+
+    def _jumps_within(self, interval: np.ndarray, x: np.ndarray, limit: float) -> bool:
+        """True if the correction by projection jumps between two outputs; drift grows little by little instead."""
+        n = self._stepper.numeric.eom.q.numel()
+        times = np.linspace(interval[0], interval[1], CLOSER_LOOK + 1)[1:]
+        try:
+            integrated = self._stepper.unprojected(float(interval[0]), x, times)
+        except IntegrationFailure:
+            return True
+        moved = (self._stepper.outputs.projected(times, integrated) - integrated)[
+            :, :n
+        ] / self._stepper.numeric.column_scale
+        return bool(np.max(np.abs(np.diff(moved, axis=0, prepend=0.0))) > limit)
