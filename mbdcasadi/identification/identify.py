@@ -12,11 +12,13 @@ from ..arguments.values import pairs_of, position_in
 from ..equations import equations
 from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
+from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.quantities import listed, refuse_twice
 from ..model.symbols import Parameter
 from ..numerics.console import keyboard_interrupts
 from ..sensitivity.compiled_run import MotionSetup
+from ..simulation.events import refuse_events
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
 from .gauss_newton import GaussNewtonOutcome, gauss_newton
@@ -42,6 +44,7 @@ def identify(
     *,
     inputs: Any = None,
     parameters: Any = None,
+    events: Sequence[Event] = (),
     weights: Any = None,
     experiments: Any = None,
     segments: int | None = None,
@@ -71,6 +74,8 @@ def identify(
         Searched for from their values, or from those of ``parameters=``.
     initial, inputs, parameters
         As for :func:`simulate`.
+    events : sequence of Event
+        Not supported: refused with the analyses that take them.
     weights : mapping, optional
         Expression to weight, the inverse of the standard deviation of its
         noise up to a common factor. Without, the noise of each quantity is
@@ -125,6 +130,7 @@ def identify(
     >>> round(fit[g], 6)
     9.81
     """
+    refuse_events(events, "identify")
     wanted = listed(unknowns, Parameter, "unknowns=")
     if not wanted:
         raise ModelError("identify: unknowns= is empty; name the parameters to identify")

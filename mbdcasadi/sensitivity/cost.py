@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -9,10 +10,12 @@ import numpy as np
 
 from ..errors import ModelError
 from ..integrators import Integrator
+from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.console import keyboard_interrupts
 from ..numerics.real import real_array
+from ..simulation.events import refuse_events
 from .compiled_run import CompiledRun, MotionSetup
 
 
@@ -91,6 +94,7 @@ def cost_function(
     initial: Any = (),
     inputs: Any = None,
     parameters: Any = None,
+    events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,
     abstol: float | None = None,
@@ -111,6 +115,8 @@ def cost_function(
         May hold anything, reactions and accelerations too.
     initial, inputs, parameters, method, reltol, abstol
         As for :func:`sensitivities`.
+    events : sequence of Event
+        Not supported: refused with the analyses that take them.
 
     Returns
     -------
@@ -138,6 +144,7 @@ def cost_function(
     >>> np.round(miss.gradient([5.0]), 6)
     array([-3.81])
     """
+    refuse_events(events, "cost_function")
     running, terminal = (
         as_expression(c, name) for c, name in ((running_cost, "running_cost"), (terminal_cost, "terminal_cost"))
     )

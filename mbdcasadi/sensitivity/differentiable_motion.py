@@ -32,7 +32,7 @@ from ..arguments.inputs import Signals
 from ..assembly.setup import Setup
 from ..equations.recovery import Recovery
 from ..equations.time_breaks import resolution
-from ..errors import ModelError
+from ..errors import ModelError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import MAX_STEPS, CompiledIntegrator
 from ..integrators.reversible import ReversibleIntegrator
@@ -144,6 +144,7 @@ class DifferentiableMotion:
         self._integrator, self._given = integrator, frozenset(varied)
         self._reversible = reversible and integrator.is_multistep
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
+        self._warned: set[str] = set()
         self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
         self._shortest_load = shortest_unseen_load(setup, integrator)
         start = setup.start
@@ -272,6 +273,12 @@ class DifferentiableMotion:
             needed = frozenset(node for node, flip in zip(self._in_time.nodes, flipping, strict=True) if flip)
             if not needed <= self._active:
                 self._hold(self._active | needed)
+        # at the end of the whole motion no cut is made: nothing comes after it
+        at_end = self._in_time.sides(whole[-1:] - width, p) != self._in_time.sides(whole[-1:] + width, p)
+        at_end = at_end[:, 0] & self._in_time.jump & self._varied
+        for name, flips in zip(self._in_time.descriptions, at_end, strict=True):
+            if flips:
+                self._warn_at_output(name, float(whole[-1]))
         system = self._system
         if not system.size:
             return Cuts(timed.stops, timed.jumps, self._max_step(timed))
@@ -310,7 +317,47 @@ class DifferentiableMotion:
             elif time in timed.jumps:
                 natural.append(float(time))
         passage.advance(float(grid[-1]))
+        self._report_one_sided(passage)
+        for k in passage.at_borders():
+            self._warn_at_output(system.switches[k].description, float(grid[-1]))
         return _with_stops(grid, passage, timed.stops, np.array(natural), max_step)
+
+    def _report_one_sided(self, passage: BorderPassage) -> None:
+        """Warn of switches at which the derivatives to both sides differ: at an output, or several at one instant.
+
+        A switch in time whose instant no parameter moves has no derivative of its own.
+        """
+        places = {node: k for k, node in enumerate(self._in_time.nodes)}
+
+        def moves(k: int) -> bool:
+            place = places.get(self._system.switches[k].node)
+            return place is None or bool(self._varied[place])
+
+        together: list[str] = []
+        previous: Cut | None = None
+        for cut in (c for c in passage.cuts if c.switches):
+            names = list(dict.fromkeys(self._system.switches[k].description for k in cut.switches[:1] if moves(k)))
+            together = together if previous is not None and cut.joined and cut.time == previous.time else []
+            previous, before = cut, together
+            together = [*before, *names]
+            if before and names:
+                self._warn_once(
+                    f"{' and '.join(dict.fromkeys(together))} jump together at t = {cut.time:.6g} s, in an order that "
+                    "changes with the parameters: derivatives from there on hold for the order taken, to one side alone"
+                )
+            elif names and cut.at_output:
+                self._warn_at_output(names[0], cut.time)
+
+    def _warn_at_output(self, name: str, time: float) -> None:
+        self._warn_once(
+            f"{name} jumps at the output t = {time:.6g} s: derivatives at this output are those before the jump, to "
+            "one side alone; move the output off the jump"
+        )
+
+    def _warn_once(self, sentence: str) -> None:
+        if sentence not in self._warned:
+            self._warned.add(sentence)
+            warn(sentence)
 
     # --- the motion ----------------------------------------------------------------------------
     def motion(self, course: Cuts, first: int = 0, last: int = -1) -> ca.Function:

@@ -49,6 +49,8 @@ class SwitchesInTime:
         Operations that jump in time alone.
     jump : numpy.ndarray of bool
         False for those over which their part is known to be continuous (switches,).
+    descriptions : tuple of str
+        Elements in which they stand.
     """
 
     def __init__(self, numeric: NumericEquations, signals: Signals, parts: Collection[JumpingPart]):
@@ -59,6 +61,7 @@ class SwitchesInTime:
         timed = _in_time_alone(natural, eom)
         self.nodes = tuple(switches[k].node for k in timed)
         self.jump = np.array([owned[k][1].node not in owned[k][0].continuous for k in timed], bool)
+        self.descriptions = tuple(owned[k][0].description for k in timed)
         self._whole = np.array([switches[k].whole for k in timed], bool)
         self._by_parameter = ca.jacobian_sparsity(natural[timed], eom.p) if timed and eom.p.numel() else None
         self._quantities = ca.Function("quantities", [eom.t, eom.p], [natural[timed]])

@@ -183,6 +183,12 @@ def sensitivities(
         If the integrator stops; if the motion touches the zero of an event, or a joint would not close for other
         values, so that there is no derivative.
 
+    Warns
+    -----
+    MechanismWarning
+        If a switch whose instant changes with the parameters is at an output, or several are at one instant:
+        derivatives there are one-sided.
+
     References
     ----------
     Cao, Li, Petzold, Serban, "Adjoint sensitivity analysis for differential-algebraic equations", SIAM J. Sci. Comput.

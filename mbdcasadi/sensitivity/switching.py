@@ -191,6 +191,15 @@ class BorderPassage:
         if self._follows:
             self._leave_borders()
 
+    def at_borders(self) -> list[int]:
+        """Watched switches that stand at their borders at the present time, and move."""
+        if not self._watched.size:
+            return []
+        w, rates, _ = self._switching(self.sides)
+        near = np.abs(margins_of(w, self.sides, self._system.whole)) <= self._near(rates)
+        moving = np.abs(rates) > AT_REST * (1 + self._speed)
+        return [int(k) for k in self._watched if near[k] and moving[k]]
+
     # --- one stretch ---------------------------------------------------------------------------
     def _advance_once(self, end: float) -> None:
         """Go on to a time, or to the first switch before it."""

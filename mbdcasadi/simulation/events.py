@@ -390,6 +390,15 @@ def _second_rate(eom: Equations, expression: ca.SX) -> ca.SX:
     return ca.SX(0) if ca.depends_on(rate, eom.a) else second
 
 
+def refuse_events(events: Any, analysis: str) -> None:
+    """Raise ModelError for events in an analysis that takes none."""
+    if read_events(events):
+        raise ModelError(
+            f"{analysis}: events= is not taken here, and {analysis} runs over all of times=; simulate takes events for "
+            "one motion, sensitivities for its derivatives; a force may switch by if_else instead"
+        )
+
+
 def read_events(events: Any) -> tuple[Event, ...]:
     """Events as they were given, checked."""
     if isinstance(events, Event):

@@ -334,7 +334,10 @@ class Run:
             passage = self._passage(path)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = arc.resolution.first_touch(path, arc.stepper.outputs.accelerations) if failure is None else None
+        touch = None
+        if failure is None:
+            accelerations, guided = arc.stepper.outputs.accelerations, self.integrator.runs_whole
+            touch = arc.resolution.first_touch(path, accelerations, guides_steps=guided)
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]

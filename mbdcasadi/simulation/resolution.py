@@ -116,7 +116,11 @@ class Resolution:
         return bool(self._owner)
 
     def first_touch(
-        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]
+        self,
+        path: Path,
+        accelerations: Callable[[Path, np.ndarray], np.ndarray],
+        *,
+        guides_steps: bool = False,
     ) -> tuple[float, np.ndarray] | None:
         """First time at which a piece is to end, as a contact closes that its steps did not follow; None if none does.
 
@@ -124,6 +128,9 @@ class Resolution:
         ----------
         accelerations : callable
             ``(path, times) -> a`` by row, from the equations of motion.
+        guides_steps : bool
+            True for a method whose path holds what is interpolated inside long steps: stops then lead its steps into
+            a contact that they did not follow. Others find the way from a new start just before it.
 
         Returns
         -------
@@ -135,10 +142,19 @@ class Resolution:
         if not self._owner or path.times.size < 2:
             return None
         first = min(self._unseen(path), key=lambda c: c.time, default=None)
-        blow = min(self._blows(path), default=np.inf)
-        if first is not None and first.time <= blow:
+        if not guides_steps:
+            blow = min(self._blows(path), default=np.inf)
+            if first is not None and first.time <= blow:
+                return first.time, self._closings.stops(path, first, accelerations)
+            return None if np.isinf(blow) else (blow, np.zeros(0))
+        spoiled = self._spoiled(path, accelerations)
+        if first is not None and (spoiled is None or first.time <= spoiled[1].time):
             return first.time, self._closings.stops(path, first, accelerations)
-        return None if np.isinf(blow) else (blow, np.zeros(0))
+        if spoiled is None:
+            return None
+        free, closing = spoiled
+        start = float(free.times[0])
+        return start + BEFORE * (closing.time - start), self._closings.stops(free, closing, accelerations)
 
     def _course(self, path: Path) -> _Course:
         """Watched quantities along a path; those of the last path are kept."""
@@ -171,6 +187,47 @@ class Resolution:
             ahead = [float(w.real) for w in ways if w.imag == 0 and 0 < w.real < lengths[row]]
             found += [float(path.times[row]) + BEFORE * min(ahead)] if ahead else []
         return found
+
+    def _spoiled(
+        self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]
+    ) -> tuple[Path, Closing] | None:
+        """First closing in intervals whose steps did not follow the force that arose; None if there is none.
+
+        A long step whose stages jump over the contact may still meet it in the stages of its interpolation, with
+        forces at depths that are never reached: the path inside the step is of no use. The closing is that of the gap
+        on a path with the acceleration before it.
+
+        Returns
+        -------
+        path : Path
+            From the start of the intervals to their end, with constant acceleration.
+        closing : Closing
+            On that path.
+        """
+        missed, seen = (part[:, self._normal] for part in self._followed(path))
+        gaps = self._course(path).gaps
+        suspected = (missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)
+        rows = np.flatnonzero(np.any(suspected, axis=1))
+        # one long step spoils all the intervals that it spans
+        for stretch in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []:
+            free = self._without_contact(path, int(stretch[0]), int(stretch[-1]) + 1, accelerations)
+            known = self.terms.gaps(self.terms.table(free.times, free.x, self._numeric.p))
+            closings = self._closings.unseen(free, known, np.zeros((1, len(self._owner))))
+            closings = [closing for closing in closings if np.any(suspected[stretch, closing.owner])]
+            if closings:
+                return free, min(closings, key=lambda closing: closing.time)
+        return None
+
+    def _without_contact(
+        self, path: Path, first: int, last: int, accelerations: Callable[[Path, np.ndarray], np.ndarray]
+    ) -> Path:
+        """Motion between two times of a path with the acceleration at the first one."""
+        n = self._numeric.eom.q.numel()
+        times, x = path.times[[first, last]], path.x[first]
+        h, a, end = float(times[1] - times[0]), accelerations(path, times[:1])[0], x.copy()
+        end[:n] += h * x[n : 2 * n] + h**2 / 2 * a
+        end[n : 2 * n] += h * a
+        return Path(times, np.vstack([x, end]), np.zeros((1, 0)))
 
     def note(
         self,
@@ -208,7 +265,8 @@ class Resolution:
         missed = np.abs(np.diff(course.smoothed, axis=0) - path.integrals[:, :n])
         missed[self._open(path)] = 0.0
         size = np.abs(course.scales)
-        return missed, np.maximum(np.maximum(size[:-1], size[1:]), path.integrals[:, n : 2 * n] / 2)
+        # over a long step the quadrature of what is never negative may be
+        return missed, np.maximum(np.maximum(size[:-1], size[1:]), np.abs(path.integrals[:, n : 2 * n]) / 2)
 
     def _acquit(
         self,

@@ -6,7 +6,7 @@ import os
 import time as clock
 import warnings
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from ..errors import (
 )
 from ..integrators import Integrator
 from ..model.conditions import read_conditions
+from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter
 from ..numerics.progress import progress_bar
@@ -37,6 +38,7 @@ from ..results.state import State
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_motion import Cuts
 from ..sensitivity.sensitivities import named_outputs
+from ..simulation.events import refuse_events
 from ..simulation.time_dependence import timed_equations
 from .cases import read_cases
 from .result import Sweep
@@ -66,6 +68,7 @@ def sweep(
     executor: Executor | None = None,
     inputs: Any = None,
     parameters: Any = None,
+    events: Sequence[Event] = (),
     method: str | Integrator = "idas",
     reltol: float | None = None,
     abstol: float | None = None,
@@ -92,6 +95,8 @@ def sweep(
         Quantities of each run that are kept.
     initial, inputs, parameters
         As for :func:`simulate`; conditions may hold the parameters that vary.
+    events : sequence of Event
+        Not supported: refused with the analyses that take them.
     executor : concurrent.futures.Executor, optional
         Threads, processes, a Dask cluster by ``client.get_executor()``; without, one case after the other, here.
     method : {"idas", "dop853", "erk", "rosenbrock", "auto"}
@@ -115,7 +120,7 @@ def sweep(
     Raises
     ------
     ModelError
-        For cases that do not fit the mechanism.
+        For cases that do not fit the mechanism, and for events.
     FileError
         If the file belongs to another sweep.
     Interrupted
@@ -134,6 +139,7 @@ def sweep(
     if executor is not None and not hasattr(executor, "submit"):
         raise ModelError(f"sweep: executor= takes a concurrent.futures executor, got {executor!r}")
     equations(mechanism)  # refuses what is none
+    refuse_events(events, "sweep")
     varied = read_cases(mechanism, cases)
     count = len(next(iter(varied.values())))
     named = named_outputs(outputs)

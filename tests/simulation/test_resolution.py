@@ -196,3 +196,35 @@ def test_undamped_blow_that_the_motion_follows_is_not_warned_of(radius, stiffnes
         warnings.simplefilter("error")
         motion = mbd.simulate(mechanism, times, initial=[ball.vy == -speed])
     assert motion[ball.vy][-1] == pytest.approx(met - 0.1 * g, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_hard_balls_bounce_off_a_peg_by_dop853(seed):
+    """Undamped contacts return the ball as fast as it came, however long the steps of free flight are."""
+    random = np.random.default_rng(seed)
+    for _ in range(5):
+        mass, speed = 10 ** random.uniform(-3, 0), 10 ** random.uniform(0, 2.2)
+        radius, peg = 10 ** random.uniform(-3, -1.5, 2)
+        distance, exponent = 10 ** random.uniform(-1, 1.5), random.choice([1.0, 1.5])
+        softest = (exponent + 1) / 2 * mass * speed**2 / (0.1 * min(radius, peg)) ** (exponent + 1)
+        law = mbd.HuntCrossley(softest * 10 ** random.uniform(0, 4), exponent, 0.0)
+        ball = mbd.Body("ball", mass=mass, inertia=0.4 * mass * radius**2, pose=(-radius - peg - distance, 0, 0))
+        hit = mbd.Contact("hit", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), peg), law)
+        times = np.linspace(0, random.uniform(1.3, 3) * distance / speed, random.choice([2, 11, 101]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            motion = mbd.simulate(
+                mbd.Mechanism([ball], forces=[hit]), times, initial=[ball.vx == speed], method="dop853"
+            )
+        assert motion[ball.vx][-1] == pytest.approx(-speed, rel=1e-4)
+
+
+def test_a_ball_of_fifty_grams_does_not_pass_a_thin_peg_by_dop853():
+    """At 100 m/s on a peg of 1 mm; the stages of the interpolation alone met it."""
+    ball = mbd.Body("ball", mass=0.05, inertia=1e-5, pose=(-1, 0, 0))
+    outlines = mbd.Circle(ball.at(0, 0), 0.02), mbd.Circle(mbd.ground.at(0, 0), 1e-3)
+    hit = mbd.Contact("hit", *outlines, lambda depth, rate: 1e10 * depth)
+    motion = mbd.simulate(
+        mbd.Mechanism([ball], forces=[hit]), np.linspace(0, 0.02, 11), initial=[ball.vx == 100], method="dop853"
+    )
+    assert motion[ball.vx][-1] == pytest.approx(-100, rel=1e-5)

@@ -514,3 +514,19 @@ def test_limits_of_parameters_are_reported_once_for_all_cases():
     ) as w:
         mbd.sweep(model, [0, 0.1], {length: [0.4, 1.0, 2.5]}, [rod.phi])
     assert len([x for x in w if "limits" in str(x.message)]) == 1
+
+
+def test_events_are_refused_with_the_analyses_that_take_them():
+    g = mbd.Parameter("g", G)
+    p = pendulum()
+    model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
+    end = mbd.Event("end", p.rod.phi, terminal=True)
+    calls = {
+        "sweep": lambda: mbd.sweep(model, TIMES, {g: [9.0, 10.0]}, {"phi": p.rod.phi}, events=[end]),
+        "cost_function": lambda: mbd.cost_function(model, TIMES, [g], terminal_cost=p.rod.phi, events=[end]),
+        "identify": lambda: mbd.identify(model, TIMES, {p.rod.phi: 0 * TIMES}, [g], events=[end]),
+    }
+    for analysis, call in calls.items():
+        with pytest.raises(mbd.ModelError, match=f"{analysis}: events= is not taken here.*simulate"):
+            call()
+    assert mbd.sweep(model, TIMES, {g: [9.0]}, {"phi": p.rod.phi}, events=[])["phi"].shape == (1, TIMES.size)
