@@ -325,7 +325,7 @@ def test_module_imports_neither_casadi_nor_matplotlib():
     imports = [node for node in tree if isinstance(node, ast.Import | ast.ImportFrom)]
     names = {alias.name for node in imports if isinstance(node, ast.Import) for alias in node.names}
     names |= {node.module for node in imports if isinstance(node, ast.ImportFrom)}
-    assert names == {"__future__", "dataclasses", "numpy", "errors"}
+    assert names == {"__future__", "dataclasses", "pathlib", "numpy", "errors", "outline_files"}
 
 
 # ---------------------------------------------------------------- bad input
