@@ -47,6 +47,8 @@ from .sweep_file import SweepFile, fingerprint
 from .whole_runs import WholeParcel, refuse_unsuited, times_of
 from .worker import BatchOutcome, Parcel, run_batch
 
+#: Ratio of the masses of cases up to which one scaling serves all: with 1e6 no error was seen, with 1e12 it was.
+LIKE_MASSES = 1e8
 #: Batches into which the cases are cut, and the largest of them, where the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
 #: The same for threads of this process, which share a batch.
@@ -221,6 +223,7 @@ class _Plan:
             )
         self.p, self.levels = self._values()
         self._report_exceeded_limits()
+        self._report_unlike_masses()
 
     def _parameters(self, case: int) -> list[tuple[Any, Any]]:
         varied = [(key, column[case]) for key, column in self._varied.items() if isinstance(key, Parameter)]
@@ -248,6 +251,21 @@ class _Plan:
                     f"sweep: parameter '{parameter.label}' is beyond its limits {parameter.lower:.6g} … "
                     f"{parameter.upper:.6g} in {beyond.size} of {self.count} cases ({shown}); they are used as given",
                 )
+
+    def _report_unlike_masses(self) -> None:
+        eom = self.setup.eom
+        if not ca.depends_on(eom.mass_diagonal, eom.p):
+            return
+        masses = ca.Function("masses", [eom.p], [ca.densify(eom.mass_diagonal)])(ca.DM(self.p.T)).full().T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = masses / masses[0]
+        ratios = ratios[np.isfinite(ratios) & (ratios > 0)]
+        if ratios.size and ratios.max() > LIKE_MASSES * ratios.min():
+            warn(
+                f"sweep: masses or inertias of the cases differ by a factor of {ratios.max() / ratios.min():.1g}, and "
+                "the equations are scaled for one of them: errors may be larger than the tolerances ask for; sweep "
+                "cases of like masses separately"
+            )
 
     def fingerprint(self, named: list[tuple[Any, ca.SX]]) -> str:
         """Digest of the equations, the outputs, the start, the inputs, the settings and all numbers."""

@@ -530,3 +530,15 @@ def test_events_are_refused_with_the_analyses_that_take_them():
         with pytest.raises(mbd.ModelError, match=f"{analysis}: events= is not taken here.*simulate"):
             call()
     assert mbd.sweep(model, TIMES, {g: [9.0]}, {"phi": p.rod.phi}, events=[])["phi"].shape == (1, TIMES.size)
+
+
+def test_masses_of_cases_that_differ_much():
+    """One scaling serves all cases: a factor of a million is within it, and more is reported."""
+    mass = mbd.Parameter("mass", 1.0, lower=0.0)
+    rod = mbd.Body("rod", mass=mass, inertia=mass / 12, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rod.at(-0.5, 0))
+    model = mbd.Mechanism(bodies=[rod], joints=[pin], forces=[mbd.Gravity()], parameters=[mass])
+    alike = mbd.sweep(model, [0, 0.5], {mass: [1.0, 1e-6]}, {"angle": rod.phi})
+    assert alike["angle"][:, -1] == pytest.approx(np.full(2, alike["angle"][0, -1]), abs=1e-6)
+    with pytest.warns(mbd.MechanismWarning, match=r"differ by a factor of 1e\+12"):
+        mbd.sweep(model, [0, 0.5], {mass: [1.0, 1e-12]}, {"angle": rod.phi})
