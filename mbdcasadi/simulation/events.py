@@ -18,11 +18,8 @@ from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..results.state import State
 from .outputs import Outputs
+from .path import Way, WayFrom
 
-#: ``times -> states``: a short integration from an output to times after it.
-Way = Callable[[np.ndarray], np.ndarray]
-#: ``(start, state) -> way`` from an output on.
-WayFrom = Callable[[float, np.ndarray], Way]
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.

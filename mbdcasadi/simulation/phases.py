@@ -209,7 +209,7 @@ class PhasedRun:
             parts[0].method,
             ", ".join(dict.fromkeys(s.formulation for s in parts if s.formulation)),
             sum(s.seconds for s in parts),
-            max(sum(arc.stepper.starts for run in self.runs for arc in run._arcs.values()), 0),
+            sum(run.starts for run in self.runs),
             list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
         )
         return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)

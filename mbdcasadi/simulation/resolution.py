@@ -18,7 +18,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
 from .gap_closings import Closing, GapClosings
-from .path import Path
+from .path import Path, WayFrom
 from .watched_terms import WatchedTerms
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
@@ -232,7 +232,7 @@ class Resolution:
     def note(
         self,
         path: Path,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> None:
@@ -273,7 +273,7 @@ class Resolution:
         path: Path,
         missed: np.ndarray,
         seen: np.ndarray,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> None:

@@ -23,9 +23,8 @@ from ..integrators.compiled import IntegrationFailure
 from ..numerics.evaluation import Evaluator
 from ..numerics.least_squares import largest
 from ..numerics.rank import dependent_rows
-from .events import Way
 from .outputs import Outputs
-from .path import Path, hermite_states
+from .path import Path, Way, hermite_states
 
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.

@@ -9,7 +9,6 @@ accelerations on the path are integrated and compared with the change of the vel
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -22,7 +21,7 @@ from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
 from ..numerics.evaluation import Evaluator
 from .outputs import Outputs
-from .path import Path, hermite_states
+from .path import Path, WayFrom, hermite_states
 from .watched_terms import has_gap
 
 #: Points of each output interval at which the quantities are evaluated.
@@ -88,7 +87,7 @@ class UnseenLoads:
         self,
         path: Path,
         outputs: Outputs,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> UnseenLoad | None:
