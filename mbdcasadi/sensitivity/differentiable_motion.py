@@ -520,10 +520,7 @@ class DifferentiableMotion:
         n, k = eom.q.numel(), eom.z.numel()
         x = _projected(Recovery(self.numeric, redundant=self.redundant), t, x, p)
         q, v, z = x[:n], x[n : 2 * n], x[2 * n : 2 * n + k]
-        signals = self.signals
-        known = [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel]
-        inputs = ca.Function("u", known, [signals.parametrised])
-        u = inputs(t, q, v, z, p, levels, channel)
+        u = self.signals.function(eom)(t, q, v, z, p, levels, channel)
         a, lam = self.numeric.forward_dynamics(redundant=self.redundant)(t, q, v, z, u, p)
         values = eom.function(expression)(t, q, v, a, z, lam, u, p)
         return ca.Function("output", arguments, [values])

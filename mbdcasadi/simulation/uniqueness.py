@@ -53,13 +53,7 @@ class Uniqueness:
     @property
     def frictions(self) -> str:
         """The elements whose forces depend on reactions, in words."""
-        eom = self.numeric.eom
-        frictions = [
-            e.description
-            for e in eom.mechanism.elements
-            if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in e.virtual_work)
-        ]
-        return ", ".join(frictions)
+        return ", ".join(loaded_by_reactions(self.numeric.eom))
 
     def sentence(self, time: float) -> str:
         """The remarks."""
@@ -68,6 +62,15 @@ class Uniqueness:
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide or thin the pin, or move the load nearer to the joint"
         )
+
+
+def loaded_by_reactions(eom: Equations) -> list[str]:
+    """Return the descriptions of the elements whose forces depend on reactions."""
+    return [
+        element.description
+        for element in eom.mechanism.elements
+        if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in element.virtual_work)
+    ]
 
 
 def _systems(eom: Equations) -> ca.Function:

@@ -128,7 +128,7 @@ class WholeStepper(Stepper):
             x,
             times,
             piece.stops,
-            self._columns(piece.begins),
+            self.signals.columns_from(piece.begins),
             self.numeric.p,
             self.levels,
             self.numeric.projection_weights,
@@ -145,11 +145,6 @@ class WholeStepper(Stepper):
             fall=FALL if self._may_fold else 0.0,
             stiff_after=0 if self._is_stiff else STIFF_STEPS,
         )
-
-    def _columns(self, begins: np.ndarray) -> np.ndarray:
-        """Values by interval from some times on (k, n_channel)."""
-        found = self.signals.channel_from(begins)
-        return np.zeros((begins.size, 0)) if found is None else found.T
 
     def advance(
         self,
@@ -210,7 +205,7 @@ class WholeStepper(Stepper):
         return self.way_from(start, x)(times)  # every step ends on the constraints
 
     def _way(self, start: float, x: np.ndarray, reltol: float, abstol: float) -> Way:
-        column = self._columns(np.array([start]))
+        column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 
         def integrated(times: np.ndarray) -> np.ndarray:
@@ -256,7 +251,6 @@ class WholeOutputs(Outputs):
 
     def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         q, v, z = self.split(x)
-        channel = self.signals.channel_from(times if since is None else since)
-        columns = np.zeros((times.size, 0)) if channel is None else channel.T
+        columns = self.signals.columns_from(times if since is None else since)
         a, lam, u = self._runner.complete(times, x, columns, self.numeric.p, self._levels)
         return times, q, v, a, z, lam, u

@@ -96,8 +96,7 @@ def times_of(setup: MotionSetup, p: np.ndarray) -> Times:
     limits = [limit for limit in (found.max_step, setup.integrator.max_step) if limit is not None]
     schedule = Schedule(grid, stops=np.r_[signals.breaks, found.stops, found.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
-    held = signals.channel_from(piece.begins)
-    columns = np.zeros((piece.times.size, 0)) if held is None else held.T
+    columns = signals.columns_from(piece.begins)
     return Times((piece.times, piece.wanted, piece.stops, columns, np.array([min(limits, default=np.inf)])))
 
 
