@@ -282,7 +282,7 @@ def test_a_nan_made_of_an_expression_leads_to_the_functions_of_the_package():
 
 
 def test_numpys_own_expressions_are_refused_with_the_remedy():
-    """``np.sin`` of an expression is one of CasADi, or of a type of its own with ``setNumpyMode(1)``: none of the package."""
+    """With ``setNumpyMode(1)`` of CasADi, ``np.sin`` of an expression has a type of its own."""
     body = mbd.Body("bar", mass=1, inertia=1)
     mode = ca.GlobalOptions.getNumpyMode()
     ca.GlobalOptions.setNumpyMode(1)
