@@ -79,6 +79,9 @@ def check_name(name: Any, what: str) -> str:
 
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
     """Return a finite float, or raise an error that names the owner, the quantity and the value."""
+    if hasattr(value, "__SX__") and not isinstance(value, ca.SX):
+        # CasADi's type that behaves as an array: NumPy's functions return it after GlobalOptions.setNumpyMode(1)
+        raise ModelError(f"{what}: {quantity} is {value!r}, which NumPy made of an expression; use mbd.sin, … instead")
     try:
         # float() would read "1.0", and make nan of a symbol
         if isinstance(value, str | bytes) or (isinstance(value, ca.SX) and not value.is_constant()):
@@ -88,8 +91,8 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
     if math.isnan(result):
         raise ModelError(
-            f"{what}: {quantity} must be finite, got nan (which Python's math.sin and float make of an expression: use "
-            "mbd.sin, …)"
+            f"{what}: {quantity} must be finite, got nan (the result of Python's math.sin and float for an expression: "
+            "use mbd.sin, …)"
         )
     if math.isinf(result) and not infinite:
         raise ModelError(f"{what}: {quantity} must be finite, got {result}")
