@@ -15,9 +15,10 @@ from .events import Crossing, EventWatch
 from .failure_diagnosis import singular_stop
 from .path import Path
 from .piece_projection import PieceProjection
+from .regularity import Regularity
 from .resolution import Resolution
 from .schedule import Piece
-from .singular_passage import Passage, Regularity, SingularPassage, Trail
+from .singular_passage import Passage, SingularPassage, Trail
 from .stepper import SteppedSystem, Stepper
 from .stepping import CompiledStepper
 from .uniqueness import Uniqueness

@@ -14,7 +14,7 @@ from ..integrators.dop853.code import Written
 from ..integrators.dop853.stretch import ExplicitSystem
 from ..numerics.c_code import SIGNATURE, simplified, tape_of
 from .compiled_elements import RepeatedElements, repeated_elements
-from .singular_passage import has_loops
+from .regularity import has_loops
 from .watched_terms import WatchedTerms
 
 

@@ -30,8 +30,9 @@ from .impacts import INSTANT, Impacts
 from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
+from .regularity import has_loops
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage, has_loops
+from .singular_passage import Passage
 from .singular_start import refuse_singular_start
 from .stepping import NearSingularPose
 from .time_dependence import time_dependence

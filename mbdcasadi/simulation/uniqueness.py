@@ -50,15 +50,11 @@ class Uniqueness:
             lost |= plain * rough <= 0
         return int(np.argmax(lost)) if np.any(lost) else None
 
-    @property
-    def frictions(self) -> str:
-        """The elements whose forces depend on reactions, in words."""
-        return ", ".join(loaded_by_reactions(self.numeric.eom))
-
     def sentence(self, time: float) -> str:
-        """The remarks."""
+        """Remark on the time at which uniqueness is lost."""
+        frictions = ", ".join(loaded_by_reactions(self.numeric.eom))
         return (
-            f"at t = {time:.6g} s the reactions are not unique any more: {self.frictions} is so large that the joint "
+            f"at t = {time:.6g} s the reactions are not unique any more: {frictions} is so large that the joint "
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide or thin the pin, or move the load nearer to the joint"
         )

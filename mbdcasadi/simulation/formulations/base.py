@@ -10,6 +10,7 @@ import casadi as ca
 
 from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
+from ...integrators import Integrator
 from ...integrators.compiled import Clock, Dae
 from ..compiled_elements import CompiledElements
 
@@ -34,6 +35,17 @@ class Formulation(ABC):
     name: ClassVar[str]
     is_algebraic: ClassVar[bool] = False
     tolerates_redundancy: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
+        """Return True if an integrator should take the equations in this form.
+
+        Parameters
+        ----------
+        redundant : bool
+            True if rows are dependent.
+        """
 
     @abstractmethod
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
