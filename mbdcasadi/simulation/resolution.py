@@ -176,7 +176,7 @@ class Resolution:
         return np.abs(path.integrals[:, first : first + len(self._owner)])
 
     def _missed_impacts(self, path: Path) -> np.ndarray:
-        """True for intervals that begin with an open gap, and whose steps did not follow the force that arose (k, n)."""
+        """True for intervals that begin with an open gap, and whose steps did not follow the force there (k, n)."""
         missed, seen = (part[:, self._normal] for part in self._followed(path))
         return (missed > MISSED * seen) & (seen > 0) & (self._course(path).gaps[:-1] > 0)
 
