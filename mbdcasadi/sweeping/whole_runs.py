@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -155,10 +156,13 @@ class WholeParcel:
         # more parts than threads, since some cases take longer than others
         parts = np.array_split(np.arange(count), max(min(PARTS * self._threads, count), 1))
         runners: list[Runner] = []
+        stopped = threading.Event()
 
         def work(cases: np.ndarray) -> None:
             runner = self._free.borrow("runner", self._runner)
             runners.append(runner)
+            if stopped.is_set():  # while this thread was still waiting for its runner
+                return
             # what all cases share has a stride of zero
             times, wanted, stops, columns, max_step = (
                 part[:1] if part.strides[0] == 0 else part[cases] for part in course
@@ -179,6 +183,7 @@ class WholeParcel:
             try:
                 list(pool.map(work, parts))
             except BaseException:  # Ctrl-C among them: what runs in C is to end
+                stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 for runner in list(runners):
                     runner.halt()
