@@ -49,7 +49,7 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
                 forces.append(force)
     states: dict[Any, Any] = {}
     for mechanism in different:
-        states = mechanism._own_states | states
+        states = mechanism.own_states | states
     name = next((m.name for m in different if m.name), "")
     return Mechanism(**parts, forces=forces, states=states, name=name)
 
@@ -161,7 +161,7 @@ class PhasedTrajectory(Trajectory):
             self._values[0],
             events=events,
             statistics=statistics,
-            missing_multipliers=next((p._missing_multipliers for p in parts if p._missing_multipliers), ""),
+            missing_multipliers=next((p.missing_multipliers for p in parts if p.missing_multipliers), ""),
         )
 
     @property
@@ -184,7 +184,7 @@ class PhasedTrajectory(Trajectory):
                 self.t[first:last],
                 *six([x[first:last] for x in arrays]),
                 p,
-                missing_multipliers=part._missing_multipliers,
+                missing_multipliers=part.missing_multipliers,
             )
             for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True)
         ]
