@@ -22,7 +22,7 @@ from .trajectory import Statistics, Trajectory
 
 
 def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
-    """Return a mechanism with all parts of several: what results of a motion through them are expressed in.
+    """Return a mechanism with all parts of several, in whose symbols a motion through them is expressed.
 
     It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as
     gravity, the first one stands for all.
@@ -267,7 +267,7 @@ class PhasedTrajectory(Trajectory):
 
     @property
     def energy(self) -> Energy:
-        """Kinetic and potential energy over time of what is there, J; it falls by the loss of each impact."""
+        """Kinetic and potential energy of the bodies that are present, J; it falls by the loss of each impact."""
         found = [part.energy for part in self._parts]
         return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
 
