@@ -91,7 +91,7 @@ class Signals:
 
     @property
     def breaks(self) -> np.ndarray:
-        """Times at which what holds by intervals changes: samples and ends of polynomials."""
+        """Times at which inputs that are given by intervals change: samples and ends of polynomials."""
         parts = [p.breaks for p in self.polynomials.values()]
         if not self.samples and not parts:
             return np.zeros(0)

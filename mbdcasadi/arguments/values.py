@@ -1,4 +1,4 @@
-"""Values of parameters, and times, as an analysis is given them, checked."""
+"""Readers of the parameters and times of an analysis."""
 
 from __future__ import annotations
 

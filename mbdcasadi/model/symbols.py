@@ -123,13 +123,12 @@ class Symbol(ca.SX, HoldsSymbols):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.label!r})"
 
-
-def _bounds(what: str, lower: Any, upper: Any) -> tuple[float, float]:
-    low = number(lower, what, "lower", infinite=True)
-    high = number(upper, what, "upper", infinite=True)
-    if low > high:
-        raise ModelError(f"{what}: lower = {low} is above upper = {high}")
-    return low, high
+    def _take(self, what: str, value: Any, lower: Any, upper: Any) -> None:
+        """Check the value and the limits, and keep them."""
+        self.value = number(value, what, "value")
+        self.lower, self.upper = (number(x, what, n, infinite=True) for x, n in ((lower, "lower"), (upper, "upper")))
+        if self.lower > self.upper:
+            raise ModelError(f"{what}: lower = {self.lower} is above upper = {self.upper}")
 
 
 class Input(Symbol):
@@ -178,9 +177,7 @@ class Input(Symbol):
         self.rate = ca.SX.sym(f"{label}.rate")
         self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
         self._role = register(self, "input", label, rate=self.rate)
-        what = f"input '{label}'"
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(f"input '{label}'", value, lower, upper)
 
     @property
     def quantity(self) -> str:
@@ -207,8 +204,7 @@ class Parameter(Symbol):
         """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"parameter '{label}'"
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(what, value, lower, upper)
         if not self.lower <= self.value <= self.upper:
             raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}")
         _PARAMETERS[self.element_hash()] = self
@@ -249,8 +245,7 @@ class StateVariable(Symbol):
         if initial is not None:
             warn(f"{what}: initial= is called value= now", DeprecationWarning)
             value = initial
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(what, value, lower, upper)
 
     @property
     def initial(self) -> float:

@@ -26,7 +26,7 @@ def reaction_body(element: Any) -> Body | None:
 
 
 def joints_of(mechanism: Mechanism) -> list[Any]:
-    """Constraints that are no drivers and say what they exert on a body."""
+    """Constraints other than drivers that have reactions on bodies."""
     drivers = {id(driver) for driver in mechanism.drivers}
     return [c for c in mechanism.constraints if id(c) not in drivers and hasattr(c, "reaction_on")]
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from linkages import block_and_rider
 from scipy.integrate import quad
 
 import mbdcasadi as mbd
@@ -366,14 +367,7 @@ def test_controllers_samples_and_resets_go_on():
 
 def test_exact_friction_in_every_phase():
     """A block slides to rest by dry friction after a second block has left it."""
-    block = mbd.Body("block", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    rider = mbd.Body("rider", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
-    seat = mbd.Weld("seat", block.at(0, 0), rider.at(0, 0))
-    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.2))
-    both = mbd.Mechanism(bodies=[block, rider], joints=[guide, seat], forces=[mbd.Gravity(), rub])
-    alone = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub])
-    jump = mbd.Event("jump", mbd.t - 0.3 + 0 * rider.x, direction=1, during=both, becomes=alone)
+    block, both, _, jump = block_and_rider()
     motion = mbd.simulate(both, np.linspace(0, 2, 101), initial=[block.vx == 2.0], events=[jump])
     stop = 2.0 / (0.2 * G)
     assert motion.final[block.vx] == pytest.approx(0, abs=1e-9)
