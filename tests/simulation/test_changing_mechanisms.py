@@ -401,3 +401,17 @@ def test_events_say_what_is_wrong():
     with pytest.raises(mbd.ModelError, match="occurs twice"):
         twin = mbd.Mechanism(bodies=[mbd.Body("ball", mass=1, inertia=1)])
         mbd.simulate(free, duration=1.0, events=[mbd.Event("a", ball.y - 1, becomes=twin)])
+
+
+def test_redundant_rows_of_a_later_mechanism_are_named_by_a_method_that_takes_none():
+    bar = mbd.Body("bar", mass=1, inertia=0.1, pose=(0, 1.0, 0))
+    fall = mbd.Mechanism(bodies=[bar], forces=[mbd.Gravity()])
+    feet = [mbd.AbsoluteY(name, bar.at(x, 0), 0.0) for name, x in (("left", -0.5), ("middle", 0), ("right", 0.5))]
+    standing = mbd.Mechanism(bodies=[bar], joints=feet, forces=[mbd.Gravity()])
+    lands = mbd.Event("lands", bar.y, direction=-1, becomes=standing)
+    given = {"initial": [bar.y == 1, bar.vy == 0, bar.x == 0, bar.vx == 1, bar.phi == 0, bar.omega == 0]}
+    motion = mbd.simulate(fall, [0, 1], events=[lands], **given)
+    assert motion[bar.x][-1] == pytest.approx(1, abs=1e-9) and motion[bar.y][-1] == pytest.approx(0, abs=1e-12)
+    with pytest.raises(mbd.SimulationError, match="left, middle, right do") as raised:
+        mbd.simulate(fall, [0, 1], events=[lands], method="dop853", **given)
+    assert raised.value.partial.final.t == pytest.approx(np.sqrt(2 / G), abs=1e-9)
