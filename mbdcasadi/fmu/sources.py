@@ -45,8 +45,7 @@ def source_files(
     interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{prefixes}\n{engine}",
-        "instance.c": (FOLDER / "instance.c").read_text(encoding="utf-8"),
-        interface: (FOLDER / interface).read_text(encoding="utf-8"),
+        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in ("instance.c", "interface.c", interface)},
         "equations.c": equations,
     }
     header = _header(model, variables, levels, identifier, kinds, reltol, abstol, largest_abstol)

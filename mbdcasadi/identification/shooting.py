@@ -29,7 +29,7 @@ from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, still
-from ..sensitivity.differentiable_motion import Cuts
+from ..sensitivity.cuts import Cuts
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 

@@ -22,10 +22,9 @@ PROJECTIONS = 3
 def parts_of_motion(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> tuple[JumpingPart, ...]:
     """Return the parts of the equations, of inputs and of integrands in which something jumps."""
     parts = list(jumping_parts(numeric))
-    for k, kind in enumerate(signals.structure):
-        if isinstance(kind, tuple) and kind[0] == "expression":
-            description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
-            parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
+    for k in signals.given_by_expressions:
+        description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
+        parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
     for k in range(integrands.numel()):
         parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
     return tuple(parts)

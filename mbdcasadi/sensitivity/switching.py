@@ -7,7 +7,6 @@ border of the first one that is left; then its side is changed, and the integrat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -20,6 +19,7 @@ from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..simulation.impacts import INSTANT
+from .cuts import Cut
 from .held_system import HeldSystem
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
@@ -43,40 +43,6 @@ NEAR_IN_TIME = 1e-9
 NO_IMPULSE = 1e-9
 #: Difference of the derivatives of two instants, relative to their size, that is rounding.
 SAME_DERIVATIVE = 1e-6
-
-
-@dataclass(frozen=True)
-class Cut:
-    """An instant at which a motion is cut.
-
-    Attributes
-    ----------
-    time : float
-        s.
-    interval : int
-        Output interval in which it lies, the end of it included.
-    at_output : bool
-        True if it is the time of the output that ends the interval, which comes before it.
-    joined : bool
-        True if it is at the instant of the cut before.
-    switches : tuple of int
-        Switches that change their sides, by whose first one its derivative is found; none of a mere stop.
-    border : float
-        Value of the quantity of that one at its border.
-    sides : tuple of float
-        Sides of all switches afterwards.
-    impulse : bool
-        True if velocities jump.
-    """
-
-    time: float
-    interval: int
-    at_output: bool
-    joined: bool
-    switches: tuple[int, ...]
-    border: float
-    sides: tuple[float, ...]
-    impulse: bool = False
 
 
 class BorderPassage:

@@ -24,7 +24,7 @@ from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
 from .events import EventWatch
-from .impacts import NO_PRESSURE, RESET_TOLERANCE
+from .impacts import RESET_TOLERANCE
 from .loop import Run
 from .modes import Modes
 
@@ -209,7 +209,7 @@ class PhasedRun:
             parts[0].method,
             ", ".join(dict.fromkeys(s.formulation for s in parts if s.formulation)),
             sum(s.seconds for s in parts),
-            max(sum(arc.stepper.starts for run in self.runs for arc in run._arcs.values()), 0),
+            sum(run.starts for run in self.runs),
             list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
         )
         return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)
@@ -285,17 +285,12 @@ class PhasedRun:
     def _refuse_pressed_through(self, run: Run, state: State) -> None:
         """Raise for an event that stands at its zero in the new mechanism, and that the forces press through."""
         watched = [event for event in run.events if event.becomes is not None and event.direction]
-        watch = EventWatch(state.equations, watched, run.instant)
-        rests, seconds = watch.rests(state), watch.accelerations(state)
-        limit = NO_PRESSURE * (1 + largest(state.a))
-        for k in watch.at_zero(state):
-            if rests[k] and watched[k].direction * seconds[k] > limit:
-                raise SimulationError(
-                    f"event '{watched[k].name}' is at its zero and at rest at t = {state.t:.9g} s, just after a change "
-                    "of the mechanism, and the forces press it through; let it become a mechanism in which the joint "
-                    "holds",
-                    time=state.t,
-                )
+        for event in EventWatch(state.equations, watched, run.instant).pressed_through(state)[:1]:
+            raise SimulationError(
+                f"event '{event.name}' is at its zero and at rest at t = {state.t:.9g} s, just after a change of the "
+                "mechanism, and the forces press it through; let it become a mechanism in which the joint holds",
+                time=state.t,
+            )
 
     def _set_parameters(self, chain: Sequence[Event], before: State) -> None:
         self._p = self._p.copy()  # states before the change keep the values that they had

@@ -70,12 +70,13 @@ class CollocationProgram:
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases: list[PhaseProgram] = []
+        timed = problem.has_free_times or any(mesh.moving for mesh in meshes)
         first, begins = 0, (0.0, 0.0)
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
             kind = InstantProgram if setup.phase.is_instant else PhaseProgram
             here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
             points = [(label, tau) for of, label, tau in held if of == number]
-            phase = kind(problem, setup, mesh, here, number, first, begins, points)
+            phase = kind(problem, setup, mesh, here, number, first, begins, points, timed=timed)
             self.phases.append(phase)
             first += phase.size
             low, high = setup.phase.span
@@ -200,9 +201,22 @@ class CollocationProgram:
         return np.array(found)
 
     # --- what enters a solve --------------------------------------------------------------
-    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
-        sides = zip(*[phase.bounds(start) for phase in self.phases], strict=True)
+    def bounds(
+        self, start: State, meshes: Sequence[Mesh], times: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled.
+
+        Parameters
+        ----------
+        start : State
+            First state if the initial conditions decide it.
+        meshes : sequence of Mesh
+            Meshes by phase.
+        times : sequence of numpy.ndarray
+            Times of start, waypoints and end to begin with by phase, s.
+        """
+        points = (mesh.times(segment_times) for mesh, segment_times in zip(meshes, times, strict=True))
+        sides = zip(*[phase.bounds(start, of) for phase, of in zip(self.phases, points, strict=True)], strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)

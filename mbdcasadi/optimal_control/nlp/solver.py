@@ -84,6 +84,8 @@ class Solver:
         self.problem, self.settings, self._ipopt = problem, settings, Ipopt(settings)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
+        #: share of its size by which a path limit may be passed between them
+        self.limit_tolerance = LIMIT_TOLERANCE
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
@@ -215,7 +217,7 @@ class Solver:
     def transcribe(self, meshes: Sequence[Mesh]) -> CollocationProgram:
         """Return the program for a number of intervals, made once and kept."""
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
-        key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts, self.held
+        key = tuple(mesh.structure for mesh in meshes), self.settings.key, parts, self.held
         make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
@@ -245,7 +247,7 @@ class Solver:
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
-            more = points_to_hold(solution) if passed > LIMIT_TOLERANCE else set()
+            more = points_to_hold(solution, self.limit_tolerance) if passed > self.limit_tolerance else set()
             if not more:
                 break
             before, self.held = self.held, tuple(sorted({*self.held, *more}))
@@ -372,7 +374,7 @@ class Solver:
         program = self.transcribe(meshes)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
-        lower, upper = program.bounds(self.start)
+        lower, upper = program.bounds(self.start, meshes, guess.segment_times)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, rows_at(program, np.clip(x, lower, upper), data))
