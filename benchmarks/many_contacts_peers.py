@@ -17,7 +17,8 @@ from machine import one_thread
 
 one_thread()
 
-import numpy as np  # noqa: E402  (after the threads are set)
+import exudyn_parts  # noqa: E402  (after the threads are set)
+import numpy as np  # noqa: E402
 from many_contacts_models import Dominoes, Funnel, G  # noqa: E402
 
 MODELS: dict[str, Any] = {"dominoes": Dominoes(), "funnel": Funnel()}
@@ -92,22 +93,13 @@ def exudyn_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
     sensors = []
     for x, y in model.places:
         node = system.AddNode(item.NodeRigidBody2D(referenceCoordinates=[x, y, 0], initialVelocities=[0, 0, 0]))
-        body = system.AddObject(
-            item.ObjectRigidBody2D(nodeNumber=node, physicsMass=model.mass, physicsInertia=model.inertia)
-        )
+        system.AddObject(item.ObjectRigidBody2D(nodeNumber=node, physicsMass=model.mass, physicsInertia=model.inertia))
         marker = system.AddMarker(item.MarkerNodeRigid(nodeNumber=node))
         system.AddLoad(item.LoadForceVector(markerNumber=marker, loadVector=[0, -model.mass * G, 0]))
         contact.AddSphereWithMarker(
             marker, radius=model.radius, contactStiffness=stiffness, contactDamping=1.0, frictionMaterialIndex=0
         )
-        del body
-        sensors.append(
-            system.AddSensor(
-                item.SensorNode(
-                    nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates
-                )
-            )
-        )
+        sensors.append(exudyn_parts.sensor(system, node))
     ground = system.AddObject(item.ObjectGround())
     frame = system.AddMarker(item.MarkerBodyRigid(bodyNumber=ground, localPosition=[0, 0, 0]))
     for side in (-1, 1):
@@ -125,15 +117,8 @@ def exudyn_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
         )
     contact.SetSearchTreeCellSize(numberOfCells=[16, 16, 1])
     system.Assemble()
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.endTime = model.duration
-    settings.timeIntegration.numberOfSteps = round(model.duration / step)
-    settings.timeIntegration.verboseMode = 0
+    settings = exudyn_parts.settings(model.duration, round(model.duration / step), model.duration / model.outputs)
     settings.timeIntegration.explicitIntegration.dynamicSolverType = exu.DynamicSolverType.ExplicitMidpoint
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = model.duration / model.outputs
-    settings.displayStatistics = False
-    settings.parallel.numberOfThreads = 1
     began = time.process_time()
     kind = exu.DynamicSolverType.ExplicitMidpoint
     if not system.SolveDynamic(settings, solverType=kind, showHints=False, showCausingItems=False):

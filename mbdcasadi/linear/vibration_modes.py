@@ -104,8 +104,8 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     if not model.is_steady:
         warn(
             "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
-            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues say little of what follows. "
-            "Of a steady turn give linearize coordinates= that do not see it, such as an angle or a slide",
+            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues do not describe its further "
+            "motion. For a steady rotation give linearize coordinates= that stay constant, such as a relative angle",
         )
     if not model.A.size:
         return ()

@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from ..equations import equations
-from ..errors import MechanismError
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
@@ -202,10 +201,7 @@ class PhasedTrajectory(Trajectory):
 
     def state(self, index: int) -> State:
         """State at one of the times, by index, in the mechanism that holds there."""
-        k = int(index)
-        if not -self.t.size <= k < self.t.size:
-            raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
-        k %= self.t.size
+        k = self.place(index)
         number = int(np.searchsorted(self._starts, k, side="right")) - 1
         own = self._parts[number].state(k - int(self._starts[number]))
         return in_whole(own, self.mechanism, self._values[number])

@@ -156,11 +156,16 @@ class Trajectory(HoldsSymbols):
         """Function of an expression, and its arguments by time."""
         return self.equations.function(expression), self.arguments
 
-    def state(self, index: int) -> State:
-        """State at one of the times, by index."""
+    def place(self, index: int) -> int:
+        """Return an index of the times that is not negative, or raise an error if there is no such time."""
         k = int(index)
         if not -self.t.size <= k < self.t.size:
             raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
+        return k % self.t.size
+
+    def state(self, index: int) -> State:
+        """State at one of the times, by index."""
+        k = self.place(index)
         return State(
             self.mechanism,
             float(self.t[k]),
