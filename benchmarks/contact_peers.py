@@ -59,29 +59,15 @@ def _exudyn_system(model: Balls | Belt, step: float) -> tuple[Any, list[Any]]:
     fixed = partner = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
     sensors = []
     if isinstance(model, Balls):
-        places, speed = model.heights, 0.0
-        law: dict[str, Any] = {
-            "useLimitStops": True,
-            "limitStopsLower": 0.0,
-            "limitStopsUpper": 1e6,
-            "limitStopsStiffness": model.stiffness,
-        }
+        places, speed, law = model.heights, 0.0, {"useLimitStops": True, "limitStopsStiffness": model.stiffness}
     else:
-        places, speed = (0.0,), model.speed
-        weight = model.mass * G
+        places, speed, law = (0.0,), model.speed, _bristles(model, step)
         # so heavy that nothing slows it down
         belt = system.AddNode(
             item.Node1D(referenceCoordinates=[0.0], initialCoordinates=[0.0], initialVelocities=[speed])
         )
         system.AddObject(item.ObjectMass1D(physicsMass=1e12, nodeNumber=belt))
         partner = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=belt, coordinate=0))
-        law = {
-            "dynamicFrictionForce": model.sliding * weight,
-            "staticFrictionOffsetForce": (model.static - model.sliding) * weight,
-            "exponentialDecayStatic": DECAY * step,
-            "stickingStiffness": BRISTLES * model.mass / step**2,
-            "stickingDamping": model.mass * BRISTLES / step,
-        }
     for place in places:
         node = system.AddNode(
             item.Node1D(referenceCoordinates=[place], initialCoordinates=[0.0], initialVelocities=[speed])
@@ -103,6 +89,18 @@ def _exudyn_system(model: Balls | Belt, step: float) -> tuple[Any, list[Any]]:
         sensors.append(exudyn_parts.sensor(system, node))
     system.Assemble()
     return system, sensors
+
+
+def _bristles(model: Belt, step: float) -> dict[str, float]:
+    """Exudyn's friction with bristles that a step resolves."""
+    weight = model.mass * G
+    return {
+        "dynamicFrictionForce": model.sliding * weight,
+        "staticFrictionOffsetForce": (model.static - model.sliding) * weight,
+        "exponentialDecayStatic": DECAY * step,
+        "stickingStiffness": BRISTLES * model.mass / step**2,
+        "stickingDamping": model.mass * BRISTLES / step,
+    }
 
 
 def mujoco_method(integrator: str) -> Callable[[Any, float], tuple[float, float, np.ndarray]]:

@@ -412,6 +412,15 @@ class PlanarBuilder:
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))
 
 
+def unit_vector(source: XmlElement, name: str, values: np.ndarray) -> np.ndarray:
+    """Values scaled to length one; an error for an element that gives zeros."""
+    length = float(np.linalg.norm(values))
+    if length == 0:
+        raise source.refuse(f"has a zero vector as {name}")
+    direction: np.ndarray = values / length
+    return direction
+
+
 def rotation_of_rpy(angles: np.ndarray) -> np.ndarray:
     """Rotation by roll, pitch and yaw about fixed axes (3, 3)."""
     return rotation_about(2, angles[2]) @ rotation_about(1, angles[1]) @ rotation_about(0, angles[0])
