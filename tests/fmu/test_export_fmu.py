@@ -1,14 +1,13 @@
 """Functional mock-up units against ``simulate`` of the same mechanism."""
 
 import ctypes
-import resource
 import zipfile
-from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from disk import full_disk
 
 import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
@@ -703,21 +702,11 @@ def test_exact_friction_is_refused_by_name(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@contextmanager
-def size_limit(size):
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
 def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
     """A full disk leaves the file that was there before; a compiler that fails, or is missing, is reported."""
     m, path = linkage.mechanism, tmp_path / "x.fmu"
     path.write_bytes(b"old")
-    with size_limit(2000):
+    with full_disk(2000):
         refused("the file cannot be written", m, path, binary=False)
     assert path.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["x.fmu"]
     monkeypatch.setenv("CC", "false")

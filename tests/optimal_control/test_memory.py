@@ -68,10 +68,9 @@ def test_placeholders_outlive_the_names_that_made_them():
 
 def test_programs_and_solvers_of_one_problem_are_bounded():
     """Meshes, starts by other conditions, and options, as many as one likes."""
-    f = crank_rocker()
-    problem = half_turn(f, initial=[f.o2.angle == 0.5])
+    problem, _, block = rest_to_rest(3.0, 2.0)
     for n in range(4, 34):
-        solution = mbd.optimize(problem, intervals=n, initial=[f.o2.angle == 0.5 + 1e-3 * n])
+        solution = mbd.optimize(problem, intervals=n, initial=[block.x == 1e-3 * n, block.vx == 0])
     assert len(problem.compiled.programs) < 30
     first = solution.program
     for k in range(12):

@@ -111,7 +111,7 @@ def test_problems_are_made_in_threads():
         final=[f.o2.angle == 0.5 + np.pi, f.crank.omega == 0],
         running_cost=f.tau**2,
     )
-    for _ in range(5):
+    for _ in range(3):
         problems = together([lambda: mbd.OptimalControlProblem(f.mechanism, 0.6, **arguments)] * THREADS)
         assert len({id(problem.equations) for problem in problems}) == 1
         costs = together([lambda p=p: mbd.optimize(p, intervals=8).cost for p in problems])

@@ -1,5 +1,7 @@
 """The same problem in other units has the same answer."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn
@@ -11,6 +13,7 @@ UNITS = [(1e3, 1e3), (1e3, 1.0), (1e-3, 1e-3), (39.37, 2.2046)]
 QUICK = UNITS[:1]
 
 
+@cache
 def in_units(length, mass, changes=lambda f, length, mass: {}, **settings):
     """Solution, cost and torque in SI, positions of the rocker in m."""
     f = crank_rocker(length, mass)

@@ -36,6 +36,12 @@ def run(law, **settings):
     return motion[block.x], texts
 
 
+@pytest.fixture(scope="module")
+def exact():
+    """Path of the block by dry friction."""
+    return run(mbd.DryFriction(0.3))[0]
+
+
 @pytest.mark.parametrize(
     "method, settings",
     [
@@ -45,9 +51,8 @@ def run(law, **settings):
         ("rosenbrock", {"options": {"abstol": 1e-3}}),
     ],
 )
-def test_steps_over_the_change_of_sign_are_told(method, settings):
+def test_steps_over_the_change_of_sign_are_told(exact, method, settings):
     """With careless tolerances the motion is wrong and reported; with the chosen ones it is right, and quiet."""
-    exact, _ = run(mbd.DryFriction(0.3))
     right, quiet = run(mbd.Coulomb(0.3, 1e-4), method=method)
     wrong, texts = run(mbd.Coulomb(0.3, 1e-4), method=method, **settings)
     assert np.abs(right - exact).max() < 5e-5 and not quiet

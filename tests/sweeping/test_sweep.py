@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disk import full_disk
 from linkages import G, four_bar, pendulum
 
 import mbdcasadi as mbd
@@ -483,20 +484,14 @@ def test_a_start_on_another_branch_is_reported_with_its_case():
 
 # --- a disk that is full ------------------------------------------------------------------------------
 def test_a_full_disk_keeps_what_was_run(tmp_path):
-    resource = pytest.importorskip("resource")
+    pytest.importorskip("resource")
     g = mbd.Parameter("g", G)
     p = pendulum()
     model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
     given = (model, TIMES, {g: np.linspace(1, 9, 40)}, [p.rod.phi])
-    path, old = tmp_path / "sweep.bin", resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, old[1]))
-    try:
-        with pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
-            mbd.sweep(*given, file=path, batch=5)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
-        signal.signal(signal.SIGXFSZ, handler)
+    path = tmp_path / "sweep.bin"
+    with full_disk(4000), pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
+        mbd.sweep(*given, file=path, batch=5)
     partial = caught.value.partial
     assert 5 <= np.sum(partial.done) < 40
     swept = mbd.sweep(*given, file=path, batch=5)  # there is room again: what was written is whole
