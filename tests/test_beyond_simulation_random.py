@@ -18,6 +18,7 @@ def indices(eom, names):
     return [eom.coordinate_names.index(n) if n in eom.coordinate_names else rates.index(n) for n in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_linear_model_of_a_random_motion(seed):
     case = random_case(seed)
@@ -50,6 +51,7 @@ def test_linear_model_of_a_random_motion(seed):
         assert model.B[dof : 2 * dof, k] == pytest.approx((ends[1] - ends[0]) / 0.2, abs=1e-7 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_sensitivity_of_a_random_motion_to_its_start(seed):
     case = random_case(seed)
@@ -83,6 +85,7 @@ def test_sensitivity_of_a_random_motion_to_its_start(seed):
 STILL = (1, 9, 11, 14, 22, 23, 24, 27, 28, 30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", STILL)
 def test_equilibrium_of_a_random_mechanism_does_no_virtual_work(seed):
     """With springs that hold every body there is an equilibrium; there the forces do no work on any free motion."""

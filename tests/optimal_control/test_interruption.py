@@ -57,6 +57,7 @@ def costs_of_starts():
     return [start.cost for start in mbd.optimize(swing_up(), intervals=12, starts=4).statistics.starts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_the_best_of_the_starts_that_were_solved(monkeypatch, number):
     """Not the one under way, nor the last."""
@@ -74,6 +75,7 @@ def test_without_a_solution_the_last_iterate(monkeypatch):
     assert error.partial.statistics.status == "User_Requested_Stop" and "last iterate" in str(error)
 
 
+@pytest.mark.slow
 def test_the_finest_mesh_that_was_solved(monkeypatch):
     """In a refinement, whatever the costs on coarser meshes."""
     problem = half_turn(crank_rocker())
@@ -136,6 +138,7 @@ class Instants:
                 sys.setprofile(None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [dict(starts=3), dict(tolerance=1e-7), dict(starts=2, tolerance=1e-7)])
 def test_at_every_instant(monkeypatch, settings):
     """Between the solves, in the guesses, in the local errors: one of the solutions that were found is there."""

@@ -20,6 +20,7 @@ def no_collector():
     gc.enable()
 
 
+@pytest.mark.slow
 def test_a_discarded_problem_leaves_nothing(no_collector):
     """Neither programs nor solvers nor solutions, at once."""
     f = crank_rocker()
@@ -31,6 +32,7 @@ def test_a_discarded_problem_leaves_nothing(no_collector):
     assert [x() for x in left] == [None] * 5
 
 
+@pytest.mark.slow
 def test_a_hundred_discarded_problems_leave_no_symbols():
     """Placeholders live as long as the expressions in which they stand."""
     problem, u, block = rest_to_rest(3.0, 2.0)
@@ -66,6 +68,7 @@ def test_placeholders_outlive_the_names_that_made_them():
     assert mbd.optimize(again, intervals=8).cost == pytest.approx(-np.sqrt(6 * 8 / 12), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_programs_and_solvers_of_one_problem_are_bounded():
     """Meshes, starts by other conditions, and options, as many as one likes."""
     problem, _, block = rest_to_rest(3.0, 2.0)

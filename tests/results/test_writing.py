@@ -45,6 +45,7 @@ WRITERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_what_was_there(crank, tmp_path, name):
     """Nothing for a new file, the old content for an old one; FileError with the name and the reason."""
