@@ -42,6 +42,7 @@ def roll(method="idas", t=2.5, **more):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 def test_a_rimless_wheel(method):
     body, pins, on, landings, mu, gain, J = wheel()
@@ -133,6 +134,7 @@ def test_bodies_leave():
     assert motion.statistics.restarts > 0 and motion.statistics.method
 
 
+@pytest.mark.slow
 def test_a_ball_that_bounces_by_restitution_and_comes_to_rest_is_an_error():
     """Bounces at closed-form times; where they accumulate the run ends with the remedy, and what was computed."""
     ball = mbd.Body("ball", mass=0.4, inertia=1e-3, pose=(0, 1.0, 0))
