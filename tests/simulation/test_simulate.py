@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import signal
-import threading
-import time
 import warnings
 from itertools import pairwise
 from types import SimpleNamespace
@@ -14,6 +12,7 @@ from types import SimpleNamespace
 import casadi as ca
 import numpy as np
 import pytest
+from keyboard import interrupted
 from linkages import G, four_bar, n_four_bar, pendulum, slider_crank
 from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.special import ellipk
@@ -762,15 +761,13 @@ def test_ctrl_c_keeps_what_was_computed():
     f = four_bar(0.5, forces=[mbd.Gravity()])
     start = [f.A.angle == 0.5, f.crank.omega == 12]
     mbd.simulate(f.mechanism, np.linspace(0, 0.1, 3), initial=start)
-    timer = threading.Timer(1.5, os.kill, (os.getpid(), signal.SIGINT))
-    timer.start()
-    began = time.perf_counter()
-    with pytest.raises(mbd.Interrupted, match="user") as caught:
-        mbd.simulate(f.mechanism, np.linspace(0, 2000, 20001), initial=start)
-    assert time.perf_counter() - began < 10
-    partial = caught.value.partial
-    assert isinstance(caught.value, KeyboardInterrupt)
-    assert len(partial) >= 1 and caught.value.time == partial.t[-1] < 2000
+    times = np.linspace(0, 2000, 20001)
+    caught = interrupted(
+        lambda: mbd.simulate(f.mechanism, times, initial=start), enough=lambda e: len(e.partial or ()) > 1
+    )
+    partial = caught.partial
+    assert isinstance(caught, KeyboardInterrupt) and "user" in str(caught)
+    assert caught.time == partial.t[-1] < 2000
     assert partial.drift.position < 1e-12
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
