@@ -14,6 +14,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
+from ...numerics.roots import nears_zero
 from .coefficients import EXPONENT, STAGES
 from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
@@ -31,7 +32,6 @@ from .stretch import (
     SAMPLES,
     SLIGHT,
     STABILITY,
-    TOUCHES,
     ExplicitSystem,
     Progress,
     Reached,
@@ -379,16 +379,9 @@ class _StretchRun:
 
 
 def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """Return True, by event, if parabolas through three values of one sign come near to zero between them, by event."""
+    """True, by event, if a parabola through three values of one sign comes near to zero between them."""
     h0, h1 = t1 - t0, t2 - t1
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))
         bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0)
-        found = np.zeros(f0.shape, bool)
-        for g0, g1, length in ((f0, f1, h0), (f1, f2, h1)):
-            rise = (g1 - g0) / length - bend * length
-            place = -rise / (2.0 * bend)
-            extreme = g0 + rise * place / 2.0
-            near = extreme * np.sign(g0) < TOUCHES * (np.abs(g1 - g0) + np.abs(bend) * length**2)
-            found |= (place > 0.0) & (place < length) & near
-    return found & same
+    return same & (nears_zero(f0, f1, h0, bend) | nears_zero(f1, f2, h1, bend))
