@@ -273,17 +273,9 @@ class _StretchRun:
                 break
             h, arrival, step = taken
             self._look_back(t, h, arrival)
-            late = s.seconds > 0.0 and clock.perf_counter() - began > s.seconds
-            if self.status == Status.DONE and self._halt.is_set():
-                self.status = Status.HALTED
-            if self.status == Status.DONE and (late or 0 < s.most_steps <= self.steps):
-                self.status = Status.PAUSED
-            due = record.reached < count and times[record.reached] == arrival
-            if due:
-                record.add(arrival, f.next, record.reached)
-                record.reached += 1
-            elif s.every_step or self.status != Status.DONE:
-                record.add(arrival, f.next, -1)
+            if self.status == Status.DONE:
+                self._look_for_pause(began)
+            due = record.arrive(arrival, f.next, keep=s.every_step or self.status != Status.DONE)
             t, f.y[:] = arrival, f.next
             if self.status != Status.DONE:
                 break
@@ -298,6 +290,14 @@ class _StretchRun:
             self.status = Status.DONE
         progress.step = step
         return self._returned()
+
+    def _look_for_pause(self, began: float) -> None:
+        """Take note of a reason to come back between two steps."""
+        s = self.s
+        if self._halt.is_set():
+            self.status = Status.HALTED
+        elif 0.0 < s.seconds < clock.perf_counter() - began or 0 < s.most_steps <= self.steps:
+            self.status = Status.PAUSED
 
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:
         """Take a step: its length, its end and the length of the next one; None if it goes no further."""
