@@ -1,8 +1,13 @@
-"""A root of a scalar function between two points."""
+"""A root of a scalar function between two points, and signs of one between samples."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+
+import numpy as np
+
+#: Fraction of its change over an interval by which a parabola through samples must come near to zero.
+TOUCHES = 0.1
 
 
 def bracketed_root(
@@ -46,3 +51,25 @@ def bracketed_root(
             side = -1
         widths.append(high - low)
     return high
+
+
+def nears_zero(before: np.ndarray, after: np.ndarray, length: np.ndarray | float, bend: np.ndarray) -> np.ndarray:
+    """Return True for parabolas with an extremum within an interval that is beyond zero, or near to it.
+
+    Parameters
+    ----------
+    before, after : numpy.ndarray
+        Values at the ends of the intervals.
+    length : float or numpy.ndarray
+        Lengths of the intervals.
+    bend : numpy.ndarray
+        Half of the second derivatives.
+    """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # without curvature, or beyond all numbers, there is no extremum
+        rise = (after - before) / length - bend * length
+        place = -rise / (2.0 * bend)
+        extreme = before + rise * place / 2.0
+        change = np.abs(after - before) + np.abs(bend) * length**2
+        near: np.ndarray = (place > 0.0) & (place < length) & (extreme * np.sign(before) < TOUCHES * change)
+    return near

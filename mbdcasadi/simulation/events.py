@@ -15,7 +15,7 @@ from ..integrators.dop853.stretch import Watched
 from ..model.events import Event
 from ..model.rates import time_derivative
 from ..numerics.least_squares import largest
-from ..numerics.roots import bracketed_root
+from ..numerics.roots import bracketed_root, nears_zero
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..results.state import State
 from .outputs import Outputs
@@ -27,8 +27,6 @@ AWAY = 1e-9
 NO_PRESSURE = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
-#: Fraction of the change over neighbouring intervals by which a parabola through outputs must come near to zero.
-TOUCHES = 0.1
 
 
 @dataclass(frozen=True)
@@ -311,15 +309,7 @@ class EventWatch:
         curvature = (slopes[1:] - slopes[:-1]) / (h[1:] + h[:-1])
         same = (np.sign(values[:-1]) == np.sign(values[1:])) & (values[:-1] != 0)
         for first, bend in ((slice(0, -1), curvature), (slice(1, None), curvature)):
-            # value at the interval's start, slope there, and the curvature of a triple that the interval belongs to
-            f0, f1, length = values[:-1][first], values[1:][first], h[first]
-            rise = (f1 - f0) / length - bend * length
-            change = np.abs(f1 - f0) + np.abs(bend) * length**2
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                # without curvature, or beyond all numbers, there is no extremum
-                place = -rise / (2 * bend)
-                extreme = f0 + rise * place / 2
-                near = (place > 0) & (place < length) & (extreme * np.sign(f0) < TOUCHES * change)
+            near = nears_zero(values[:-1][first], values[1:][first], h[first], bend)
             offset = first.start or 0
             for k, i in np.argwhere(near & same[first]):
                 if int(i) not in found[int(k) + offset]:

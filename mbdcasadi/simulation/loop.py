@@ -357,7 +357,7 @@ class Run:
         if deciding and passage is not None and not all(c.event.terminal for c in deciding):
             raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
         if deciding:
-            return self._at_events(deciding, count)
+            return self._at_events(deciding)
         if failure is not None:
             raise self._failed(piece, failure, times, x)
         self._time, self._x = float(times[-1]), x[-1]
@@ -439,14 +439,8 @@ class Run:
         state = self._arc.stepper.outputs.state(crossing.time, crossing.x)
         return EventOccurrence(crossing.event.name, crossing.time, self.modes.whole(self._arc.mode, state))
 
-    def _at_events(self, crossings: Sequence[Crossing], count: int) -> bool:
-        """Go on from the events of one instant; whether one of them ends the run.
-
-        Parameters
-        ----------
-        count : int
-            Outputs of the piece up to there.
-        """
+    def _at_events(self, crossings: Sequence[Crossing]) -> bool:
+        """Go on from the events of one instant; whether one of them ends the run."""
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)

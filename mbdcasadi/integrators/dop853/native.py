@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...numerics.c_code import Tape, interpreter_in_c
+from ...numerics.roots import TOUCHES
 from . import build, stretch
 from .code import Code, package_version
 from .coefficients import coefficients_in_c
@@ -36,7 +37,6 @@ CONSTANTS = (
     "SLIGHT",
     "STABILITY",
     "FORGOTTEN",
-    "TOUCHES",
     "MOST_SAMPLES",
     "NEAR_STEPS",
 )
@@ -143,6 +143,7 @@ def engine_source() -> str:
     own = own.replace("typedef long long integer;\n", "", 1)
     cases = interpreter_in_c().replace("\n", " \\\n")
     constants = "".join(f"#define {name} {getattr(stretch, name)!r}\n" for name in CONSTANTS)
+    constants += f"#define TOUCHES {TOUCHES!r}\n"
     return f"{_HEAD}\n{constants}\n#define OPERATIONS \\\n{cases}\n\n{coefficients_in_c()}\n{own}"
 
 

@@ -70,6 +70,14 @@ class Recording:
         """Keep the end of a step."""
         self._parts.append(_Part(np.array([t]), np.array([index]), y.copy()))
 
+    def arrive(self, t: float, y: np.ndarray, *, keep: bool) -> bool:
+        """Keep the end of a step if a time of the stretch is due there, or in any case; return True if one is."""
+        due = not self.is_complete and self.times[self.reached] == t
+        if due or keep:
+            self.add(t, y, self.reached if due else -1)
+        self.reached += due
+        return due
+
     def add_inside(self, t: float, h: float, end: float, samples: int) -> None:
         """Keep outputs inside the present step, and evenly spread samples, in order of time."""
         times, first = self.times, self.reached

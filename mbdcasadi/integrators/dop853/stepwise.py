@@ -14,6 +14,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
+from ...numerics.roots import nears_zero
 from .coefficients import EXPONENT, STAGES
 from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
@@ -31,7 +32,6 @@ from .stretch import (
     SAMPLES,
     SLIGHT,
     STABILITY,
-    TOUCHES,
     ExplicitSystem,
     Progress,
     Reached,
@@ -273,17 +273,9 @@ class _StretchRun:
                 break
             h, arrival, step = taken
             self._look_back(t, h, arrival)
-            late = s.seconds > 0.0 and clock.perf_counter() - began > s.seconds
-            if self.status == Status.DONE and self._halt.is_set():
-                self.status = Status.HALTED
-            if self.status == Status.DONE and (late or 0 < s.most_steps <= self.steps):
-                self.status = Status.PAUSED
-            due = record.reached < count and times[record.reached] == arrival
-            if due:
-                record.add(arrival, f.next, record.reached)
-                record.reached += 1
-            elif s.every_step or self.status != Status.DONE:
-                record.add(arrival, f.next, -1)
+            if self.status == Status.DONE:
+                self._look_for_pause(began)
+            due = record.arrive(arrival, f.next, keep=s.every_step or self.status != Status.DONE)
             t, f.y[:] = arrival, f.next
             if self.status != Status.DONE:
                 break
@@ -298,6 +290,14 @@ class _StretchRun:
             self.status = Status.DONE
         progress.step = step
         return self._returned()
+
+    def _look_for_pause(self, began: float) -> None:
+        """Take note of a reason to come back between two steps."""
+        s = self.s
+        if self._halt.is_set():
+            self.status = Status.HALTED
+        elif 0.0 < s.seconds < clock.perf_counter() - began or 0 < s.most_steps <= self.steps:
+            self.status = Status.PAUSED
 
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:
         """Take a step: its length, its end and the length of the next one; None if it goes no further."""
@@ -379,16 +379,9 @@ class _StretchRun:
 
 
 def _may_touch(t0: float, f0: np.ndarray, t1: float, f1: np.ndarray, t2: float, f2: np.ndarray) -> np.ndarray:
-    """Return True, by event, if parabolas through three values of one sign come near to zero between them, by event."""
+    """True, by event, if a parabola through three values of one sign comes near to zero between them."""
     h0, h1 = t1 - t0, t2 - t1
     with np.errstate(invalid="ignore", divide="ignore"):
         same = (f0 != 0.0) & (np.sign(f0) == np.sign(f1)) & (np.sign(f1) == np.sign(f2))
         bend = ((f2 - f1) / h1 - (f1 - f0) / h0) / (h1 + h0)
-        found = np.zeros(f0.shape, bool)
-        for g0, g1, length in ((f0, f1, h0), (f1, f2, h1)):
-            rise = (g1 - g0) / length - bend * length
-            place = -rise / (2.0 * bend)
-            extreme = g0 + rise * place / 2.0
-            near = extreme * np.sign(g0) < TOUCHES * (np.abs(g1 - g0) + np.abs(bend) * length**2)
-            found |= (place > 0.0) & (place < length) & near
-    return found & same
+    return same & (nears_zero(f0, f1, h0, bend) | nears_zero(f1, f2, h1, bend))

@@ -29,8 +29,6 @@ SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
 STABILITY = 6.1
 #: Steps off that limit after which those at it are forgotten.
 FORGOTTEN = 6
-#: Fraction of the change over neighbouring samples by which a parabola must come near to zero.
-TOUCHES = 0.1
 #: Steps near to a singular pose after which this is reported at the latest.
 NEAR_STEPS = 200
 #: Samples inside one step at most.
