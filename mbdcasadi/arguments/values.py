@@ -40,6 +40,12 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
     raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
 
 
+def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """Pairs whose keys are among some symbols."""
+    known = list(symbols)
+    return [(key, value) for key, value in pairs if any(key is symbol for symbol in known)]
+
+
 def inputs_and_parameters(mechanism: Mechanism, listed: Any, argument: str) -> tuple[Any, ...]:
     """Inputs and parameters of the mechanism as they were listed, none of them twice."""
     symbols = entries(listed, argument)

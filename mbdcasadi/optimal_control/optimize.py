@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from typing import Any
 
 from ..arguments.values import pairs_of
@@ -30,6 +31,7 @@ def optimize(
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | None = None,
     starts: Any = None,
+    executor: Executor | None = None,
     initial: Any = None,
     parameters: Any = None,
     continuation: Any = None,
@@ -62,6 +64,8 @@ def optimize(
     starts : int or sequence, optional
         Number of different starts, or a list of guesses; the best solution is
         returned, and ``statistics.starts`` has all.
+    executor : concurrent.futures.Executor, optional
+        Threads or processes on which the solver runs from several starts at a time, without `progress`.
     initial : sequence of relations or State, optional
         Start in place of the problem's own; what was compiled is used again.
     parameters : mapping, optional
@@ -108,10 +112,16 @@ def optimize(
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
+    if executor is not None and starts is None:
+        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            search = Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
+            search = Search(
+                problem, intervals, initial, (transcription, degree, control, options, progress), best, executor
+            )
             accuracy = None if tolerance is None else _tolerance(tolerance)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)

@@ -44,7 +44,7 @@ from ..simulation.stepping import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from ..simulation.watched_terms import has_gaps
 from .cuts import Cuts
-from .held_system import HeldSystem, SwitchesInTime, parts_of_motion
+from .held_system import HeldMotion, HeldSystem, SwitchesInTime, parts_of_motion
 from .motion_function import motion_function, projected
 from .one_sided import OneSidedWarnings
 from .switching import BorderPassage
@@ -113,9 +113,9 @@ class DifferentiableMotion:
         #: whether the course depends on the parameters that change
         self.course_varies = bool(self._timed.parameters & frozenset(varied))
         self._in_state = in_state
-        self._hold(frozenset())
         # from zero the search of IDAS for forces that depend on reactions, |λ|, may fail
-        self.unknowns = perturbed(np.r_[start.a, start.lam]) if self._dae.z.numel() else np.zeros(0)
+        self._unknowns = perturbed(np.r_[start.a, start.lam])
+        self._hold(frozenset())
         #: pieces of the whole motion, at whose ends the state is brought back onto the constraints
         self.pieces = 1
         if self._is_reversible and self.signals.is_sampled:
@@ -133,7 +133,7 @@ class DifferentiableMotion:
         nodes = frozenset().union(*[part.nodes for part in self._parts])
         free = in_time - active if self._in_state else nodes - active
         self._active = active
-        self.system = HeldSystem(
+        system = HeldSystem(
             self.numeric,
             self.signals,
             self._integrands,
@@ -142,14 +142,20 @@ class DifferentiableMotion:
             free=free,
             in_time=in_time,
         )
-        self._dae = self.form.dae(self.system.numeric, self.system.signals, self.system.integrands)
-        self.compiled = CompiledIntegrator(self._dae, self._integrator)
-        #: integrator of the adjoint; None if the motion is not differentiated backwards by it
-        self.backwards: ReversibleIntegrator | None = None
+        dae = self._dae = self.form.dae(system.numeric, system.signals, system.integrands)
+        backwards = None
         if self._is_reversible:
-            first = self.system.numeric.eom.p.numel()
+            first = system.numeric.eom.p.numel()
             levels = range(first, first + self.signals.levels.numel())
-            self.backwards = ReversibleIntegrator(self._dae, self._integrator, self._given | frozenset(levels))
+            backwards = ReversibleIntegrator(dae, self._integrator, self._given | frozenset(levels))
+        #: motion with the switches held that are held now
+        self.held = HeldMotion(
+            system,
+            CompiledIntegrator(dae, self._integrator),
+            backwards,
+            self._unknowns if dae.z.numel() else np.zeros(0),
+            DECAY * PIECES / float(self.grid[-1] - self.grid[0]),
+        )
 
     @property
     def state_size(self) -> int:
@@ -159,7 +165,7 @@ class DifferentiableMotion:
     @property
     def follows_state(self) -> bool:
         """True if a course depends on the start: there are switches in the state."""
-        return not np.all(self.system.in_time)
+        return not np.all(self.held.system.in_time)
 
     @property
     def channel_size(self) -> tuple[int, int]:
@@ -174,11 +180,6 @@ class DifferentiableMotion:
     def _stretch(self, first: int, last: int) -> np.ndarray:
         """Times of the grid from one to another, both included."""
         return self.grid[first:] if last == -1 else self.grid[first : last + 1]
-
-    @property
-    def decay(self) -> float:
-        """Rate at which drift decays in the regularised form."""
-        return DECAY * PIECES / float(self.grid[-1] - self.grid[0])
 
     def _max_step(self, timed: TimeDependence) -> float | None:
         """Longest step; free flight has steps that jump over short contacts, and over what passes quickly."""
@@ -231,27 +232,22 @@ class DifferentiableMotion:
             raise obstacle
         self._hold_what_flips(timed, p)
         max_step = self._max_step(timed)
-        if not self.system.size:
+        if not self.held.system.size:
             return Cuts(timed.stops, timed.jumps, max_step)
         passage = BorderPassage(
-            self.system,
-            self.compiled,
+            self.held,
             grid,
             np.r_[x0, np.zeros(self.integrals)] if self.follows_state else None,
-            p=p,
-            levels=levels,
-            channel=channel,
+            (p, levels, channel),
             stops=np.union1d(timed.stops, timed.jumps),
             max_step=max_step,
             watch_step=float(whole[-1] - whole[0]) / WATCH_POINTS,
-            unknowns=self.unknowns,
-            rate=self.decay,
             in_time=self._sides_in_time(float(grid[0]) + self._width, p),
         )
         course = Cuts(timed.stops, self._follow(passage, timed, p, grid), max_step)
-        self._one_sided.report(passage.cuts, self.system.switches)
+        self._one_sided.report(passage.cuts, self.held.system.switches)
         for k in passage.at_borders():
-            self._one_sided.at_output(self.system.switches[k].description, float(grid[-1]))
+            self._one_sided.at_output(self.held.system.switches[k].description, float(grid[-1]))
         return course.with_cuts(grid, passage.cuts, passage.first_sides)
 
     @property
@@ -281,7 +277,7 @@ class DifferentiableMotion:
 
     def _sides_in_time(self, time: float, p: np.ndarray) -> np.ndarray:
         """Sides of the switches in time at an instant, of others zero."""
-        sides, system = self._in_time.sides(np.array([time]), p)[:, 0], self.system
+        sides, system = self._in_time.sides(np.array([time]), p)[:, 0], self.held.system
         places = {node: k for k, node in enumerate(self._in_time.nodes)}
         own = np.array([places.get(switch.node, -1) for switch in system.switches])
         return np.where(system.in_time, sides[own], 0.0) if sides.size else np.zeros(system.size)
@@ -292,7 +288,7 @@ class DifferentiableMotion:
         breaks = np.union1d(timed.jumps, timed.stops)
         for time in breaks[(breaks > grid[0] + width) & (breaks <= grid[-1] + width)]:
             sides = self._sides_in_time(time + width, p)
-            flipped = np.flatnonzero(self.system.in_time & (sides != self._sides_in_time(time - width, p)))
+            flipped = np.flatnonzero(self.held.system.in_time & (sides != self._sides_in_time(time - width, p)))
             if flipped.size:
                 passage.advance(float(time))
                 strikes = any(abs(jump.time - time) <= 2 * width for jump in timed.velocity_jumps)

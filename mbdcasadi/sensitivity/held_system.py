@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,8 @@ from ..equations.held import HeldEquations, JumpingPart, jumping_parts, part_of
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..equations.switches import Switch, hold, sides_of
+from ..integrators.compiled import CompiledIntegrator
+from ..integrators.reversible import ReversibleIntegrator
 
 #: Steps of projection after an integration, whose drift is of the size of its tolerance.
 PROJECTIONS = 3
@@ -212,3 +214,28 @@ class HeldSystem:
         for _ in range(2 if eom.lam.numel() else 0):
             v = self.recovery.velocity_step(time, q, v, p, weights).full().ravel()
         return np.r_[q, v, x[2 * n :]]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldMotion:
+    """A motion with its switches held: equations and integrators.
+
+    Attributes
+    ----------
+    system : HeldSystem
+        The equations.
+    compiled : CompiledIntegrator
+        Their integrator.
+    backwards : ReversibleIntegrator or None
+        The one that is differentiated backwards too, if any.
+    unknowns : numpy.ndarray
+        Estimate of the algebraic unknowns.
+    decay : float
+        Rate at which drift decays in the regularised form, 1/s.
+    """
+
+    system: HeldSystem
+    compiled: CompiledIntegrator
+    backwards: ReversibleIntegrator | None
+    unknowns: np.ndarray
+    decay: float

@@ -103,7 +103,7 @@ class _Walk:
         intervals = grid.size - 1
         count = max(1, min(intervals, round(motion.pieces * intervals / (motion.grid.size - 1))))
         ends = grid[[part[-1] + 1 for part in np.array_split(np.arange(intervals), count)]]
-        ends = ends if motion.backwards is None else np.r_[ends, course.stops]
+        ends = ends if motion.held.backwards is None else np.r_[ends, course.stops]
         lasts = {schedule.index_after(float(end) + schedule.tolerance) - 1 for end in ends}
         pieces, first, start = [], 0, float(grid[0])
         while first < schedule.size:
@@ -124,7 +124,7 @@ class _Walk:
             self._x, self._on_constraints = self._projected(self._begin), True
 
     def _projected(self, time: Any) -> ca.MX:
-        return projected(self._motion.system.recovery, time, self._x, self._parameters(self._piece))
+        return projected(self._motion.held.system.recovery, time, self._x, self._parameters(self._piece))
 
     def _fixed(self, piece: Piece) -> None:
         """Go over a piece between times of the grid."""
@@ -179,23 +179,23 @@ class _Walk:
         longest : float
             Length that the piece has at most, s.
         """
-        motion, x = self._motion, self._x
-        least_steps = motion.compiled.least_steps(longest, self._course.max_step)
+        held, x = self._motion.held, self._x
+        least_steps = held.compiled.least_steps(longest, self._course.max_step)
         # the rate at which drift decays in the regularised form comes last
-        p = ca.vertcat(start, length, self._parameters(self._piece), self._levels, motion.decay)
+        p = ca.vertcat(start, length, self._parameters(self._piece), self._levels, held.decay)
         arguments: dict[str, Any] = {"x0": ca.vertcat(x[:-1], 0), "p": p}
-        if motion.unknowns.size:
-            arguments["z0"] = motion.unknowns
-        if motion.backwards is not None:
+        if held.unknowns.size:
+            arguments["z0"] = held.unknowns
+        if held.backwards is not None:
             assert not np.any(stops[:-1])
             arguments |= {} if channel is None else {"u": channel}
-            function = motion.backwards.function(fractions, least_steps=least_steps)
+            function = held.backwards.function(fractions, least_steps=least_steps)
         else:
-            given = motion.compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
+            given = held.compiled.inputs(None if channel is None else np.zeros(channel.shape), stops, fractions.size)
             if given["u"] is not None:
                 stop = ca.MX(ca.DM(given["u"][0 if channel is None else channel.shape[0] :, :]))
                 arguments["u"] = stop if channel is None else ca.vertcat(channel, stop)
-            function = motion.compiled.function(
+            function = held.compiled.function(
                 fractions, groups=given["groups"], steps=MAX_STEPS, least_steps=least_steps
             )
         states = function(**arguments)["xf"]
@@ -203,7 +203,7 @@ class _Walk:
 
     def _through(self, cut: Cut, time: ca.MX, border: ca.MX, channel: ca.MX) -> ca.MX:
         """The state beyond a cut, as a function of the state at its time and of the parameters before and after it."""
-        system, y = self._motion.system, self._x[:-1]
+        system, y = self._motion.held.system, self._x[:-1]
         p, after = self._parameters(self._piece), self._parameters(self._piece + 1)
         w, rates, before = system.switching(time, y, p, self._levels, channel)
         first = cut.switches[0]

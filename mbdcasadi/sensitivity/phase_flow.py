@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.values import pairs_of
+from ..arguments.values import pairs_of, pairs_with
 from ..assembly.setup import Setup
 from ..errors import ModelError, SimulationError
 from ..integrators import Integrator
@@ -112,9 +112,7 @@ class PhaseFlow:
     ):
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
         p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
-        known_inputs = [
-            (u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)
-        ]
+        known_inputs = pairs_with(self.mechanism.inputs, pairs_of(inputs, "inputs="))
         first = part.initial
         start = State(
             self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters

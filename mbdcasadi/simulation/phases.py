@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import SampledController
-from ..arguments.values import pairs_of, position_in
+from ..arguments.values import pairs_of, pairs_with, position_in
 from ..assembly.consistent_start import carried_by
 from ..assembly.impact import pose_and_jump
 from ..assembly.setup import Setup
@@ -121,7 +121,7 @@ class PhasedRun:
             return SampledController(self._answer_of(given, mechanism), given.period)
         if hasattr(given, "inputs"):
             given = given.inputs
-        return [(k, x) for k, x in pairs_of(given, "inputs=") if any(k is own for own in mechanism.inputs)]
+        return pairs_with(mechanism.inputs, pairs_of(given, "inputs="))
 
     def _answer_of(self, controller: SampledController, mechanism: Mechanism) -> Callable[[float, State], Any]:
         """A controller that sees the whole and answers for the inputs of a mechanism."""
@@ -133,13 +133,12 @@ class PhasedRun:
             pairs = pairs_of(answer, "the controller's answer")
             for key, _ in pairs:
                 position_in(self.whole.inputs, key, "the controller's answer")
-            return [(key, value) for key, value in pairs if any(key is own for own in mechanism.inputs)]
+            return pairs_with(mechanism.inputs, pairs)
 
         return function
 
     def _parameters_of(self, mechanism: Mechanism) -> list[tuple[Any, float]]:
-        pairs = zip(self.whole.parameters, self._p, strict=True)
-        return [(p, float(x)) for p, x in pairs if any(p is own for own in mechanism.parameters)]
+        return pairs_with(mechanism.parameters, zip(self.whole.parameters, self._p.tolist(), strict=True))
 
     def _run_in(self, mechanism: Mechanism) -> Run:
         """The run in a mechanism at the present values of the parameters, made once."""

@@ -126,38 +126,43 @@ class CompiledStepper(Stepper):
         interruption: Interruption,
         comes_near: Callable[[Path], bool] | None = None,
     ) -> Path:
-        # If the usual form fails, the regularised one is tried, which passes singular poses, unless the path comes near
-        # to one; then the usual one with all the steps it may take.
-        usual, flag = self.formulation, ""
-        p = self._parameters(piece)
+        usual, p = self.formulation, self._parameters(piece)
         start, times = piece.inside
         u = self.signals.channel_from(piece.begins)
-        attempts = [(usual, FEW_STEPS), (usual, FEW_STEPS), (usual, MAX_STEPS)]
-        if not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
-            attempts.insert(2, (Regularised(), FEW_STEPS))
-        for k, (form, steps) in enumerate(attempts):
-            if k == 1 and flag != "IDA_LINESEARCH_FAIL":
-                continue
-            if k == 2 and comes_near is not None and form != usual:
-                self._stop_near_singular_pose(piece, x, flag, comes_near)
-            if k > 1 and form == usual and flag != "IDA_TOO_MUCH_WORK":
-                break
+
+        def attempt(form: Formulation, steps: int, *, beside: bool = False) -> Path | IntegrationFailure:
             z, compiled = self._unknowns(form, piece.start, x), self._of(form)
-            if k == 1:  # its search for consistent unknowns takes rounding for a failure, and starts well from beside
-                z = perturbed(z)
+            z = perturbed(z) if beside else z
             try:
                 states = compiled.advance(
                     x, z, start, times, p, u, stops=piece.stops, steps=steps, max_step=self.max_step
                 )[0]
-                since = compiled.integrals
-                increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
-                return Path(np.r_[piece.start, piece.times], np.vstack([x, states]), increments)
             except IntegrationFailure as failure:
                 if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
                     raise KeyboardInterrupt from None
-                flag = failure.flag if form == usual else flag
+                return failure
+            since = compiled.integrals
+            increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
+            return Path(np.r_[piece.start, piece.times], np.vstack([x, states]), increments)
+
+        outcome = attempt(usual, FEW_STEPS)
+        if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
+            # the search for consistent unknowns takes rounding for a failure, and starts well from beside
+            outcome = attempt(usual, FEW_STEPS, beside=True)
+        if isinstance(outcome, Path):
+            return outcome
+        if not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
+            if comes_near is not None:
+                self._stop_near_singular_pose(piece, x, outcome.flag, comes_near)
+            across = attempt(Regularised(), FEW_STEPS)  # which passes singular poses
+            if isinstance(across, Path):
+                return across
+        if outcome.flag == "IDA_TOO_MUCH_WORK":
+            outcome = attempt(usual, MAX_STEPS)
+            if isinstance(outcome, Path):
+                return outcome
         z = self._unknowns(usual, piece.start, x)
-        stopped = self._of(usual).rescue(flag, x, z, start, times, p, u, self.max_step)
+        stopped = self._of(usual).rescue(outcome.flag, x, z, start, times, p, u, self.max_step)
         if interruption.requested:
             raise KeyboardInterrupt
         raise stopped

@@ -19,6 +19,7 @@ def failed(problem, **settings):
     return caught.value
 
 
+@pytest.mark.slow
 def test_too_weak_a_motor():
     """The status in words, violations sorted, with label, unit, node and time; the last iterate."""
     problem, bob, _ = swing_up(0.1, 0.2)
@@ -63,6 +64,7 @@ def test_units_of_the_equations_of_a_loop():
     assert {k: by_label[k] for k in units} == units
 
 
+@pytest.mark.slow
 def test_the_time_of_a_violation():
     """A waypoint out of reach of the limits is named at its own time."""
     problem, _u, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
@@ -71,6 +73,7 @@ def test_the_time_of_a_violation():
     assert any("waypoint 1" in label for label in labels) or all(v.time <= 0.25 for v in error.largest_violations)
 
 
+@pytest.mark.slow
 def test_a_path_that_the_linkage_cannot_follow():
     """The rocker cannot turn round."""
     f = crank_rocker()
@@ -104,6 +107,7 @@ def test_a_slope_that_is_not_finite():
     assert "the slope of sqrt(" in str(error) and "is not finite at t" in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [mbd.fabs, lambda x: mbd.fmax(x, 0)])
 def test_a_cost_with_a_kink(function):
     """It is named, with the way to state it without, which works."""
@@ -214,6 +218,7 @@ def test_a_solve_after_ctrl_c_runs(monkeypatch):
     assert mbd.optimize(problem, intervals=6).cost == pytest.approx(13.5, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_progress_shows_iteration_cost_and_violation(capfd):
     """On standard error, only where it is asked for."""
     problem = half_turn(crank_rocker())
@@ -226,6 +231,7 @@ def test_progress_shows_iteration_cost_and_violation(capfd):
     assert silent.out == "" and silent.err == ""
 
 
+@pytest.mark.slow
 def test_the_side_of_a_limit_that_is_missed_is_named():
     """Backwards by four metres in one second at 3 m/s at most: the lower side of the limit is broken."""
     problem, _, block = rest_to_rest(-4.0, 1.0)

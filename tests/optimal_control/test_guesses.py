@@ -15,6 +15,7 @@ def solved():
     return problem, f, mbd.optimize(problem, intervals=24)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -34,6 +35,7 @@ def test_a_solution_on_another_mesh(solved, settings):
     assert again.cost == pytest.approx(coarse.cost, rel=0.02 if settings.get("control") == "constant" else 2e-3)
 
 
+@pytest.mark.slow
 def test_a_solution_of_another_duration_and_other_waypoints(solved):
     """Stretched to the new time; a waypoint that was not there before."""
     problem, f, before = solved
@@ -79,6 +81,7 @@ def stop_at_once(problem, guess):
     return caught.value.partial
 
 
+@pytest.mark.slow
 def test_several_starts_keep_the_best():
     """All are reported; the one returned has the least cost."""
     problem, *_ = swing_up(5.0, 3.0)

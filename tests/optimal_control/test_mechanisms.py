@@ -50,6 +50,7 @@ def inverted(inertia, weight, **settings):
     return swing(mechanism, rotor, tau, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("cranks", [2, 3, 4])
 def test_parallel_cranks(cranks, transcription):
@@ -194,6 +195,7 @@ def electric_rotor(voltage, current, constant):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("control", ["polynomial", "linear"])
 def test_a_motor_with_a_current(transcription, control):
@@ -219,6 +221,7 @@ def test_a_motor_with_a_current(transcription, control):
     assert solution.verify().final_error < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_limits_of_a_state_hold(transcription):
     """A current at its limit: least time of a rotor with |i| <= 2 and a fast voltage is bang-bang in the current."""
@@ -238,6 +241,7 @@ def test_limits_of_a_state_hold(transcription):
 
 
 # --- friction from reactions ---------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_friction_from_the_reaction_of_a_guide(transcription):
     """A force pressed obliquely on a guide: N = m g - u sin a, friction mu N with the law smooth in N and v."""

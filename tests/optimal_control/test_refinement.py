@@ -27,6 +27,7 @@ def sharp():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_the_tolerance_is_met_with_an_uneven_mesh(sharp, transcription):
     """Short intervals in the bump, long ones elsewhere, the local error below the tolerance everywhere."""
@@ -103,6 +104,7 @@ def test_the_local_error_is_that_of_an_integration(sharp):
     assert solution.mesh_error == pytest.approx(worst, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_defects_by_interval():
     """verify() distinguishes displacements and angles, interval by interval."""
     f = crank_rocker()
@@ -147,6 +149,7 @@ def test_simulating_with_other_parameters_and_starts():
     assert solution.simulate(method="erk").final[block.x] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_solution_as_input_of_a_simulation():
     """An input may be given by a solution: the same as its own replay."""
     f = crank_rocker()
@@ -155,6 +158,7 @@ def test_a_solution_as_input_of_a_simulation():
     assert np.allclose(motion.q, solution.simulate().q, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_trajectory_evaluates_and_interpolates():
     """Positions between mesh points obey the equations of motion; reactions, energies, efforts are expressions."""
     f = crank_rocker()
@@ -274,6 +278,7 @@ def test_errors_of_first_order_states_count():
     assert solution.mesh_error > 0.01
 
 
+@pytest.mark.slow
 def test_a_mesh_is_refined_for_a_state():
     """Until the meter is right, too."""
     for terminal in (False, True):  # the second cost is the meter itself, linear in the voltage

@@ -24,6 +24,7 @@ def least_effort(stiffness, start, end, duration, speed=0.0):
     return float(gap @ np.linalg.solve(gramian, gap))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_other_starts_and_parameters_reuse_what_was_compiled(sprung, transcription):
     """Against the Gramian; the compiled program and solver are the same objects, and building takes no time."""
@@ -58,6 +59,7 @@ def test_a_state_as_the_start(sprung):
     assert problem.compiled.programs == built
 
 
+@pytest.mark.slow
 def test_closing_the_loop_on_a_linkage():
     """Horizon after horizon from the simulated state: no new program after the first two solves."""
     f = crank_rocker()
@@ -145,6 +147,7 @@ def test_options_pass_through():
         mbd.optimize(problem, intervals=10, options={"ipopt.max_iter": 1})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "name"),
     [

@@ -44,6 +44,7 @@ def model(request):
     return moved(request.param)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from font")
 def test_in_figures(model):
     """Names of bodies, joints, inputs, events, parameters and of the mechanism, in drawings, plots and legends."""
@@ -60,6 +61,7 @@ def test_in_figures(model):
         assert set(shown) <= set(texts(figure)), shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES[:1])
 def test_in_films(tmp_path, name):
     """As the title, and as the label of a plot."""
@@ -68,6 +70,7 @@ def test_in_films(tmp_path, name):
     assert (tmp_path / "motion.gif").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_in_the_page(model):
     """In the data as they are; nothing in the page's text begins or ends a script."""
     name, arm, motion = model
@@ -78,6 +81,7 @@ def test_in_the_page(model):
     assert [name] in [label["t"] for label in data["labels"]]
 
 
+@pytest.mark.slow
 def test_of_a_solution():
     """Labels of inputs, limits and the title."""
     name = NAMES[0]

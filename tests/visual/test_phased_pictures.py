@@ -15,6 +15,7 @@ def found():
     return block, both, alone, motion
 
 
+@pytest.mark.slow
 def test_films_and_drawings_of_a_motion_from_a_file(found, tmp_path):
     block, both, alone, motion = found
     motion.save(tmp_path / "run.npz")

@@ -41,6 +41,7 @@ def test_each_expression_has_axes_of_its_own(motion, arm):
     assert first.get_shared_x_axes().joined(first, third)
 
 
+@pytest.mark.slow
 def test_figures_are_written(motion, arm, tmp_path):
     """As any Matplotlib figure."""
     plot(motion, {"angle": arm.phi}).savefig(tmp_path / "plot.png")

@@ -8,6 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import symbols_of
 from ...results.state import State
@@ -16,7 +17,7 @@ from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from .change import Change, ChangeSetup
-from .compiled import SolverPool
+from .compiled import OPTION_SETS, SolverPool
 from .phase_program import Block, Edge, InstantProgram, PhaseProgram, condition_rows
 from .rows import Row, stack, violations
 from .setup import PhaseSetup
@@ -100,6 +101,8 @@ class CollocationProgram:
         self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
         self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
         self.solvers = SolverPool()
+        #: the same functions as they travel to workers
+        self.packed = Cache(OPTION_SETS)
 
     def _size_of_cost(self, terminal: ca.SX) -> float:
         size, last = 0.0, self.phases[-1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time as clock
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -33,7 +34,7 @@ from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
-from .ipopt import Beginning, Ipopt, Result, rows_at
+from .ipopt import Beginning, Elsewhere, Ipopt, Result, rows_at
 from .limit_sides import Bounds, LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
 from .start import check_start, first_state
@@ -109,6 +110,12 @@ class Solver:
             self.setups = [self._setup(first, numerics[0], path)]
         else:
             self._set_up_phases(numerics)
+
+    def on(self, elsewhere: Elsewhere) -> Solver:
+        """Return the same solver with runs of IPOPT on an executor; several of these work beside each other."""
+        other = copy(self)
+        other._ipopt = Ipopt(self.settings, elsewhere)
+        return other
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
         """First state; with other values of free parameters, which the equations then have, if it needs them."""
@@ -382,7 +389,7 @@ class Solver:
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
 
     def _solution(self, begin: Beginning, result: Result) -> Solution:
-        x, *rest = (np.array(result.answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
+        x, f, *rest = (result.answer[name] for name in ("x", "f", "lam_x", "lam_g", "g"))
         return Solution(
             self.problem,
             begin.program,
@@ -392,7 +399,7 @@ class Solver:
             begin.meshes,
             begin.guess.segment_times,
             x * begin.program.scale,
-            float(result.answer["f"]) * begin.program.cost_scale,
+            float(f[0]) * begin.program.cost_scale,
             result.statistics,
             Answer(*rest),
         )

@@ -59,7 +59,7 @@ class _Refinement:
         self.solver, self.solution, self.tolerance = solver, solution, tolerance
         self.passes: list[Pass] = []
         self.merging, self.moves = True, MOVES
-        #: True if the last pass had more mesh points, or more that move
+        #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
         #: the last solution with small local errors, and what it does not meet
         self.reached: tuple[Solution, str] | None = None
@@ -136,7 +136,8 @@ class _Refinement:
         solver, guess = self.solver, self.solution.as_guess(self.solver.problem)
         solver.best.new_stage()
         structures = [mesh.structure for mesh in self.solution.meshes]
-        self.resolves = structures != [mesh.structure for mesh in meshes]
+        changed = structures != [mesh.structure for mesh in meshes]
+        self.resolves = changed and self.error <= self.tolerance
         try:
             self.solution = solver.solve(meshes, guess, warm=True)
         except OptimizationError:
