@@ -1,6 +1,6 @@
-"""How does a pair of legs walk down a slope by itself, and what brings it back if it is pushed?
+"""How does a pair of legs walk down a slope without a motor, and what brings it back if it is pushed?
 
-Two legs with a hip and no motor (Goswami et al. 1998). One foot is pinned, the other one
+Two legs with a hip (Goswami et al. 1998). One foot is pinned, the other one
 swings; where it lands, it is pinned by a plastic impact and the first one is let go. A rough
 simulated step is enough for optimal control over two phases to find the gait; its Floquet
 multipliers say how fast a push is forgotten.

@@ -2,7 +2,7 @@
 
 Then the same with a bearing that bears 15 % less, and as fast as the motor can.
 Each torque is found by direct collocation on the equations that are simulated,
-and proved: IDAS starts from rest with that torque and must arrive.
+and confirmed by an IDAS run from rest.
 """
 
 from pathlib import Path

@@ -1,8 +1,8 @@
-"""How does a Geneva drive turn an even rotation into steps, and what does its pin bear?
+"""How does a Geneva drive turn a uniform rotation into steps, and what does its pin bear?
 
 A pin on a crank enters a slot of the wheel, turns it by a quarter and leaves it; until it comes back
 the wheel is locked. Two mechanisms of the same bodies follow each other without end. The pin enters
-along the slot, and so nothing jumps but the acceleration; which slot it enters, and where the wheel
+along the slot, so that only the acceleration jumps; which slot it enters, and where the wheel
 stands, are parameters that take their values at the change.
 """
 

@@ -31,7 +31,7 @@ blow = mbd.norm(grip.impulse_on(load).force)
 
 
 def fastest(limit, guess=None):
-    """Least time with a blow of at most so many N s; None for any."""
+    """Least time with an impulse of at most `limit`, N s, or of any size without one."""
     reach = mbd.Phase("reach", reaching, (0.05, 3), initial=[hinge.angle == 0, arm.omega == 0])
     carry = mbd.Phase(
         "carry",

@@ -1,8 +1,8 @@
 """How evenly can the motor of a beam pump turn it, six seconds a stroke?
 
 A crank moves the walking beam of an oil well by a pitman; the beam lifts rods
-and oil and lowers the rods alone. What happens in one turn must go on in the
-next: the end of the motion is tied to its start. The torque of least ripple
+and oil and lowers the rods alone. Each turn must repeat the one
+before: the end of the motion is tied to its start. The torque of least ripple
 about its mean, a parameter of the problem's own, is optimised for several bands
 of speed, without and with a counterweight whose mass and place on the crank
 are found at the same time. An IDAS run confirms every turn.

@@ -1,7 +1,7 @@
 """What ratio does a planetary gear give, what do its teeth carry, and what happens when the ring lets go?
 
-The ring is held and the sun driven: Willis' formula and the tooth forces come
-out of the constraints. Then a brake on the ring that slips lets the same
+The ring is held and the sun driven: Willis' formula and the tooth forces follow
+from the constraints. Then a brake on the ring that slips lets the same
 train be simulated with two degrees of freedom.
 """
 

@@ -2,7 +2,7 @@
 
 Two links with motors at shoulder and elbow swing from rest and let the ball go; in the flight the
 arm is no longer of interest, and the second mechanism is the ball alone. Positions and velocities
-of the ball go on where the hand opens. A given time of the swing is compared with a longer one.
+of the ball are continuous when the hand opens. A given time of the swing is compared with a longer one.
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""How does the foot of Jansen's walking linkage go, how level is its step, and what do the bearings carry?
+"""How does the foot of Jansen's walking linkage move, how level is its step, and what do the bearings carry?
 
-Eleven bars and one crank. The drawing shows the leg in seven poses with the way
+Eleven bars and one crank. The drawing shows the leg in seven poses with the path
 of its foot; the film and the page show it walking.
 """
 

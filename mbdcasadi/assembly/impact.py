@@ -27,9 +27,9 @@ IMPACT_TOLERANCE = 1e-9
 def impact(
     mechanism: Mechanism, state: State, *, restitution: Any = None, inputs: Any = None, parameters: Any = None
 ) -> State:
-    """Return the state in which a motion goes on as another mechanism: the one just after a plastic impact.
+    """Return the state from which a motion continues in another mechanism: the one just after a plastic impact.
 
-    Positions go on; velocities jump by impulses of the joints of the new mechanism,
+    Positions are continuous; velocities jump by impulses of the joints of the new mechanism,
     ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``, ``Phi_q v⁺ = nu``. Two bodies that latch share their momentum; if joints only
     open, nothing jumps.
 

@@ -14,13 +14,13 @@ from ..model.joints.constraints import Constraint
 from ..model.mechanism import Mechanism
 from ..model.symbols import Input
 from .markup import XmlElement, read_xml
-from .spatial import (
+from .planar import PlanarBuilder
+from .robots import (
     Coordinate,
     Law,
     Link,
     Loop,
     Mass,
-    PlanarBuilder,
     Robot,
     SpatialJoint,
     rotation_about,

@@ -14,7 +14,8 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Input
 from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
-from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy, unit_vector
+from .planar import PlanarBuilder
+from .robots import Coordinate, Law, Link, Mass, Robot, SpatialJoint, rotation_of_rpy, unit_vector
 
 #: Kinds of joints of the format, and the kinds that represent them.
 _KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}

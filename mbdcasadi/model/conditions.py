@@ -88,6 +88,11 @@ def bounded(lower: Any, expression: Any, upper: Any) -> Bounded:
     expression : casadi.SX
         Scalar.
 
+    Returns
+    -------
+    Bounded
+        For lists of conditions.
+
     Raises
     ------
     ConditionError

@@ -24,10 +24,15 @@ from .validity import Smoothing, ValidityCondition
 class Element(Immutable, HoldsSymbols):
     """Base class of joints, drivers and forces. Every attribute has a neutral default and may be overridden.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Its name, unique in the mechanism.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
     markers : tuple of Marker
         Points of the bodies to which it is attached.
     rows : casadi.SX

@@ -39,7 +39,7 @@ class Event(Immutable, HoldsSymbols):
         At a change of the mechanism: a parameter of the new mechanism to its value from there on
         (where a foot has landed), or a state variable, as an expression in the state just before.
     becomes : Mechanism, optional
-        Mechanism by which the motion goes on: made of the same bodies or of some of them. Positions go on,
+        Mechanism in which the motion continues: made of the same bodies or of some of them. Positions are continuous,
         velocities jump by impulses of its joints, ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``, ``Phi_q v⁺ = nu``: a plastic impact
         if a joint closes, no jump if one opens. A terminal event ends the run just after the change.
     during : Mechanism or sequence of Mechanism, optional
@@ -58,7 +58,7 @@ class Event(Immutable, HoldsSymbols):
     At the start an event with a reset and a direction that is at its zero and moves through it takes place at once. One
     without a direction is taken to have been passed, with a warning: whether the motion comes to its zero or has just
     left it cannot be seen there. Events without a reset that are at their zero at the start are taken to have been
-    passed, so that a run can go on from the state at which one has ended it.
+    passed, so that a run can continue from the state at which one has ended it.
 
     A reset does not keep at rest what it has stopped: a ball whose bounces die out ends in an
     error. For rest on a surface use a :class:`Contact`.

@@ -78,5 +78,18 @@ class ShakingForce:
 
 
 def shaking_force(mechanism: Mechanism, point: Any = (0.0, 0.0)) -> ShakingForce:
-    """Return the force and moment of a mechanism on the ground; see :class:`ShakingForce`."""
+    """Return the force and moment of a mechanism on the ground.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        The mechanism.
+    point : (float, float), default (0, 0)
+        Point about which the moment is taken, m.
+
+    Returns
+    -------
+    ShakingForce
+        ``.force`` and ``.moment`` as expressions.
+    """
     return ShakingForce(mechanism, point)

@@ -13,7 +13,7 @@ class ValidityCondition:
 
     Analyses evaluate it at their outputs and warn; nothing is changed.
 
-    Attributes
+    Parameters
     ----------
     expression : casadi.SX
         Scalar; negative if the element is not valid.
@@ -47,7 +47,7 @@ class ValidityCondition:
 class Smoothing:
     """A quantity whose course an integrator must follow in several steps.
 
-    Attributes
+    Parameters
     ----------
     expression : casadi.SX
         Scalar in coordinates, velocities, first-order states, parameters and time.

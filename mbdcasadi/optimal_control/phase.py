@@ -67,7 +67,7 @@ class Waypoint(Immutable):
 class Phase(Immutable):
     """A mechanism, and what it must do from the start to the end of a phase of the motion.
 
-    Phases follow each other: positions go on, and velocities jump by impulses of the joints of the new mechanism,
+    Positions are continuous from phase to phase; velocities jump by impulses of the joints of the new mechanism,
     ``M (v⁺ - v⁻) + Phi_q^T Λ = 0``, ``Phi_q v⁺ = nu``. The mechanisms are made of the same bodies; bodies may leave.
 
     Parameters

@@ -171,7 +171,7 @@ class EventOccurrence:
     state : State
         State at that time; just before, if the event resets velocities or changes the mechanism.
     after : State or None
-        State just after a reset, or in the mechanism by which the motion goes on; it knows the impulses.
+        State just after a reset, or in the mechanism in which the motion continues; it knows the impulses.
     """
 
     name: str

@@ -90,8 +90,8 @@ def animate(
         The motion; with `live` the mechanism.
     path : str or Path, optional
         Path of the file. ``.html`` is one file that opens without a network, with
-        play and pause, speed, a slider, forces on and off, numbers of whatever one
-        points at, and keys; ``.gif`` and ``.mp4`` are films. Without a path the
+        play and pause, speed, a slider, forces on and off, the numbers of the
+        part under the pointer, and keys; ``.gif`` and ``.mp4`` are films. Without a path the
         page shows itself in a notebook.
     trace : sequence of Marker, Body or expression (2,), optional
         Points whose path is drawn.

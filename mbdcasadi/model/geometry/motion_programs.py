@@ -97,17 +97,49 @@ class ProgramSegment:
 
 
 def rise(duration: float, level: float, law: str = "cycloidal") -> ProgramSegment:
-    """Return a segment that moves to a level (m or rad), up or down, by a law."""
+    """Return a segment that moves to a level, up or down.
+
+    Parameters
+    ----------
+    duration : float
+        Its length in the argument of the program: an angle of the cam (rad) or a time (s).
+    level : float
+        Position at its end, m or rad.
+    law : {"cycloidal", "modified trapezoidal", "3-4-5", "harmonic"}
+        Law of motion.
+
+    Returns
+    -------
+    ProgramSegment
+    """
     return ProgramSegment(duration, level, law)
 
 
 def fall(duration: float, law: str = "cycloidal", level: float = 0.0) -> ProgramSegment:
-    """Return a segment that moves back to a level (m or rad), zero by default, by a law."""
+    """Return a segment that moves back to a level.
+
+    Parameters
+    ----------
+    duration, law
+        As for :func:`rise`.
+    level : float, default 0
+        Position at its end, m or rad.
+
+    Returns
+    -------
+    ProgramSegment
+    """
     return ProgramSegment(duration, level, law)
 
 
 def dwell(duration: float) -> ProgramSegment:
-    """Return a segment at rest, at the end position of the segment before."""
+    """Return a segment at rest, at the end position of the segment before.
+
+    Parameters
+    ----------
+    duration : float
+        As for :func:`rise`.
+    """
     return ProgramSegment(duration)
 
 

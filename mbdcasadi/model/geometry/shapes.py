@@ -169,7 +169,17 @@ class _Centered(Shape):
 
 @dataclass(frozen=True)
 class Rectangle(_Centered):
-    """Rectangle, ``J' = m (width² + height²)/12``; lengths in m, `angle` of the side `width` in rad."""
+    """Rectangle, ``J' = m (width² + height²)/12``.
+
+    Parameters
+    ----------
+    width, height : float
+        Lengths of the sides, m.
+    center : (float, float), default (0, 0)
+        Its middle, m.
+    angle : float, default 0
+        Angle of the side `width`, rad.
+    """
 
     width: float
     height: float
@@ -187,7 +197,15 @@ class Rectangle(_Centered):
 
 @dataclass(frozen=True)
 class Disc(_Centered):
-    """Disc, ``J' = m radius²/2``; lengths in m."""
+    """Disc, ``J' = m radius²/2``.
+
+    Parameters
+    ----------
+    radius : float
+        m.
+    center : (float, float), default (0, 0)
+        Its middle, m.
+    """
 
     radius: float
     center: tuple[float, float] = (0.0, 0.0)
@@ -204,7 +222,17 @@ class Disc(_Centered):
 
 @dataclass(frozen=True)
 class Rod(_Centered):
-    """Slender straight rod, ``J' = m length²/12``; lengths in m, `angle` in rad, its density in kg/m."""
+    """Slender straight rod, ``J' = m length²/12``, whose density is in kg/m.
+
+    Parameters
+    ----------
+    length : float
+        m.
+    center : (float, float), default (0, 0)
+        Its middle, m.
+    angle : float, default 0
+        rad.
+    """
 
     length: float
     center: tuple[float, float] = (0.0, 0.0)
@@ -222,8 +250,15 @@ class Rod(_Centered):
 
 @dataclass(frozen=True)
 class Polygon(Shape):
-    """Polygon of three or more corners, m, in order and in either orientation; its edges must not cross.
+    """Polygon of three or more corners.
 
+    Parameters
+    ----------
+    points : sequence of (float, float)
+        Corners in order, in either orientation, m; the edges must not cross.
+
+    Notes
+    -----
     With ``d = x y₊ - x₊ y`` for each corner ``p = (x, y)`` and the next one ``p₊``: ``A = Σ d/2``,
     ``c = Σ d (p + p₊)/(6 A)`` and, for points taken from ``c``, ``∫ r² dA = Σ d (p·p + p·p₊ + p₊·p₊)/12``.
     """

@@ -16,7 +16,18 @@ from ..symbols import symbols_of
 
 
 class Joint(ConstraintElement):
-    """A constraint between a marker on one body and a marker on another.
+    """A constraint between a marker on one body and a marker on another; base class of all joints.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    a, b : Marker
+        The markers.
+    rows : casadi.SX
+        ``Phi`` (k,), m or rad.
+    row_labels : tuple of str, optional
+        Meaning of each row, for messages.
 
     Attributes
     ----------

@@ -18,7 +18,7 @@ from ...symbols import StateVariable
 class Resistance:
     """Friction at one place, by a law.
 
-    Attributes
+    Parameters
     ----------
     force : casadi.SX
         Force along the sliding speed, N: against it, so that a passive law has ``force · speed <= 0``.

@@ -7,9 +7,7 @@ plane, and its moment of inertia about the normal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import TypeVar
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
@@ -22,162 +20,10 @@ from ..model.forces.field import Gravity
 from ..model.joints.coordinates import RelativeAngle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
 from ..model.mechanism import Mechanism
-from ..model.symbols import Input
-from .markup import XmlElement
+from .robots import Coordinate, Link, Loop, Robot, SpatialJoint
 
 #: Angle by which axes that are meant to be parallel may differ, rad: files give angles to a few digits.
 PARALLEL = 1e-3
-
-
-@dataclass(eq=False)
-class Part:
-    """A part of a robot.
-
-    Attributes
-    ----------
-    source : XmlElement
-        Element of the file that describes it.
-    name : str
-        Its name.
-    """
-
-    source: XmlElement
-    name: str
-
-
-@dataclass(eq=False)
-class Mass:
-    """A mass in the frame of its link: kg, centre (3,), inertia about it (3, 3)."""
-
-    mass: float
-    center: np.ndarray
-    inertia: np.ndarray
-
-
-@dataclass(eq=False)
-class SpatialJoint(Part):
-    """A hinge or slide with which a link moves relative to its parent.
-
-    Attributes
-    ----------
-    kind : {"hinge", "slide"}
-        Kind of the joint.
-    axis, point : numpy.ndarray
-        In the frame of the link (3,).
-    reference : float
-        Its coordinate in the pose of the file.
-    damping, stiffness, rest : float
-        Of its damper, its spring, and the coordinate at which that is free.
-    """
-
-    kind: str
-    axis: np.ndarray
-    point: np.ndarray
-    reference: float = 0.0
-    damping: float = 0.0
-    stiffness: float = 0.0
-    rest: float = 0.0
-
-
-@dataclass(eq=False)
-class Link(Part):
-    """A body in space, in the pose of the file.
-
-    Attributes
-    ----------
-    parent : Link or None
-        None for the world.
-    rotation, position : numpy.ndarray
-        Of its frame in the world (3, 3), (3,).
-    masses : list of Mass
-        Its parts.
-    joints : list of SpatialJoint
-        By which it moves, the first one next to the parent; none if it is fixed to it.
-    """
-
-    parent: Link | None
-    rotation: np.ndarray
-    position: np.ndarray
-    masses: list[Mass] = field(default_factory=list)
-    joints: list[SpatialJoint] = field(default_factory=list)
-
-    @property
-    def root(self) -> Link:
-        """The link that moves with this one: itself, or the one it is fixed to."""
-        return self if self.joints or self.parent is None else self.parent.root
-
-
-@dataclass(eq=False)
-class Loop(Part):
-    """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file."""
-
-    a: Link
-    b: Link
-    point: np.ndarray
-    fixed: bool = False
-
-
-_SomePart = TypeVar("_SomePart", bound=Part)
-#: Actuators and couplings: elements that depend on the coordinates of joints.
-Law = Callable[[Sequence["Coordinate"]], Element | None]
-
-
-@dataclass(frozen=True)
-class Coordinate:
-    """The coordinate of a joint, with what a force along it needs.
-
-    Attributes
-    ----------
-    value, rate : casadi.SX
-        Coordinate and its rate: rad or m.
-    """
-
-    value: ca.SX
-    rate: ca.SX
-
-
-@dataclass(eq=False)
-class Robot(Part):
-    """Robot that a file describes, in space; its source is the outermost element.
-
-    Attributes
-    ----------
-    links : list of Link
-        All links, parents first; the world is the first one.
-    gravity : numpy.ndarray
-        m/s² (3,).
-    loops : list of Loop
-        Points at which loops are closed.
-    forces, constraints : list
-        Names of joints, and what makes an element of their coordinates.
-    inputs : list of Input
-        Inputs of the actuators.
-    left_out : list of str
-        Contents of the file that no element represents.
-    """
-
-    gravity: np.ndarray
-    links: list[Link] = field(default_factory=list)
-    loops: list[Loop] = field(default_factory=list)
-    forces: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
-    constraints: list[tuple[tuple[str, ...], Law]] = field(default_factory=list)
-    inputs: list[Input] = field(default_factory=list)
-    left_out: list[str] = field(default_factory=list)
-
-    def joint(self, name: str, source: XmlElement) -> SpatialJoint:
-        """Return a joint by its name, or raise for the element that names it."""
-        return _named([joint for link in self.links for joint in link.joints], "joint", name, source)
-
-    def link(self, name: str, source: XmlElement) -> Link:
-        """Return a link by its name, or raise for the element that names it."""
-        return _named(self.links, "body", name, source)
-
-
-def _named(parts: Sequence[_SomePart], kind: str, name: str, source: XmlElement) -> _SomePart:
-    for part in parts:
-        if part.name == name:
-            return part
-    raise source.refuse(f"names the {kind} '{name}', which does not exist")
 
 
 class Plane:
@@ -410,35 +256,3 @@ class PlanarBuilder:
         if loop.a.root is loop.b.root:
             raise loop.source.refuse("connects a body with itself")
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))
-
-
-def unit_vector(source: XmlElement, name: str, values: np.ndarray) -> np.ndarray:
-    """Values scaled to length one; an error for an element that gives zeros."""
-    length = float(np.linalg.norm(values))
-    if length == 0:
-        raise source.refuse(f"has a zero vector as {name}")
-    direction: np.ndarray = values / length
-    return direction
-
-
-def rotation_of_rpy(angles: np.ndarray) -> np.ndarray:
-    """Rotation by roll, pitch and yaw about fixed axes (3, 3)."""
-    return rotation_about(2, angles[2]) @ rotation_about(1, angles[1]) @ rotation_about(0, angles[0])
-
-
-def rotation_about(axis: int, angle: float) -> np.ndarray:
-    """Rotation about an axis of the frame (3, 3)."""
-    c, s = np.cos(angle), np.sin(angle)
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    found = np.eye(3)
-    found[first, first] = found[second, second] = c
-    found[second, first], found[first, second] = s, -s
-    return found
-
-
-def rotation_around(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rotation about a unit vector (3, 3), by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    found: np.ndarray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return found
