@@ -85,6 +85,7 @@ def test_waypoints_in_free_duration():
     assert solution.waypoint_times == pytest.approx([each], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_linkage_goes_through_its_waypoints():
     """Rocker and crank of a four-bar pass the poses that are asked, and IDAS agrees."""
     f = crank_rocker()

@@ -67,7 +67,7 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     if isinstance(guess, Trajectory):
         duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
         times = phase.segment_times(duration)
-        if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
+        if guess.mechanism is phase.mechanism and not guess.missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")
         return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
     raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
