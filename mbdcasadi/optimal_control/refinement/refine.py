@@ -95,7 +95,7 @@ class _Refinement:
         solution.statistics = replace(s, passes=list(self.passes))
 
     def _missed(self) -> str:
-        """What a solution with small local errors does not meet, in words; nothing if it meets all."""
+        """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
         solution, tolerance = self.solution, self.tolerance
         self.switches = unresolved_switches(solution, tolerance)
         self.shares = [shares_by_interval(part) for part in solution.phases]
