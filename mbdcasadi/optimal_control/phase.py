@@ -39,7 +39,8 @@ class Waypoint(Immutable):
     conditions : sequence of relations, default ()
         In any expression of the model; accelerations, reactions and inputs are
         those just before that time. Without conditions, a waypoint puts a mesh
-        point at its time, for instance where an input jumps.
+        point at its time, for instance where an input jumps. A free one finds the jump with ``control="constant"``;
+        polynomials imitate a jump inside an interval as well, and ``optimize(tolerance=…)`` finds it for them.
     cost : expression, default 0
         Added to the cost, with the values of that time.
 

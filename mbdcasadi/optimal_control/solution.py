@@ -449,7 +449,7 @@ class Solution:
     @cached_property
     @symbolic
     def costates(self) -> dict[str, np.ndarray | float]:
-        """Sensitivities of the cost to limits and conditions, by label.
+        """Sensitivities of the cost to limits and conditions, by label, of several phases by label and phase.
 
         Path limits and limits of inputs: by interval (N,), the decrease of the
         cost for one unit by which the limit is loosened, per second.

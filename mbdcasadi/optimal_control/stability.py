@@ -12,6 +12,7 @@ from ..errors import ModelError
 from ..numerics.rank import analyse_rank
 
 if TYPE_CHECKING:
+    from .nlp.phase_program import PhaseProgram
     from .solution import Solution
 
 #: Share of the largest slope by which the next start may miss the boundary conditions.
@@ -76,8 +77,8 @@ class _ReturnMap:
         if first.initial is None:
             raise ModelError("stability: the initial conditions decide the whole start, and leave nothing to disturb")
         fixed = set(self._inputs()) | set(self.start.tolist())
-        fixed |= {int(k) for k in first.time_index[:1]}
         for phase in self.program.phases:
+            fixed |= self._times(phase)
             if phase.count:
                 fixed |= set(phase.point_index(0)[phase.scheme.point_size :].tolist())  # integrals begin at zero
         self.others = np.array([k for k in range(self.program.size) if k not in fixed], int)
@@ -90,6 +91,14 @@ class _ReturnMap:
         counts = np.array(ca.sum2(pattern)).ravel()
         self.at_start = [k for k, count in zip(held, counts, strict=True) if count == 0]
         self.dynamics = [k for k, count in zip(held, counts, strict=True) if count > 0]
+
+    def _times(self, phase: PhaseProgram) -> set[int]:
+        """Places of the times that do not answer a disturbance: those that are given, and mesh points that moved."""
+        fixed = set(phase.time_index.tolist()) - set(phase.stated_time_index.tolist())
+        if phase.time_count and phase.begins[0] == phase.begins[1]:
+            spans = zip(phase.stated_time_index.tolist(), phase.phase.time_spans, strict=False)
+            fixed |= {place for place, (low, high) in spans if low == high}
+        return fixed
 
     def _inputs(self) -> list[int]:
         """Places of the inputs, which do not answer a disturbance."""

@@ -103,6 +103,24 @@ def test_least_time_with_an_impact():
     np.testing.assert_allclose(event.after[grip.impulse_on(load).force], change, atol=1e-8)
 
 
+def test_limits_of_the_same_input_in_two_phases():
+    """Each phase has its own costates; together they give T / (2 M), since T goes with 1 / sqrt(M)."""
+    _arm, _load, tau, _hinge, _grip, reaching, carrying, start, end, *_ = gripper()
+    reach = mbd.Phase("reach", reaching, (0.05, 3), initial=start)
+    carry = mbd.Phase("carry", carrying, (0.05, 3), final=end)
+    problem = mbd.OptimalControlProblem(phases=[reach, carry], terminal_cost=mbd.t)
+    solution = mbd.optimize(problem, intervals=8, guess=mbd.optimize(problem, intervals=6))
+    total = 0.0
+    for part, phase in zip(solution.phases, ("reach", "carry"), strict=True):
+        for side in ("tau <= 4", "tau >= -4"):
+            total += np.sum(solution.costates[f"{side} in phase '{phase}'"] * np.diff(part.mesh_times))
+    assert total == pytest.approx(solution.duration / 8, rel=1e-2)
+    active = {limit.label: limit.spans for limit in solution.active_limits}
+    ((begin, finish),) = active["tau >= -4 in phase 'carry'"]
+    assert [begin, finish] == pytest.approx([solution.durations[0], solution.duration])
+    assert "tau <= 4 in phase 'carry'" not in active and tau.upper == 4
+
+
 @pytest.mark.slow
 def test_costs_and_relations_of_phases():
     """Integrals over one phase and over all, durations and values between phases, against the running costs."""

@@ -114,3 +114,25 @@ def test_what_is_no_return_map():
     problem = mbd.OptimalControlProblem(phases=phases, boundary=[mbd.at_end(arm.omega) == mbd.at_start(arm.omega)])
     with pytest.raises(mbd.ModelError, match=r"decide the whole start|conditions than what follows"):
         mbd.optimize(problem, intervals=4).stability()
+
+
+def test_switches_that_were_found_do_not_answer_a_disturbance():
+    """A limited force shakes a damped oscillator to and fro: the multipliers are those of the oscillator."""
+    u, period, stiffness, damping = mbd.Input("u", lower=-1, upper=1), 2.0, 4.0, 0.5
+    block = mbd.Body("block", mass=1.0, inertia=0.1)
+    mechanism = mbd.Mechanism(
+        [block],
+        [mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))],
+        forces=[mbd.Force("push", block.at(0, 0), (u - stiffness * block.x - damping * block.vx, 0))],
+        inputs=[u],
+    )
+    same = [mbd.at_end(value) == mbd.at_start(value) for value in (block.x, block.vx)]
+    problem = mbd.OptimalControlProblem(
+        mechanism, period, boundary=same, running_cost=-block.x * mbd.cos(2 * np.pi * mbd.t / period)
+    )
+    solution = mbd.optimize(problem, intervals=15, tolerance=1e-6)
+    assert solution.meshes[0].moving
+    root = complex(-damping / 2, np.sqrt(stiffness - damping**2 / 4))
+    found = sorted(solution.stability().multipliers, key=lambda z: z.imag)
+    expected = sorted((np.exp(root * period), np.exp(root.conjugate() * period)), key=lambda z: z.imag)
+    assert np.allclose(found, expected, atol=1e-6)

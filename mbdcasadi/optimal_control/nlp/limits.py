@@ -17,7 +17,7 @@ from .phase_program import PhaseProgram
 from .rows import Row
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..solution import Solution
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,13 @@ def time_of(row: Row, solution: Solution) -> float:
     return float(times[row.interval] + row.tau * (times[row.interval + 1] - times[row.interval]))
 
 
+def _label(solution: Solution, phase: int, label: str) -> str:
+    """Label of a row, with its phase if another one may have the same."""
+    if len(solution.phases) == 1 or label.startswith(("boundary: ", "initial: ")) or "phase '" in label:
+        return label
+    return f"{label} in phase '{solution.phases[phase].phase.name}'"
+
+
 def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     """Costates by label, see :attr:`Solution.costates`.
 
@@ -60,9 +67,9 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
     program = solution.program
     result: dict[str, Any] = {}
 
-    def add(label: str, part: PhaseSolution, interval: int, value: float) -> None:
-        lengths = np.diff(part.mesh_times)
-        result.setdefault(label, np.zeros(lengths.size))[interval] += value / lengths[interval]
+    def add(phase: int, label: str, interval: int, value: float) -> None:
+        lengths = np.diff(solution.phases[phase].mesh_times)
+        result.setdefault(_label(solution, phase, label), np.zeros(lengths.size))[interval] += value / lengths[interval]
 
     for row, multiplier in zip(program.rows, solution.answer.lam_g, strict=True):
         if not row.condition:
@@ -73,16 +80,16 @@ def costates(solution: Solution) -> dict[str, np.ndarray | float]:
             sides = {row.label: max(value, 0.0), row.opposite: max(-value, 0.0)}
         for label, pull in sides.items():
             if row.repeated:
-                add(label, solution.phases[row.phase], row.interval, pull)
+                add(row.phase, label, row.interval, pull)
             else:
-                result[label] = float(-pull if row.equality else pull)
+                result[_label(solution, row.phase, label)] = float(-pull if row.equality else pull)
     result |= _of_start(solution)
     multipliers = solution.answer.lam_x * program.cost_scale / program.scale
-    for part in solution.phases:
+    for number, part in enumerate(solution.phases):
         for bound in variable_bounds(part.program) if part.mesh.count else ():
             value = max(bound.sign * multipliers[bound.place], 0.0)
             for i in bound.intervals:
-                add(bound.label, part, i, value / len(bound.intervals))
+                add(number, bound.label, i, value / len(bound.intervals))
     return result
 
 
@@ -188,10 +195,11 @@ def active_limits(solution: Solution) -> list[ActiveLimit]:
     limits, places = [], []
     for row, pull, value in zip(program.rows, answer.lam_g, answer.rows, strict=True):
         if row.condition and not row.equality and not row.repeated and (pull > -value or -pull > value - row.lower):
-            label, time = row.side(pull), time_of(row, solution)
+            label, time = _label(solution, row.phase, row.side(pull)), time_of(row, solution)
             places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
-    for (phase, label), shares in activity(solution).items():
+    for (phase, own), shares in activity(solution).items():
         if np.any(shares):
+            label = _label(solution, phase, own)
             spans = _spans(shares > 0, solution.phases[phase].mesh_times)
             limits.append(ActiveLimit(label, spans, float(np.max(solution.costates[label]))))
     return sorted([*limits, *places, *_global_limits(solution)], key=lambda limit: -limit.costate)

@@ -343,27 +343,7 @@ class Solver:
     def least_violation(
         self, meshes: Sequence[Mesh], guess: Guess, limit: int
     ) -> tuple[Solution, dict[str, float], bool]:
-        """Look for the motion near a guess that violates limits and conditions least.
-
-        Parameters
-        ----------
-        meshes : sequence of Mesh
-            Meshes by phase.
-        guess : Guess
-            Guess.
-        limit : int
-            Largest number of iterations.
-
-        Returns
-        -------
-        Solution, dict of str to float, bool
-            The last iterate, its scaled violations by label, and whether the solver succeeded.
-
-        Raises
-        ------
-        Interrupted
-            After Ctrl-C.
-        """
+        """Look for the motion near a guess that violates limits and conditions least; as :meth:`solve_loosened`."""
         begin = self._beginning(meshes, guess)
         result, slacks = self._ipopt.run_elastic(begin, limit)
         return self._kept(begin, result), slacks, result.succeeded

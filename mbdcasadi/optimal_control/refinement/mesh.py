@@ -56,7 +56,7 @@ class Mesh:
 
     @property
     def structure(self) -> Hashable:
-        """What decides a program: the number of intervals of each segment, and the mesh points that move."""
+        """Number of intervals of each segment, and mesh points that move: meshes alike in these share a program."""
         return self.counts, self.moving
 
     @property

@@ -25,6 +25,8 @@ PASSES, PIECES, INTERVALS = 12, 6, 2000
 MOVES = 3
 #: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
 COARSE_PASSES = 3
+#: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
+SOLVER_TOLERANCE = 1e-8
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
 MERGING_SHARE = 0.05
 
@@ -63,7 +65,7 @@ class _Refinement:
         self.resolves = False
         #: the last solution with small local errors, and what it does not meet
         self.reached: tuple[Solution, str] | None = None
-        solver.limit_tolerance = tolerance
+        solver.limit_tolerance = max(tolerance, 10 * SOLVER_TOLERANCE)
 
     def run(self) -> Solution:
         """Return the solution that meets the tolerance."""
@@ -79,7 +81,9 @@ class _Refinement:
             if _count(meshes) > INTERVALS:
                 reason = f"the next mesh would have {_count(meshes)} intervals"
                 break
-            self._solve(meshes)
+            if not self._solve(meshes):
+                reason = "the solver fails on the next mesh"
+                break
         return self._given_up(reason)
 
     def _measure(self) -> None:
@@ -91,14 +95,14 @@ class _Refinement:
         solution.statistics = replace(s, passes=list(self.passes))
 
     def _missed(self) -> str:
-        """What a solution with small local errors does not meet, in words; nothing if it meets all."""
+        """Demands that a solution with small local errors does not meet, in words; nothing if it meets all."""
         solution, tolerance = self.solution, self.tolerance
         self.switches = unresolved_switches(solution, tolerance)
         self.shares = [shares_by_interval(part) for part in solution.phases]
         missed = [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of][:1]
-        if self.resolves and self._cost_change() <= tolerance * abs(solution.cost):
+        if self.resolves and self._is_settled():
             missed = []  # what was done about them did not change the cost
-        passed = [limit for limit in passed_limits(solution, tolerance)][:1]
+        passed = passed_limits(solution, self.solver.limit_tolerance)[:1]
         missed += [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]
         self.reached = solution, " and ".join(missed)
         return self.reached[1]
@@ -117,38 +121,51 @@ class _Refinement:
             pairs = zip(meshes, self.switches, strict=True)
             moving = [mesh.with_moving(k for switch in own for k in switch.points) for mesh, own in pairs]
             grows = any(new.moving != mesh.moving for new, mesh in zip(moving, meshes, strict=True))
-            if grows or self._cost_change() > self.tolerance * abs(self.solution.cost):
+            if grows or not self._is_settled():
                 self.moves -= 1
                 return moving
         split = []
         for mesh, own, shares in zip(meshes, self.switches, self.shares, strict=True):
-            pieces = np.ceil((2 * shares / self.tolerance) ** (1 / order))
+            pieces = np.ceil((2 * shares / self.solver.limit_tolerance) ** (1 / order))
+            pieces[shares <= self.solver.limit_tolerance] = 1
             pieces[[k for switch in own for k in switch.intervals]] = PIECES
             split.append(mesh.refined(np.clip(pieces, 1, PIECES).astype(int), np.zeros(mesh.count, bool)))
         return split
 
-    def _cost_change(self) -> float:
-        """Change of the cost in the last pass."""
-        return abs(self.passes[-1].cost - self.passes[-2].cost) if len(self.passes) > 1 else np.inf
+    def _is_settled(self) -> bool:
+        """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
+        if len(self.passes) < 2:
+            return False
+        now, before = self.passes[-1].cost, self.passes[-2].cost
+        return abs(now - before) <= self.tolerance * abs(now) + SOLVER_TOLERANCE * self.solution.program.cost_scale
 
-    def _solve(self, meshes: list[Mesh]) -> None:
-        """Solve on other meshes from the last solution; mesh points that do not move well move no more."""
-        solver, guess = self.solver, self.solution.as_guess(self.solver.problem)
+    def _solve(self, meshes: list[Mesh]) -> bool:
+        """Solve on other meshes from the last solution, and return True if that succeeds.
+
+        Raises
+        ------
+        OptimizationError
+            If it does not, and no solution has small local errors yet.
+        """
+        solver, guess, near = self.solver, self.solution.as_guess(self.solver.problem), self.error <= self.tolerance
         solver.best.new_stage()
         structures = [mesh.structure for mesh in self.solution.meshes]
-        changed = structures != [mesh.structure for mesh in meshes]
-        self.resolves = changed and self.error <= self.tolerance
+        self.resolves = near and structures != [mesh.structure for mesh in meshes]
         try:
             self.solution = solver.solve(meshes, guess, warm=True)
+            return True
         except OptimizationError:
-            if self.error <= self.tolerance and any(mesh.moving for mesh in meshes):
+            if near and self.moves:  # mesh points that do not move well move no more
                 self.moves = 0
-                return
-            try:  # a guess that is near on one mesh may be far on another
-                self.solution = solver.solve(meshes, guess)
-            except OptimizationError as failure:
-                failure.reached = self.solution
-                raise
+                return self._solve(self._meshes() or meshes)
+        try:  # a guess that is near on one mesh may be far on another
+            self.solution = solver.solve(meshes, guess)
+            return True
+        except OptimizationError as failure:
+            if self.reached is not None:
+                return False
+            failure.reached = self.solution
+            raise
 
     def _given_up(self, reason: str) -> Solution:
         """The last solution with small local errors, with a warning of what it does not meet."""
