@@ -262,7 +262,14 @@ class Stepper:
         return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
 
     def _way(
-        self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray, *, project: bool = True
+        self,
+        form: Formulation,
+        compiled: CompiledIntegrator,
+        start: float,
+        x: np.ndarray,
+        *,
+        project: bool = True,
+        steps: int = MAX_STEPS,
     ) -> Callable[[np.ndarray], np.ndarray]:
         z, p = self._unknowns(form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
@@ -276,11 +283,12 @@ class Stepper:
             # dense output is less exact than steps: those end at each of the times
             stops = np.ones(int(np.sum(later)), bool)
             try:
-                reached = compiled.advance(x, z, start, times[later], p, columns, stops=stops)[0]
+                reached = compiled.advance(x, z, start, times[later], p, columns, stops=stops, steps=steps)[0]
             except IntegrationFailure as failure:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
-                reached = compiled.advance(x, perturbed(z), start, times[later], p, columns, stops=stops)[0]
+                z_near = perturbed(z)
+                reached = compiled.advance(x, z_near, start, times[later], p, columns, stops=stops, steps=steps)[0]
             found[later] = self.outputs.projected(times[later], reached) if project else reached
             return found
 
@@ -294,13 +302,16 @@ class Stepper:
         self.fastest = max(self.fastest, largest(turning))
 
     def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the function from later times to projected states, integrated to rounding."""
+        """Return the function from later times to projected states, integrated to rounding.
+
+        Near to a lock-up no number of steps is enough: few are tried.
+        """
         if self._precise is None:
             explicit = not self.numeric.eom.Q_depends_on_lam
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
             self._precise = form, self._integrator(form, method)
-        return self._way(*self._precise, start, x)
+        return self._way(*self._precise, start, x, steps=FEW_STEPS)
 
 
 def lending_of(numeric: NumericEquations) -> Lending:

@@ -236,7 +236,7 @@ class WholeStepper(Stepper):
         self._is_stiff = True
 
     def _way(
-        self, form: Any, compiled: Any, start: float, x: np.ndarray, *, project: bool = True
+        self, form: Any, compiled: Any, start: float, x: np.ndarray, **_: Any
     ) -> Callable[[np.ndarray], np.ndarray]:
         # every step ends on the constraints
         return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
