@@ -213,9 +213,9 @@ def test_bad_data():
     refused("not among data=", times, good, [g], weights={p.rod.x: 1})
     refused("must be finite and not negative", times, good, [g], weights={p.rod.phi: -1})
     refused("'k', which is not in the mechanism", times, good, [mbd.Parameter("k", 1.0)])
-    refused("segments must be an integer from 1 to 2", times, good, [g], segments=9)
+    refused("segments must be a whole number from 1 to 2", times, good, [g], segments=9)
     refused("1 samples cannot determine", times, {p.rod.phi: [np.nan, 1, np.nan]}, [g, g])
-    refused("stand in these", times, good, [g], experiments=[mbd.Experiment(times, good)])
+    refused("are given in these", times, good, [g], experiments=[mbd.Experiment(times, good)])
     with pytest.raises(mbd.ModelError, match="'g' was not among|was not among the unknowns"):
         fit = mbd.identify(model, times, good, [g])
         fit[mbd.Parameter("other", 1.0)]

@@ -2,22 +2,9 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-
-
-def weak_swing_up(limit):
-    """A pendulum that is swung up in 6 s by a motor that cannot hold it up."""
-    bob, tau, mechanism = pendulum(limit=limit)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=6.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
-    return problem, bob, tau
 
 
 def cart_pole(limit, rail):
@@ -63,7 +50,7 @@ def test_limits_close_in_on_a_cart():
 @pytest.mark.slow
 def test_a_detour_swings_a_pendulum_up():
     """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor."""
-    problem, bob, tau = weak_swing_up(2.0)
+    problem, bob, tau = swing_up(2.0, 6.0)
     with pytest.raises(mbd.OptimizationError):
         mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
     solution = mbd.optimize(problem)
@@ -76,14 +63,7 @@ def test_a_detour_swings_a_pendulum_up():
 @pytest.mark.slow
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
-    bob, tau, mechanism = pendulum(limit=0.1)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=0.2,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, *_ = swing_up(0.1, 0.2)
     with pytest.raises(mbd.OptimizationError, match="the problem is infeasible: .* from 2 starts") as caught:
         mbd.optimize(problem, intervals=10)
     conflict = caught.value.conflict

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 
@@ -22,14 +22,7 @@ def failed(problem, **settings):
 @pytest.mark.slow
 def test_too_weak_a_motor():
     """The status in words, violations sorted, with label, unit, node and time; the last iterate."""
-    bob, tau, mechanism = pendulum(limit=0.1)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=0.2,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, bob, _ = swing_up(0.1, 0.2)
     error = failed(problem, intervals=10)
     assert "infeasible" in str(error) and isinstance(error, mbd.MechanismError)
     found = error.largest_violations
@@ -162,18 +155,6 @@ def test_a_tolerance_that_cannot_be_met():
 
 
 # --- Ctrl-C ---------------------------------------------------------------------------------------
-def hard_problem():
-    """A swing-up with many intervals: it takes seconds."""
-    bob, tau, mechanism = pendulum(limit=2.0)
-    return mbd.OptimalControlProblem(
-        mechanism,
-        duration=6.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
-
-
 def interrupt_when(ready):
     """A thread that sends Ctrl-C to this process once `ready` says so."""
 
@@ -205,7 +186,7 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     thread = interrupt_when(ready)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(mbd.Interrupted) as caught:
-        mbd.optimize(hard_problem(), intervals=60, **settings)
+        mbd.optimize(swing_up(2.0, 6.0)[0], intervals=60, **settings)
     ready.set()
     thread.join()
     assert isinstance(caught.value, KeyboardInterrupt)

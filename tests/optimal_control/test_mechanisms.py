@@ -183,22 +183,25 @@ def test_a_flywheel_whose_mass_does_not_count(mass, transcription):
 
 
 # --- first-order states ------------------------------------------------------------------------------
+def electric_rotor(voltage, current, constant):
+    """A rotor driven by a coil of 0.1 H without resistance."""
+    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
+    return rotor, mbd.Mechanism(
+        bodies=[rotor],
+        joints=[mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))],
+        forces=[mbd.Torque("motor", rotor, constant * current)],
+        inputs=[voltage],
+        states={current: voltage / 0.1},
+    )
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("control", ["polynomial", "linear"])
 def test_a_motor_with_a_current(transcription, control):
     """Least integral of the current's rate squared: with u = L di/dt and torque K i it is the minimum jerk."""
-    v = mbd.Input("v")
-    current = mbd.StateVariable("i", 0.0)
-    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
-    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))
-    mechanism = mbd.Mechanism(
-        bodies=[rotor],
-        joints=[pin],
-        forces=[mbd.Torque("motor", rotor, 0.2 * current)],
-        inputs=[v],
-        states={current: v / 0.1},
-    )
+    v, current = mbd.Input("v"), mbd.StateVariable("i", 0.0)
+    rotor, mechanism = electric_rotor(v, current, 0.2)
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=2.0,
@@ -222,17 +225,8 @@ def test_a_motor_with_a_current(transcription, control):
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_limits_of_a_state_hold(transcription):
     """A current at its limit: least time of a rotor with |i| <= 2 and a fast voltage is bang-bang in the current."""
-    v = mbd.Input("v", lower=-1000, upper=1000)
-    current = mbd.StateVariable("i", 0.0, lower=-2.0, upper=2.0)
-    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
-    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))
-    mechanism = mbd.Mechanism(
-        bodies=[rotor],
-        joints=[pin],
-        forces=[mbd.Torque("motor", rotor, 0.5 * current)],
-        inputs=[v],
-        states={current: v / 0.1},
-    )
+    v, current = mbd.Input("v", lower=-1000, upper=1000), mbd.StateVariable("i", 0.0, lower=-2.0, upper=2.0)
+    rotor, mechanism = electric_rotor(v, current, 0.5)
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=(0.1, 10),

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
@@ -136,17 +136,7 @@ def test_an_unstable_motion_may_be_right_and_not_replay():
 
 def test_simulating_with_other_parameters_and_starts():
     """How robust the open loop is: against the closed form of a block with another spring."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 4.0)
-    block, mechanism = guided_block(
-        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
-    )
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=1.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
+    problem, u, k, block = sprung_block(4.0, 1.0)
     solution = mbd.optimize(problem, intervals=12)
     assert solution.simulate().final[block.x] == pytest.approx(1.0, abs=1e-6)
     # with u = A cos 2t + B sin 2t resonant at k = 4; shifted starts ride along freely

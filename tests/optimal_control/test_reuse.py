@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 
@@ -10,18 +10,7 @@ import mbdcasadi as mbd
 @pytest.fixture
 def sprung():
     """A block on a spring whose stiffness is a parameter."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
-    block, mechanism = guided_block(
-        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
-    )
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
-    return problem, u, k, block
+    return sprung_block(3.0, 2.0)
 
 
 def least_effort(stiffness, start, end, duration, speed=0.0):

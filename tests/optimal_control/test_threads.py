@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 from mbdcasadi.numerics.symbolic import LOCK, numeric_work, symbolic
@@ -69,17 +69,7 @@ def test_a_linkage_is_evaluated_and_verified_in_threads():
 @pytest.mark.slow
 def test_each_thread_has_its_own_start_parameters_and_options():
     """As one after the other, with refinement in some and several starts in others."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
-    spring = lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]  # noqa: E731
-    block, mechanism = guided_block(1.0, u, parameters=[k], extra=spring)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
-
+    problem, _, k, block = sprung_block(3.0, 2.0)
     starts = [[block.x == 0.1 * i, block.vx == 0] for i in range(THREADS)]
 
     def cost(i):

@@ -251,7 +251,10 @@ def test_truss_snaps_through_at_its_limit_points():
     assert np.array_equal(path.stable, np.abs(y) > at)
 
 
-@pytest.mark.parametrize(("change", "text"), [({"end": 0.0}, "nothing to follow"), ({"steps": 0}, "nothing to follow")])
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [({"end": 0.0}, "nothing to follow"), ({"steps": 0}, "steps must be a whole number of at least 1")],
+)
 def test_bad_paths(change, text):
     push = mbd.Parameter("push", 0.0)
     _, model = truss(push)

@@ -18,6 +18,7 @@ from disk import full_disk
 from linkages import G, four_bar, pendulum
 
 import mbdcasadi as mbd
+from mbdcasadi.sweeping import jobs, plan
 from mbdcasadi.sweeping import sweep as module
 
 TIMES = np.linspace(0, 1, 21)
@@ -453,8 +454,8 @@ def test_a_complete_file_assembles_nothing(tmp_path, monkeypatch):
     model, cases, outputs, start, _ = couplers(LENGTHS)
     given = (model, [0, 0.02], cases, outputs, start)
     first = mbd.sweep(*given, file=tmp_path / "sweep.bin")
-    monkeypatch.setattr(module, "MotionSetup", None)
-    monkeypatch.setattr(module, "assembled_start", None)
+    monkeypatch.setattr(plan, "MotionSetup", None)
+    monkeypatch.setattr(jobs, "assembled_start", None)
     again = mbd.sweep(*given, file=tmp_path / "sweep.bin")
     assert np.array_equal(again["phi"], first["phi"], equal_nan=True) and again.failures == first.failures
 
@@ -462,7 +463,7 @@ def test_a_complete_file_assembles_nothing(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_ctrl_c_while_starts_are_assembled_keeps_what_was_run(monkeypatch):
     model, cases, outputs, start, _ = couplers(LENGTHS)
-    real, calls = module.assembled_start, []
+    real, calls = jobs.assembled_start, []
 
     def stopped(*arguments):
         calls.append(0)
@@ -470,7 +471,7 @@ def test_ctrl_c_while_starts_are_assembled_keeps_what_was_run(monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(module, "assembled_start", stopped)
+    monkeypatch.setattr(jobs, "assembled_start", stopped)
     with pytest.raises(mbd.Interrupted, match="of 7 cases") as caught:
         mbd.sweep(model, [0, 0.02], cases, outputs, start, batch=1)
     assert np.sum(caught.value.partial.done) == 3 and list(caught.value.partial.failures) == [1]

@@ -25,22 +25,13 @@ def crank():
 
 
 @pytest.fixture
-def page(browser, crank, tmp_path):
-    """The page, opened with the network off; what goes wrong in it fails the test."""
+def page(open_offline, crank, tmp_path):
+    """The page, opened with the network off."""
     path = tmp_path / "motion.html"
     crank[2].save(path)
-    opened = browser.new_page(viewport=DESKTOP, color_scheme="light")
-    wrong, asked = [], []
-    opened.on("pageerror", lambda error: wrong.append(str(error)))
-    opened.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
-    opened.on("request", lambda request: asked.append(request.url))
-    opened.context.set_offline(True)
-    opened.goto(path.as_uri())
+    opened = open_offline(path, DESKTOP)
     opened.wait_for_function("window.mechanism")
-    yield opened
-    opened.close()
-    assert wrong == []
-    assert asked == [path.as_uri()]  # nothing is fetched from anywhere
+    return opened
 
 
 def drawn(page):

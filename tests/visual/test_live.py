@@ -15,28 +15,18 @@ library = mbd.library
 
 
 @pytest.fixture
-def opened(browser, tmp_path):
-    """Opens the page of a mechanism with the network off; what goes wrong in it fails the test."""
-    tabs, wrong, asked = [], [], []
+def opened(open_offline, tmp_path):
+    """Opens the page of a mechanism with the network off."""
 
     def open_page(mechanism, **options):
-        path = tmp_path / f"page{len(tabs)}.html"
+        path = tmp_path / f"page{len(list(tmp_path.iterdir()))}.html"
         mbd.animate(mechanism, path, live=True, **options)
         assert path.stat().st_size <= 1_000_000
-        tab = browser.new_page(viewport=WINDOW, color_scheme="light")
-        tabs.append(tab)
-        tab.on("pageerror", lambda error: wrong.append(str(error)))
-        tab.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.context.set_offline(True)
-        tab.goto(path.as_uri())
+        tab = open_offline(path, WINDOW)
         tab.wait_for_function("window.mechanism && window.mechanism.live")
         return tab
 
-    yield open_page
-    for tab in tabs:
-        tab.close()
-    assert wrong == [] and len(asked) == len(tabs)  # nothing is fetched from anywhere
+    return open_page
 
 
 def solved(tab, seconds=2.0):

@@ -102,3 +102,21 @@ def test_formulas_in_labels_of_ones_own():
     figure.draw_without_rendering()
     formula, broken = (axes.yaxis.label for axes in figure.axes)
     assert formula.get_parse_math() and not broken.get_parse_math()
+
+
+def test_names_are_placed_at_the_scale_of_the_picture():
+    """After the layout of the figure, no name of a hanging chain lies on its bars."""
+    axes = mbd.draw(mbd.library.pendulum_chain(3), names=True)
+    axes.figure.draw_without_rendering()
+    half = max(patch.get_path().get_extents().x1 for patch in axes.patches[:3])
+    names = [text.get_window_extent().transformed(axes.transData.inverted()) for text in axes.texts]
+    assert len(names) == 6 and all(name.x0 > half or name.x1 < -half for name in names)
+
+
+def test_names_in_a_part_of_a_figure():
+    """Axes of a subfigure are as good as those of a figure."""
+    from matplotlib.figure import Figure
+
+    part = Figure(layout="constrained").subfigures(1, 2)[1]
+    axes = mbd.draw(mbd.library.pendulum_chain(1), part.subplots(), names=True)
+    assert {"rod 1", "pin 1"} <= {text.get_text() for text in axes.texts}
