@@ -193,7 +193,14 @@ class CompiledStepper(Stepper):
         return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
 
     def _way(
-        self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray, *, project: bool = True
+        self,
+        form: Formulation,
+        compiled: CompiledIntegrator,
+        start: float,
+        x: np.ndarray,
+        *,
+        project: bool = True,
+        steps: int = MAX_STEPS,
     ) -> Way:
         z, p = self._unknowns(form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
@@ -203,11 +210,11 @@ class CompiledStepper(Stepper):
             # dense output is less exact than steps: those end at each of the times
             stops = np.ones(times.size, bool)
             try:
-                states = compiled.advance(x, z, start, times, p, columns, stops=stops)[0]
+                states = compiled.advance(x, z, start, times, p, columns, stops=stops, steps=steps)[0]
             except IntegrationFailure as failure:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
-                states = compiled.advance(x, perturbed(z), start, times, p, columns, stops=stops)[0]
+                states = compiled.advance(x, perturbed(z), start, times, p, columns, stops=stops, steps=steps)[0]
             return self.outputs.projected(times, states) if project else states
 
         return way_by(start, x, integrated)
@@ -224,7 +231,8 @@ class CompiledStepper(Stepper):
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)
             form = choose_formulation(self.numeric, method, redundant=self.formulation.tolerates_redundancy)
             self._precise = form, self._integrator(form, method)
-        return self._way(*self._precise, start, x)
+        # before a lock-up no number of steps is enough
+        return self._way(*self._precise, start, x, steps=FEW_STEPS)
 
 
 def lending_of(numeric: NumericEquations) -> Lending:

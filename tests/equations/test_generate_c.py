@@ -42,6 +42,7 @@ int main(void) {
 """
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_a_program_in_c_finds_the_same_accelerations(tmp_path):
     tau, mass = mbd.Input("tau"), mbd.Parameter("mass", 1.5)

@@ -42,6 +42,7 @@ def test_least_effort(settings):
         assert other[0].cost / (mass * length**2) ** 2 == pytest.approx(reference[0].cost, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_solver_sees_the_same_numbers():
     """Scaled by lengths, masses and the time of the model, the program is the same: so is the number of iterations."""
     counts = [in_units(length, mass)[0].statistics.iterations for length, mass in [(1.0, 1.0), *UNITS]]
@@ -92,6 +93,7 @@ def test_other_problems(changes):
         assert theirs == pytest.approx(1e3 * mine, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_limits_and_costates_in_other_units():
     """Labels hold the numbers of the units; costates scale as cost over limit."""
     reference, other = in_units(1.0, 1.0, gentle)[0], in_units(1e3, 1e3, gentle)[0]

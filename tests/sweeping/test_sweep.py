@@ -255,6 +255,7 @@ def test_xarray_knows_the_cases():
     assert float(table["angle"].sel(case=4, t=0)) == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_latin_hypercube_fills_the_box():
     a, b = mbd.Parameter("a", 1.0), mbd.Input("b")
     cases = mbd.latin_hypercube({a: (2, 4), b: (-1, 1)}, 50, seed=1)
