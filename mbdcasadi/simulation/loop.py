@@ -38,7 +38,7 @@ from .stepping import NearSingularPose, Stepper
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
 from .uniqueness import Uniqueness
-from .unseen_loads import UnseenLoads
+from .unseen_loads import UnseenLoads, meets_loads
 from .whole_stepping import WholeStepper, refuse_redundant_rows
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
@@ -146,8 +146,8 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
-        #: shortest of the loads that the steps passed over, s
-        self.shortest_load = np.inf
+        #: shortest of the loads on the path, s, if they are looked for
+        self.looks_for_loads, self.shortest_load = False, np.inf
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
         self.reached: State | None = None
@@ -166,11 +166,7 @@ class Run:
         drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
         if self.events or conditions or smoothed or switching(mechanism) or has_loops(eom):
             return True
-        return drifts or self._has_loads()
-
-    def _has_loads(self) -> bool:
-        """True if the motion may meet loads that steps pass over."""
-        return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
+        return drifts or meets_loads(eom, self.setup.signals)
 
     # --- the loop ------------------------------------------------------------------------
     def run(self, entry: State | None = None, passed: Sequence[Event] = ()) -> Trajectory:
@@ -350,9 +346,11 @@ class Run:
         arc = self._arc
         tolerances = self.integrator.reltol, self.integrator.abstol
         load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
+        if self.looks_for_loads:
+            found = arc.unseen_loads.shortest(path, arc.stepper.outputs, *tolerances)
+            self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
         if load is None:
             return piece, path, None
-        self.shortest_load = min(self.shortest_load, load.duration)
         if load.interval == 0:
             across = piece.until(float(path.times[1])).through(load.stops)
             return self._integrated(across)
@@ -702,18 +700,23 @@ class Run:
         return list(dict.fromkeys(found))
 
 
-def shortest_unseen_load(setup: Setup, integrator: Integrator) -> float:
-    """Duration of the shortest load that the steps of an integrator would pass over in a simulation, s.
+def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
+    """Duration of the shortest load on a motion over which the steps of an integrator may pass, s.
 
-    Infinite if there is none. A simulation stops around such loads; analyses whose steps are compiled beforehand limit
-    these by it. Where the simulation stops early, what came before counts.
+    Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
+    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
+
+    Parameters
+    ----------
+    start : numpy.ndarray
+        State ``(q, v, z)`` at the first time.
     """
     modes = SingleMode(setup)
-    if not UnseenLoads(modes.numeric(modes.free), setup.signals).watched:
-        return float("inf")
+    n, time = setup.eom.q.numel(), float(setup.grid[0])
     run = Run(setup, modes, (), integrator)
+    run.looks_for_loads = True
     try:
-        run.run()
-    except SimulationError:  # the analysis itself says why
+        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
+    except MechanismError:  # the analysis itself says why
         pass
     return run.shortest_load
