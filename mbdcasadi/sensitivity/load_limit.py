@@ -1,7 +1,7 @@
 """Longest step of analyses whose steps are compiled beforehand: it must not pass over loads that come and go.
 
-A simulation finds such loads on its path (see :mod:`~mbdcasadi.simulation.unseen_loads`). It is repeated here at every
-values of the parameters that are not near to those of an earlier one, since a body may reach a bump at some values alone.
+A simulation finds such loads on its path (see :mod:`~mbdcasadi.simulation.unseen_loads`). It is repeated here for all
+values of the parameters that are not near to earlier ones, since a body may reach a bump at some values alone.
 """
 
 from __future__ import annotations
