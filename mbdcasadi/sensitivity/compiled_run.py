@@ -24,6 +24,7 @@ from ..simulation.modes import SingleMode
 from ..simulation.path import Path, hermite_states
 from ..simulation.simulate import chosen_integrator, suited_to_friction
 from ..simulation.singular_passage import singular_time
+from ..simulation.watched_terms import has_gaps
 from .design_variables import DesignVariables
 from .differentiable_motion import Cuts, DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
@@ -186,6 +187,12 @@ class CompiledRun:
         start = setup.differentiable_start
         self.setup = setup
         self.design = DesignVariables(wrt, setup, start)
+        if has_gaps(setup.mechanism) and not setup.integrator.is_multistep:
+            warn(
+                f'derivatives by method="{setup.integrator.name}" through contacts are those of its steps, which the '
+                "error test does not control: through hard ones they may be off by tens of a per cent while the motion "
+                'is right; use method="idas"'
+            )
         self.motion = setup.motion(self.design.varied, integrands=integrands, reversible=reversible)
         self.guess = start.guess
         self._expressions = list(expressions)

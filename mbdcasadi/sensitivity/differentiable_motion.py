@@ -144,7 +144,7 @@ class DifferentiableMotion:
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
         self._warned: set[str] = set()
         self.load_limit = LoadLimit(setup, integrator)
-        self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
+        self._has_gaps = has_gaps(numeric.eom.mechanism)
         start = setup.start
         self._timed = timed_equations(setup, self._integrands)
         self._parts = parts_of_motion(numeric, signals, self._integrands)

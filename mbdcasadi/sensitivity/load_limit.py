@@ -12,6 +12,7 @@ from ..assembly.setup import Setup
 from ..integrators import Integrator
 from ..simulation.loop import shortest_unseen_load
 from ..simulation.unseen_loads import meets_loads
+from ..simulation.watched_terms import has_gaps
 
 #: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
 STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
@@ -32,12 +33,12 @@ class LoadLimit:
     Attributes
     ----------
     is_needed : bool
-        True if loads may come and go with the motion.
+        True if loads may come and go with the motion, or outlines meet.
     """
 
     def __init__(self, setup: Setup, integrator: Integrator):
         self._setup, self._integrator = setup, integrator
-        self.is_needed = meets_loads(setup.eom, setup.signals)
+        self.is_needed = meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
         self._shortest = np.inf
         self._known: dict[tuple[int, int], list[np.ndarray]] = {}
 

@@ -146,7 +146,7 @@ class Run:
         self._x = np.zeros(0)
         self._trail, self._extra_stops = Trail(), np.zeros(0)
         self._passed: list[float] = []
-        #: shortest of the loads on the path, s, if they are looked for
+        #: shortest of the loads and contacts on the path, s, if they are looked for
         self.looks_for_loads, self.shortest_load = False, np.inf
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
@@ -409,6 +409,9 @@ class Run:
         if failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
             arc.resolution.note(counted, arc.stepper.way_from, self.integrator.reltol, self.integrator.abstol)
+            if self.looks_for_loads:
+                contact = arc.resolution.shortest_contact(counted, arc.stepper.outputs.accelerations)
+                self.shortest_load = min(self.shortest_load, contact)
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:

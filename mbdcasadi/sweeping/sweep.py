@@ -59,7 +59,7 @@ TRIES = 100
 
 #: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
 #: short loads are looked for.
-RANGES, PROBED = 8, 32
+RANGES, PROBED = 8, 16
 
 #: Finished cases: their indices, outputs (k, n), and messages.
 Block = tuple[np.ndarray, np.ndarray, list[str]]

@@ -62,3 +62,37 @@ def test_a_sweep_whose_later_cases_move_little(method):
     initial = [block.x == amplitude, block.vx == 0]
     swept = mbd.sweep(model, times, {amplitude: sizes}, {"x": block.x}, initial=initial, method=method)
     np.testing.assert_allclose(swept["x"] / sizes[:, None], np.tile(np.cos(2 * times), (3, 1)), atol=1e-5)
+
+
+def ball_above_a_peg(radius=0.02, stiffness=1e7, mass=0.1):
+    """A ball that is thrown at a fixed peg of its own size, head-on, and comes back with its speed."""
+    speed = mbd.Parameter("speed", 1e-3)
+    ball = mbd.Body("ball", mass=mass, inertia=1e-6, pose=(0, 1 + 2 * radius, 0))
+    law = mbd.HuntCrossley(stiffness, exponent=1.5)
+    knock = mbd.Contact("knock", mbd.Circle(ball.at(0, 0), radius), mbd.Circle(mbd.ground.at(0, 0), radius), law)
+    model = mbd.Mechanism(bodies=[ball], forces=[knock], parameters=[speed])
+    start = [ball.x == 0, ball.y == 1 + 2 * radius, ball.phi == 0, ball.vx == 0, ball.vy == -speed, ball.omega == 0]
+    return model, ball, speed, start
+
+
+@pytest.mark.parametrize("method", ["idas", "erk"])
+def test_balls_of_a_sweep_do_not_pass_through_a_peg(method):
+    """The first case does not reach it; the others would be through within milliseconds."""
+    model, ball, speed, start = ball_above_a_peg()
+    speeds = np.array([1e-3, 20.0, 33.0])
+    swept = mbd.sweep(model, [0, 1.5], {speed: speeds}, {"v": ball.vy}, initial=start, method=method)
+    np.testing.assert_allclose(swept["v"][:, -1], [-1e-3, 20.0, 33.0], rtol=1e-4)
+
+
+def test_a_cost_function_through_a_contact_that_its_first_values_do_not_reach():
+    model, ball, speed, start = ball_above_a_peg(radius=0.005, stiffness=1e9, mass=0.01)
+    cost = mbd.cost_function(model, [0, 1.5], [speed], terminal_cost=ball.vy, initial=start)
+    value, gradient = cost.value_and_gradient([33.0])
+    assert value == pytest.approx(33.0, abs=1e-4)
+    np.testing.assert_allclose(gradient, [1.0], rtol=1e-3)
+
+
+def test_derivatives_of_one_step_methods_through_contacts_are_reported():
+    model, ball, speed, start = ball_above_a_peg()
+    with pytest.warns(mbd.MechanismWarning, match="through contacts"):
+        mbd.sensitivities(model, [0, 0.1], [ball.vy], [speed], initial=start, method="erk")
