@@ -360,7 +360,8 @@ class DifferentiableMotion:
         )
 
     def _warn_once(self, sentence: str) -> None:
-        if sentence not in self._warned:
+        # without switches in the state nothing is differentiated
+        if self._in_state and sentence not in self._warned:
             self._warned.add(sentence)
             warn(sentence)
 

@@ -166,7 +166,10 @@ def sweep(
                 if store is not None:
                     store.append(*block)
                 bar.update(len(block[0]))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # inside the conversions of NumPy and CasADi Ctrl-C becomes the cause of a SystemError
+        if not isinstance(error, KeyboardInterrupt) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         raise Interrupted(
             f"stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
             + (f", and so does {file}" if file else ""),
@@ -360,7 +363,12 @@ class _Jobs:
         self._motion = self.setup.motion(varied, in_state=False)
         channel = self._motion.channel()
         spread = self._spread()
-        poses = [self._motion.poses_from(x0, p, levels, channel) for x0, p, levels in spread[:RANGES]]
+        poses = []
+        for x0, p, levels in spread[:RANGES]:
+            try:
+                poses.append(self._motion.poses_from(x0, p, levels, channel))
+            except MechanismError:  # the case itself says why
+                continue
         if self.setup.resolve_all(poses):
             self._motion = self.setup.motion(varied, in_state=False)
         for x0, p, levels in spread:
