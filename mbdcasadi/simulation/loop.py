@@ -48,6 +48,8 @@ NEAR_CORNER = 1e-5
 STEPS_PER_PIECE = 1000
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
+#: Looks at the path across one load, at most.
+LOOKS = 4
 #: Switches between modes in one run, at most.
 SWITCHES = 20_000
 
@@ -337,26 +339,33 @@ class Run:
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
-        elif failure is None and not stops.size:
+        elif failure is None:
             piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
 
     def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """A piece and its path up to a load that the steps of the integrator passed over, or across it."""
-        arc = self._arc
+        """A piece and its path up to a load that the steps of the integrator passed over, or across it.
+
+        A load changes the motion, and so the instants at which it ends: the path across it is looked at again.
+        """
+        arc, failure = self._arc, None
         tolerances = self.integrator.reltol, self.integrator.abstol
-        load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
-        if self.looks_for_loads:
-            found = arc.unseen_loads.shortest(path, arc.stepper.outputs, *tolerances)
-            self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
-        if load is None:
-            return piece, path, None
-        if load.interval == 0:
-            across = piece.until(float(path.times[1])).through(load.stops)
-            return self._integrated(across)
-        self._extra_stops = load.stops
-        end = float(path.times[load.interval])
-        return piece.until(end), path.until(end), None
+        for _ in range(LOOKS):
+            load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
+            if self.looks_for_loads:
+                found = arc.unseen_loads.shortest(path, arc.stepper.outputs, *tolerances)
+                self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
+            if load is None:
+                break
+            if load.interval:
+                self._extra_stops = load.stops
+                end = float(path.times[load.interval])
+                return piece.until(end), path.until(end), None
+            piece = piece.until(float(path.times[1])).through(load.stops)
+            piece, path, failure = self._integrated(piece)
+            if failure is not None:
+                break
+        return piece, path, failure
 
     def _integrated(
         self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
