@@ -11,15 +11,15 @@ import json
 import sys
 import time
 import warnings
-from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
+from collections.abc import Callable, Container
 from typing import Any
 
-from machine import one_thread
+from machine import one_thread, versions
 
 one_thread()
 
-import numpy as np  # noqa: E402  (after the threads are set)
+import exudyn_parts  # noqa: E402  (after the threads are set)
+import numpy as np  # noqa: E402
 from contact_models import MODELS, Balls, Belt, G  # noqa: E402
 
 #: Steps of an integrator between two outputs.
@@ -36,16 +36,8 @@ def exudyn_method(solver: str) -> Callable[[Any, float], tuple[float, float, np.
 
         began = time.perf_counter()
         steps = model.outputs * round(setting)
-        system, sensors = _exudyn_system(exu, model, model.duration / steps)
-        settings = exu.SimulationSettings()
-        settings.timeIntegration.endTime = model.duration
-        settings.timeIntegration.numberOfSteps = steps
-        settings.timeIntegration.verboseMode = 0
-        settings.solutionSettings.writeSolutionToFile = False
-        settings.solutionSettings.sensorsWritePeriod = model.duration / model.outputs
-        settings.displayStatistics = False
-        settings.displayComputationTime = False
-        settings.parallel.numberOfThreads = 1
+        system, sensors = _exudyn_system(model, model.duration / steps)
+        settings = exudyn_parts.settings(model.duration, steps, model.duration / model.outputs)
         kind = getattr(exu.DynamicSolverType, solver)
         made = time.perf_counter()
         if not system.SolveDynamic(settings, solverType=kind, showHints=False, showCausingItems=False):
@@ -58,7 +50,8 @@ def exudyn_method(solver: str) -> Callable[[Any, float], tuple[float, float, np.
     return run
 
 
-def _exudyn_system(exu: Any, model: Balls | Belt, step: float) -> tuple[Any, list[Any]]:
+def _exudyn_system(model: Balls | Belt, step: float) -> tuple[Any, list[Any]]:
+    import exudyn as exu
     from exudyn import itemInterface as item
 
     system = exu.SystemContainer().AddSystem()
@@ -66,29 +59,15 @@ def _exudyn_system(exu: Any, model: Balls | Belt, step: float) -> tuple[Any, lis
     fixed = partner = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=ground, coordinate=0))
     sensors = []
     if isinstance(model, Balls):
-        places, speed = model.heights, 0.0
-        law: dict[str, Any] = {
-            "useLimitStops": True,
-            "limitStopsLower": 0.0,
-            "limitStopsUpper": 1e6,
-            "limitStopsStiffness": model.stiffness,
-        }
+        places, speed, law = model.heights, 0.0, {"useLimitStops": True, "limitStopsStiffness": model.stiffness}
     else:
-        places, speed = (0.0,), model.speed
-        weight = model.mass * G
+        places, speed, law = (0.0,), model.speed, _bristles(model, step)
         # so heavy that nothing slows it down
         belt = system.AddNode(
             item.Node1D(referenceCoordinates=[0.0], initialCoordinates=[0.0], initialVelocities=[speed])
         )
         system.AddObject(item.ObjectMass1D(physicsMass=1e12, nodeNumber=belt))
         partner = system.AddMarker(item.MarkerNodeCoordinate(nodeNumber=belt, coordinate=0))
-        law = {
-            "dynamicFrictionForce": model.sliding * weight,
-            "staticFrictionOffsetForce": (model.static - model.sliding) * weight,
-            "exponentialDecayStatic": DECAY * step,
-            "stickingStiffness": BRISTLES * model.mass / step**2,
-            "stickingDamping": model.mass * BRISTLES / step,
-        }
     for place in places:
         node = system.AddNode(
             item.Node1D(referenceCoordinates=[place], initialCoordinates=[0.0], initialVelocities=[speed])
@@ -107,15 +86,21 @@ def _exudyn_system(exu: Any, model: Balls | Belt, step: float) -> tuple[Any, lis
         system.AddObject(
             item.ObjectConnectorCoordinateSpringDamperExt(markerNumbers=[partner, mine], nodeNumber=data, **own)
         )
-        sensors.append(
-            system.AddSensor(
-                item.SensorNode(
-                    nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates
-                )
-            )
-        )
+        sensors.append(exudyn_parts.sensor(system, node))
     system.Assemble()
     return system, sensors
+
+
+def _bristles(model: Belt, step: float) -> dict[str, float]:
+    """Exudyn's friction with bristles that a step resolves."""
+    weight = model.mass * G
+    return {
+        "dynamicFrictionForce": model.sliding * weight,
+        "staticFrictionOffsetForce": (model.static - model.sliding) * weight,
+        "exponentialDecayStatic": DECAY * step,
+        "stickingStiffness": BRISTLES * model.mass / step**2,
+        "stickingDamping": model.mass * BRISTLES / step,
+    }
 
 
 def mujoco_method(integrator: str) -> Callable[[Any, float], tuple[float, float, np.ndarray]]:
@@ -152,25 +137,17 @@ def mujoco_method(integrator: str) -> Callable[[Any, float], tuple[float, float,
     return run
 
 
-def methods() -> dict[str, dict[str, Callable[..., Any]]]:
-    """Methods by model and name, of the packages that are there."""
+def methods(packages: Container[str]) -> dict[str, dict[str, Callable[..., Any]]]:
+    """Methods by model and name, of the packages that are installed."""
     found: dict[str, dict[str, Callable[..., Any]]] = {"balls": {}, "belt": {}}
-    if _has("exudyn"):
+    if "exudyn" in packages:
         for model in found:
             found[model]["Exudyn, trapezoidal (index 2)"] = exudyn_method("TrapezoidalIndex2")
             found[model]["Exudyn, RK44"] = exudyn_method("RK44")
-    if _has("mujoco"):
+    if "mujoco" in packages:
         found["balls"]["MuJoCo, RK4"] = mujoco_method("RK4")
         found["balls"]["MuJoCo, implicitfast"] = mujoco_method("implicitfast")
     return found
-
-
-def _has(package: str) -> bool:
-    try:
-        version(package)
-    except PackageNotFoundError:
-        return False
-    return True
 
 
 def answer(request: dict[str, Any], known: dict[str, dict[str, Callable[..., Any]]]) -> dict[str, Any]:
@@ -189,8 +166,8 @@ def answer(request: dict[str, Any], known: dict[str, dict[str, Callable[..., Any
 
 def main() -> None:
     """Answer lines from standard input."""
-    known = methods()
-    packages = {package: version(package) for package in ("exudyn", "mujoco", "numpy") if _has(package)}
+    packages = versions("exudyn", "mujoco", "numpy")
+    known = methods(packages)
     reply(sys.stdout, {"methods": {model: list(names) for model, names in known.items()}, "versions": packages})
     for line in sys.stdin:
         reply(sys.stdout, answer(json.loads(line), known))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
+from contextlib import suppress
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,19 +23,22 @@ def one_thread() -> None:
 
 def machine() -> dict[str, Any]:
     """Date, processor family, number of cores, Python and the versions of the packages."""
-    versions = {}
-    for package in ("casadi", "numpy", "scipy", "scikit-sundae", "exudyn"):
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            continue
     return {
         "date": date.today().isoformat(),
         "processor": _processor(),
         "cores": os.cpu_count(),
         "python": ".".join(map(str, sys.version_info[:3])),
-        "versions": versions,
+        "versions": versions("casadi", "numpy", "scipy", "scikit-sundae", "exudyn"),
     }
+
+
+def versions(*packages: str) -> dict[str, str]:
+    """Versions of packages by name, of those that are installed."""
+    found = {}
+    for package in packages:
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
 
 
 def _processor() -> str:

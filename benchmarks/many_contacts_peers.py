@@ -17,7 +17,8 @@ from machine import one_thread
 
 one_thread()
 
-import numpy as np  # noqa: E402  (after the threads are set)
+import exudyn_parts  # noqa: E402  (after the threads are set)
+import numpy as np  # noqa: E402
 from many_contacts_models import Dominoes, Funnel, G  # noqa: E402
 
 MODELS: dict[str, Any] = {"dominoes": Dominoes(), "funnel": Funnel()}
@@ -32,33 +33,7 @@ def mujoco_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
     import mujoco
 
     nstep = round(model.duration / model.outputs / step)
-    joints = (
-        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint type="hinge" axis="0 -1 0"/>'
-        '<inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia} {inertia} {inertia}"/>'
-    )
-    parts, places, speeds = [], [], []
-    own = joints.format(mass=model.mass, inertia=model.inertia)
-    if isinstance(model, Dominoes):
-        parts.append(f'<geom type="plane" size="50 50 1" friction="{model.floor_friction}"/>')
-        for k in range(model.count):
-            (x, y, _), velocity = model.start(k)
-            size = f"{model.width / 2} 0.02 {model.height / 2}"
-            # a pair has the larger one of two coefficients, and the floor's is the larger one
-            parts.append(
-                f'<body pos="{x} 0 {y}">{own}<geom type="box" size="{size}" friction="{model.friction}"/></body>'
-            )
-            places.append((x, y))
-            speeds += velocity
-    else:
-        for side in (-1, 1):
-            angle = np.degrees(side * model.half_angle)
-            place = f'pos="{side * model.radius} 0 0" euler="0 {-angle} 0"'
-            parts.append(f'<geom type="plane" size="50 50 1" {place} friction="{model.friction}"/>')
-        for x, y in model.places:
-            shape = f'<geom type="sphere" size="{model.radius}" friction="{model.friction}"/>'
-            parts.append(f'<body pos="{x} 0 {y}">{own}{shape}</body>')
-            places.append((x, y))
-            speeds += [0.0, 0.0, 0.0]
+    parts, places, speeds = mujoco_parts(model)
     machine = mujoco.MjModel.from_xml_string(
         f'<mujoco><option timestep="{step!r}" integrator="implicitfast" gravity="0 0 {-G}" cone="elliptic"/>'
         f'<default><geom condim="3" solref="{1 / RATE} {RATIO}"/></default>'
@@ -77,6 +52,32 @@ def mujoco_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
     return seconds, moved.tolist()
 
 
+def mujoco_parts(model: Dominoes | Funnel) -> tuple[list[str], list[tuple[float, float]], list[float]]:
+    """Grounds and bodies in MuJoCo's XML, places of the bodies, m, and their velocities, one after the other."""
+    own = (
+        '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint type="hinge" axis="0 -1 0"/>'
+        f'<inertial pos="0 0 0" mass="{model.mass}" diaginertia="{model.inertia} {model.inertia} {model.inertia}"/>'
+    )
+    plane = '<geom type="plane" size="50 50 1"'
+    if isinstance(model, Dominoes):
+        grounds = [f'{plane} friction="{model.floor_friction}"/>']
+        starts = [model.start(k) for k in range(model.count)]
+        # a pair has the larger one of two coefficients, and the floor's is the larger one
+        shape = f'type="box" size="{model.width / 2} 0.02 {model.height / 2}"'
+    else:
+        grounds = [
+            f'{plane} pos="{side * model.radius} 0 0" euler="0 {-np.degrees(side * model.half_angle)} 0" '
+            f'friction="{model.friction}"/>'
+            for side in (-1, 1)
+        ]
+        starts = [((x, y, 0.0), (0.0, 0.0, 0.0)) for x, y in model.places]
+        shape = f'type="sphere" size="{model.radius}"'
+    bodies = [
+        f'<body pos="{x} 0 {y}">{own}<geom {shape} friction="{model.friction}"/></body>' for (x, y, _), _ in starts
+    ]
+    return grounds + bodies, [pose[:2] for pose, _ in starts], [speed for _, speeds in starts for speed in speeds]
+
+
 def exudyn_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]:
     """Time of the processor and the motion of Exudyn: spheres on triangles by its general contact."""
     import exudyn as exu
@@ -92,22 +93,32 @@ def exudyn_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
     sensors = []
     for x, y in model.places:
         node = system.AddNode(item.NodeRigidBody2D(referenceCoordinates=[x, y, 0], initialVelocities=[0, 0, 0]))
-        body = system.AddObject(
-            item.ObjectRigidBody2D(nodeNumber=node, physicsMass=model.mass, physicsInertia=model.inertia)
-        )
+        system.AddObject(item.ObjectRigidBody2D(nodeNumber=node, physicsMass=model.mass, physicsInertia=model.inertia))
         marker = system.AddMarker(item.MarkerNodeRigid(nodeNumber=node))
         system.AddLoad(item.LoadForceVector(markerNumber=marker, loadVector=[0, -model.mass * G, 0]))
         contact.AddSphereWithMarker(
             marker, radius=model.radius, contactStiffness=stiffness, contactDamping=1.0, frictionMaterialIndex=0
         )
-        del body
-        sensors.append(
-            system.AddSensor(
-                item.SensorNode(
-                    nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates
-                )
-            )
-        )
+        sensors.append(exudyn_parts.sensor(system, node))
+    _add_walls(system, contact, model, stiffness)
+    contact.SetSearchTreeCellSize(numberOfCells=[16, 16, 1])
+    system.Assemble()
+    settings = exudyn_parts.settings(model.duration, round(model.duration / step), model.duration / model.outputs)
+    settings.timeIntegration.explicitIntegration.dynamicSolverType = exu.DynamicSolverType.ExplicitMidpoint
+    began = time.process_time()
+    kind = exu.DynamicSolverType.ExplicitMidpoint
+    if not system.SolveDynamic(settings, solverType=kind, showHints=False, showCausingItems=False):
+        raise RuntimeError("Exudyn stopped")
+    seconds = time.process_time() - began
+    moved = np.array([system.GetSensorStoredData(sensor)[:, 1:].T for sensor in sensors])
+    moved[:, :2] += model.places[:, :, None]
+    return seconds, moved.tolist()
+
+
+def _add_walls(system: Any, contact: Any, model: Funnel, stiffness: float) -> None:
+    """Add the walls of the funnel to Exudyn's general contact, two triangles each."""
+    from exudyn import itemInterface as item
+
     ground = system.AddObject(item.ObjectGround())
     frame = system.AddMarker(item.MarkerBodyRigid(bodyNumber=ground, localPosition=[0, 0, 0]))
     for side in (-1, 1):
@@ -123,25 +134,6 @@ def exudyn_run(model: Dominoes | Funnel, step: float) -> tuple[float, list[Any]]
             pointList=corners,
             triangleList=[[0, 2, 1], [0, 3, 2]],
         )
-    contact.SetSearchTreeCellSize(numberOfCells=[16, 16, 1])
-    system.Assemble()
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.endTime = model.duration
-    settings.timeIntegration.numberOfSteps = round(model.duration / step)
-    settings.timeIntegration.verboseMode = 0
-    settings.timeIntegration.explicitIntegration.dynamicSolverType = exu.DynamicSolverType.ExplicitMidpoint
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = model.duration / model.outputs
-    settings.displayStatistics = False
-    settings.parallel.numberOfThreads = 1
-    began = time.process_time()
-    kind = exu.DynamicSolverType.ExplicitMidpoint
-    if not system.SolveDynamic(settings, solverType=kind, showHints=False, showCausingItems=False):
-        raise RuntimeError("Exudyn stopped")
-    seconds = time.process_time() - began
-    moved = np.array([system.GetSensorStoredData(sensor)[:, 1:].T for sensor in sensors])
-    moved[:, :2] += model.places[:, :, None]
-    return seconds, moved.tolist()
 
 
 def main() -> None:

@@ -20,6 +20,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import casadi as ca
+import exudyn_parts
 import numpy as np
 from models import Model
 
@@ -427,8 +428,11 @@ class ExudynMethod(Method):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             began = clock()
-            system, sensors = _exudyn_system(exu, problem)
-            settings = _exudyn_settings(exu, model, steps, len(model.bodies))
+            system, sensors = exudyn_parts.planar_system(model, problem.state)
+            settings = exudyn_parts.settings(model.duration, steps, model.duration / intervals)
+            settings.timeIntegration.newton.useModifiedNewton = True
+            if 5 * len(model.bodies) > DENSE_UNKNOWNS:
+                settings.linearSolverType = exu.LinearSolverType.EigenSparse
             made = clock()
             done = system.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2, showHints=False)
             seconds = clock() - made
@@ -436,73 +440,6 @@ class ExudynMethod(Method):
             return Run(seconds, made - began, float("inf"))
         stored = np.hstack([system.GetSensorStoredData(sensor)[:, 1:3] for sensor in sensors])
         return Run(seconds, made - began, problem.error(stored))
-
-
-def _exudyn_system(exu: Any, problem: Problem) -> tuple[Any, list[Any]]:
-    """Build a model of Exudyn and the sensors of its bodies."""
-    from exudyn import itemInterface as item
-
-    model = problem.model
-    system = exu.SystemContainer().AddSystem()
-    ground = system.AddObject(item.ObjectGround())
-    bodies, sensors = [], []
-    for k, data in enumerate(model.bodies):
-        part = slice(3 * k, 3 * k + 3)
-        node = system.AddNode(
-            item.NodeRigidBody2D(
-                referenceCoordinates=list(problem.state.q[part]), initialVelocities=list(problem.state.v[part])
-            )
-        )
-        bodies.append(
-            system.AddObject(
-                item.ObjectRigidBody2D(physicsMass=data.mass, physicsInertia=data.inertia, nodeNumber=node)
-            )
-        )
-        sensors.append(
-            system.AddSensor(
-                item.SensorNode(nodeNumber=node, storeInternal=True, outputVariableType=exu.OutputVariableType.Position)
-            )
-        )
-
-    def marker(index: int | None, point: tuple[float, float]) -> Any:
-        body = ground if index is None else bodies[index]
-        return system.AddMarker(item.MarkerBodyPosition(bodyNumber=body, localPosition=[*point, 0.0]))
-
-    for pin in model.pins:
-        markers = [marker(pin.a, pin.at_a), marker(pin.b, pin.at_b)]
-        system.AddObject(item.ObjectJointRevolute2D(markerNumbers=markers))
-    for spring in model.springs:
-        markers = [marker(spring.a, spring.at_a), marker(spring.b, spring.at_b)]
-        system.AddObject(
-            item.ObjectConnectorSpringDamper(
-                markerNumbers=markers, stiffness=spring.stiffness, referenceLength=spring.free_length
-            )
-        )
-    for k, value in model.torques:
-        rigid = system.AddMarker(item.MarkerBodyRigid(bodyNumber=bodies[k]))
-        system.AddLoad(item.LoadTorqueVector(markerNumber=rigid, loadVector=[0, 0, value]))
-    if model.gravity:
-        for body in bodies:
-            mass = system.AddMarker(item.MarkerBodyMass(bodyNumber=body))
-            system.AddLoad(item.LoadMassProportional(markerNumber=mass, loadVector=[0, -model.gravity, 0]))
-    system.Assemble()
-    return system, sensors
-
-
-def _exudyn_settings(exu: Any, model: Model, steps: int, bodies: int) -> Any:
-    settings = exu.SimulationSettings()
-    settings.timeIntegration.endTime = model.duration
-    settings.timeIntegration.numberOfSteps = steps
-    settings.timeIntegration.verboseMode = 0
-    settings.timeIntegration.newton.useModifiedNewton = True
-    settings.solutionSettings.writeSolutionToFile = False
-    settings.solutionSettings.sensorsWritePeriod = model.duration / model.outputs
-    settings.displayStatistics = False
-    settings.displayComputationTime = False
-    settings.parallel.numberOfThreads = 1
-    if 5 * bodies > DENSE_UNKNOWNS:
-        settings.linearSolverType = exu.LinearSolverType.EigenSparse
-    return settings
 
 
 def all_methods(jit: bool = True) -> list[Method]:

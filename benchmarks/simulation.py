@@ -334,8 +334,8 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run from the command line."""
+def read_arguments(arguments: list[str] | None) -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="*", default=list(DEFAULT), help=f"of {', '.join(MODELS)}")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each measure, of which the least counts")
@@ -349,6 +349,12 @@ def main(arguments: list[str] | None = None) -> None:
     unknown = [name for name in chosen.models if name not in MODELS]
     if unknown:
         parser.error(f"unknown model {', '.join(unknown)}; known are {', '.join(MODELS)}")
+    return chosen
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run from the command line."""
+    chosen = read_arguments(arguments)
     if chosen.processor:
         take_processor_time()
     if chosen.first:

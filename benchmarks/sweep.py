@@ -27,9 +27,10 @@ from machine import describe, into_readme, machine, one_thread
 
 one_thread()
 
-import numpy as np  # noqa: E402  (after the threads are set)
+import exudyn_parts  # noqa: E402  (after the threads are set)
+import numpy as np  # noqa: E402
 from models import four_bar  # noqa: E402
-from peers import Buffered, _exudyn_settings, _exudyn_system  # noqa: E402
+from peers import Buffered  # noqa: E402
 
 import mbdcasadi as mbd  # noqa: E402
 
@@ -121,19 +122,14 @@ def exudyn_case(values: dict[str, Any]) -> list[float]:
     import exudyn as exu
 
     data = values["functionData"]
-    problem = SimpleNamespace(model=data["model"], state=data["states"][int(values["case"])])
-    system, _ = _exudyn_system(exu, problem)
-    from exudyn import itemInterface as item
-
-    sensor = system.AddSensor(
-        item.SensorNode(nodeNumber=0, storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates)
-    )
+    state = data["states"][int(values["case"])]
+    system, _ = exudyn_parts.planar_system(data["model"], state)
+    sensor = exudyn_parts.sensor(system, 0)
     system.Assemble()
-    settings = _exudyn_settings(exu, data["model"], EXUDYN_STEPS * (TIMES.size - 1), 3)
-    settings.timeIntegration.endTime = 1.0
-    settings.solutionSettings.sensorsWritePeriod = TIMES[1]
+    settings = exudyn_parts.settings(TIMES[-1], EXUDYN_STEPS * (TIMES.size - 1), TIMES[1])
+    settings.timeIntegration.newton.useModifiedNewton = True
     system.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2, showHints=False)
-    return (system.GetSensorStoredData(sensor)[:, 3] + problem.state.q[2]).tolist()
+    return (system.GetSensorStoredData(sensor)[:, 3] + state.q[2]).tolist()
 
 
 def by_exudyn(four: SimpleNamespace, speeds: np.ndarray, workers: int) -> np.ndarray:

@@ -26,11 +26,11 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")  # before NumPy is imported
+from machine import one_thread, versions
+
+one_thread()
 
 import numpy as np  # noqa: E402
 
@@ -423,11 +423,7 @@ def silent() -> Iterator[None]:
 def answer(request: dict[str, Any]) -> dict[str, Any]:
     """Carry out a request."""
     if "versions" in request:
-        found = {}
-        for package in request["versions"]:
-            with contextlib.suppress(PackageNotFoundError):
-                found[package] = version(package)
-        return found
+        return versions(*request["versions"])
     method = request["method"]
     try:
         with silent():

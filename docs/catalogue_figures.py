@@ -276,11 +276,11 @@ def draw(name: str) -> Figure:
         return friction_laws()
     figure = Figure(figsize=SIZE, layout="constrained")
     axes = figure.subplots()
+    axes.set_axis_off()  # before names are placed, since the drawing has the room of the axes
     mbd.draw(SCENES[name](), axes, names=True)
     if name == "end_stop":
         axes.annotate("", (0.85, 0), (0.65, 0), arrowprops={"arrowstyle": "<->", "color": "#444b52"})
         axes.text(0.75, 0.02, "gap", ha="center", size="small")
-    axes.set_axis_off()
     return figure
 
 

@@ -76,6 +76,7 @@ for body, colour in ((one, "#1f5fa8"), (two, "#d1495b")):
     legs.plot(ends[:, :, 0], ends[:, :, 1], color=colour, alpha=0.7)
 legs.axhline(0, color="grey", linewidth=0.8)
 legs.set_aspect("equal")
+legs.set_xlabel("along the slope, m")
 legs.set_ylabel("height over the slope, m")
 fine = solution.trajectory
 for body, colour in ((one, "#1f5fa8"), (two, "#d1495b")):

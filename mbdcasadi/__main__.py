@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _failed(error: BaseException, options: argparse.Namespace, status: int) -> int:
-    """Report in one sentence what went wrong, and that no file was written if some were asked for."""
+    """Report in one sentence what went wrong, and that no file was written if some were requested."""
     reason = " ".join(str(error).split()) or "stopped by the user"
     if isinstance(error, OSError) and not isinstance(error, mbd.MechanismError):
         reason = f"{error.filename}: {error.strerror}" if error.filename else reason

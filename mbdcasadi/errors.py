@@ -59,6 +59,10 @@ class AssemblyError(MechanismError):
         self.residuals = residuals or {}
 
 
+class UnmetConditionsError(AssemblyError, ConditionError):
+    """No pose satisfies the conditions, though the parts fit together."""
+
+
 class SingularityError(MechanismError):
     """The constraint Jacobian lost rank: a lock-up, a bifurcation, or missing mass."""
 

@@ -115,6 +115,19 @@ def slider_crank(
     return f
 
 
+def block_and_rider():
+    """A block that rubs on its guide, with and without a rider, and the event at 0.3 s in which that leaves."""
+    block = mbd.Body("block", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
+    rider = mbd.Body("rider", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
+    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
+    seat = mbd.Weld("seat", block.at(0, 0), rider.at(0, 0))
+    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.2))
+    both = mbd.Mechanism(bodies=[block, rider], joints=[guide, seat], forces=[mbd.Gravity(), rub])
+    alone = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub])
+    jump = mbd.Event("jump", mbd.t - 0.3 + 0 * rider.x, direction=1, during=both, becomes=alone)
+    return block, both, alone, jump
+
+
 def n_four_bar(loops: int, speed: float = -1.0, mass: float = 1.0):
     """IFToMM A02: rods of 1 m and 1 kg, cranks upright; `speed` is the rate of the cranks."""
     upright = [

@@ -18,6 +18,7 @@ def indices(eom, names):
     return [eom.coordinate_names.index(n) if n in eom.coordinate_names else rates.index(n) for n in names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_linear_model_of_a_random_motion(seed):
     case = random_case(seed)
@@ -50,6 +51,7 @@ def test_linear_model_of_a_random_motion(seed):
         assert model.B[dof : 2 * dof, k] == pytest.approx((ends[1] - ends[0]) / 0.2, abs=1e-7 * size)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_sensitivity_of_a_random_motion_to_its_start(seed):
     case = random_case(seed)
@@ -79,16 +81,16 @@ def test_sensitivity_of_a_random_motion_to_its_start(seed):
         assert found[output, starts[k]] == pytest.approx(difference, abs=(1e-4 if redundant else 1e-5) * size)
 
 
-def still(seed):
-    """Whether no constraint of a random mechanism moves in time."""
-    eom = mbd.equations(random_case(seed).mechanism)
-    return not ca.depends_on(eom.Phi, eom.t)
+#: Random mechanisms of which no constraint moves in time.
+STILL = (1, 9, 11, 14, 22, 23, 24, 27, 28, 30)
 
 
-@pytest.mark.parametrize("seed", [seed for seed in range(40) if still(seed)][:10])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", STILL)
 def test_equilibrium_of_a_random_mechanism_does_no_virtual_work(seed):
     """With springs that hold every body there is an equilibrium; there the forces do no work on any free motion."""
     case = random_case(seed)
+    assert not ca.depends_on(mbd.equations(case.mechanism).Phi, mbd.t)
     held = [
         force
         for k, body in enumerate(case.mechanism.bodies)

@@ -42,6 +42,7 @@ def analysis(path, **fields):
     return path
 
 
+@pytest.mark.slow
 def test_a_run_from_outside(tmp_path):
     """Summary on standard output, nothing on standard error, and the files that were asked for."""
     out = {kind: tmp_path / f"out.{kind}" for kind in ("csv", "png", "html", "npz")}
@@ -110,6 +111,7 @@ def test_warnings_become_notes(tmp_path, capsys):
     assert printed.err == "" and "'qdO' is not used" in printed.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -177,6 +179,7 @@ def test_outputs_are_all_or_none(tmp_path, monkeypatch, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_run_that_stops_part_way(tmp_path):
     """The time that was reached, why, and that the table was not written."""
     model = written(
@@ -193,6 +196,7 @@ def test_a_run_that_stops_part_way(tmp_path):
     assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals as on POSIX")
 @pytest.mark.parametrize("kind", ["dynamics", "inverse dynamics"])
 def test_interruption_keeps_what_was_computed(tmp_path, capsys, kind):

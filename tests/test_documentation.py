@@ -13,6 +13,7 @@ import mbdcasadi as mbd
 EXAMPLES = sorted(path.stem for path in (ROOT / "examples").glob("*.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks_of(page)], ids=lambda page: page.stem)
 def test_code_prints_what_the_page_shows(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -88,6 +89,7 @@ def test_every_example_is_in_the_gallery():
     assert all(gallery.question(name)[0] for name in EXAMPLES)
 
 
+@pytest.mark.slow
 def test_pictures_of_the_catalogue(tmp_path):
     figures = load("catalogue_figures")
     outdated = []
@@ -102,6 +104,7 @@ def test_pictures_of_the_catalogue(tmp_path):
     assert shown == {*figures.SCENES, "friction_laws"} == {path.stem for path in (FIGURES / "catalogue").glob("*.png")}
 
 
+@pytest.mark.slow
 def test_a_stale_figure_is_found(tmp_path):
     """Another pose of the same mechanism, and the same drawing at another resolution."""
     link = mbd.Body("link", 1, 0.1, pose=(0.5, 0, 0))

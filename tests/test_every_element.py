@@ -179,6 +179,7 @@ MACHINES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_prescribed_motion_and_its_replay(name):
     """Kinematics; effort of the driver; the input that takes its place; IDAS with that input gives the motion back."""

@@ -66,6 +66,7 @@ def test_every_room_has_its_layer():
     assert sum(len(rooms) for rooms in layers.LAYERS) == len(HEIGHT)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HEIGHT)
 def test_imports_run_downwards(name):
     """A room imports from lower layers only, also inside functions."""

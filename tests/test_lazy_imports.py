@@ -46,6 +46,7 @@ def test_an_unknown_name_is_refused():
         _ = mbd.optimise_all
 
 
+@pytest.mark.slow
 def test_import_of_all_names_and_help_have_those_that_are_imported_later():
     script = """
 from mbdcasadi import *

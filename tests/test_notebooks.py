@@ -14,6 +14,7 @@ def test_there_are_four():
     assert len(NOTEBOOKS) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_and_prints_what_it_shows(path, tmp_path, monkeypatch):
     """Warnings of the package would be outputs that are not stored."""

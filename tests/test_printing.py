@@ -359,6 +359,7 @@ def test_the_limit_counts_what_is_written():
     assert to_text(expression, limit=5) == "… (3 operations)"
 
 
+@pytest.mark.slow
 def test_a_deep_expression_does_not_exceed_the_stack():
     x = a
     for _ in range(1500):
@@ -366,6 +367,7 @@ def test_a_deep_expression_does_not_exceed_the_stack():
     assert to_text(x, limit=10**4).count("sin(") == 1500
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extend", "text"),
     [

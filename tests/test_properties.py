@@ -15,7 +15,15 @@ from mbdcasadi.equations.numeric import NumericEquations
 
 #: Random mechanisms whose constraints in time lock them within 0.2 s.
 LOCKING = {15, 86}
-SEEDS = [pytest.param(seed, marks=() if seed < 30 else pytest.mark.slow) for seed in range(200)]
+QUICK = range(8)
+
+
+@pytest.fixture(
+    scope="module", params=[pytest.param(s, marks=() if s in QUICK else pytest.mark.slow) for s in range(200)]
+)
+def seed(request):
+    """A random mechanism; its tests follow one another and share what is derived and compiled."""
+    return request.param
 
 
 # --- power, by the definitions of the textbook --------------------------------------------------------------
@@ -66,7 +74,6 @@ def started(mechanism):
 
 
 # --- at one state ------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("seed", SEEDS)
 def test_action_is_reaction(seed):
     """What each constraint exerts on its bodies, the ground included, sums to nothing: forces and moments."""
     state = started(random_mechanism(seed))
@@ -82,7 +89,6 @@ def test_action_is_reaction(seed):
         np.testing.assert_allclose(moment, 0, atol=1e-10 * scale)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_momentum(seed):
     """Mass times acceleration of all bodies is the sum of weight and what the ground exerts."""
     mechanism = random_mechanism(seed)
@@ -94,7 +100,6 @@ def test_momentum(seed):
     np.testing.assert_allclose(-state[shaking.force], total, atol=1e-9 * scale)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_power_balance(seed):
     """The rate of the energy is the power of forces, drivers and constraints that move, each by its definition."""
     mechanism = random_mechanism(seed, driven=seed % 2 == 1)
@@ -105,7 +110,6 @@ def test_power_balance(seed):
     assert state[rate] == pytest.approx(single.sum(), abs=1e-9 * scale)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_states_meet_the_equations(seed):
     """Phi, Phi_q v - nu, Phi_q a - gamma and the equations of motion vanish to rounding."""
     state = started(random_mechanism(seed))
@@ -131,7 +135,6 @@ def released(mechanism):
     return free, inputs
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_forward_of_inverse_is_identity(seed):
     """With the efforts of the drivers as forces, the free mechanism has the same accelerations and reactions."""
     mechanism = random_mechanism(seed, driven=True)
@@ -150,7 +153,6 @@ def test_forward_of_inverse_is_identity(seed):
             np.testing.assert_allclose(lam, joints, atol=1e-9 * (1 + np.abs(run.lam[k]).max()))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_inverse_of_a_motion_is_the_effort(seed):
     """The efforts found in the motion alone are those of the drivers."""
     mechanism = random_mechanism(seed, driven=True)
@@ -163,7 +165,6 @@ def test_inverse_of_a_motion_is_the_effort(seed):
 
 
 # --- over time ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("seed", SEEDS)
 def test_simulation_keeps_constraints_and_energy(seed):
     """0.2 s: on the constraints to rounding; the energy changes by the work of what acts.
 
@@ -200,7 +201,6 @@ def test_simulation_keeps_constraints_and_energy(seed):
     assert np.abs(motion[rate] - power).max() < 1e-9 * (1 + np.abs(power).max() + np.abs(motion.lam).max(initial=0))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 def test_conservative_mechanisms_keep_their_energy(seed):
     """Without dampers, actuators and courses in time nothing is gained or lost."""
     full = random_mechanism(seed)

@@ -219,6 +219,7 @@ def test_a_form_means_the_same(name, form):
             np.testing.assert_allclose(row[:4], _expected(**expected), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", taking("state", "inputs", "parameters"))
 def test_a_state_brings_its_inputs_and_parameters_along(name):
     """Over the model's own values; what the call gives goes before."""
@@ -232,6 +233,7 @@ def test_a_state_brings_its_inputs_and_parameters_along(name):
     np.testing.assert_allclose(values[-1][:4], _expected(stiffness=50.0, motor=2.0, brake=0.75), atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", taking("times", "initial"))
 def test_starts_in_every_form(name):
     """A list, a tuple, one relation and a state give one motion; it is that of a spring with a constant torque."""
@@ -251,6 +253,7 @@ def test_starts_in_every_form(name):
         assert values[-1][4] == pytest.approx(end, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TIMED)
 def test_times_in_every_form(name):
     """A list, a tuple and an array are one grid."""
@@ -265,6 +268,7 @@ def test_a_duration_is_an_even_grid(name):
     np.testing.assert_allclose(ANALYSES[name].used(duration=2)[0], np.linspace(0, 2, 201))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", taking("times", "inputs"))
 def test_samples_are_linear_in_between(name):
     """Samples on the grid are the values there; the motion between them is that of the straight line."""
@@ -294,6 +298,7 @@ def test_methods_in_every_form(name, form):
     assert values[-1][4] == pytest.approx(reference[-1][4], abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [n for n in taking("inputs") if n != "kinematics"])
 def test_a_solution_is_taken_at_its_times(name, found=[]):  # noqa: B006  (solved once)
     """The input of an optimal control solution: at one instant its value then, and over a grid its course.

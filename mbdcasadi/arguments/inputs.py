@@ -91,7 +91,7 @@ class Signals:
 
     @property
     def breaks(self) -> np.ndarray:
-        """Times at which what holds by intervals changes: samples and ends of polynomials."""
+        """Times at which inputs that are given by intervals change: samples and ends of polynomials."""
         parts = [p.breaks for p in self.polynomials.values()]
         if not self.samples and not parts:
             return np.zeros(0)
@@ -125,6 +125,33 @@ class Signals:
             rows += [*polynomial.coefficients[k].T, polynomial.breaks[k]]
         return np.vstack(rows)
 
+    def columns_from(self, begins: np.ndarray) -> np.ndarray:
+        """Values of the channel that hold from some times on, by row (k, n_channel)."""
+        channel = self.channel_from(begins)
+        return np.zeros((np.size(begins), 0)) if channel is None else channel.T
+
+    @property
+    def given_by_expressions(self) -> list[int]:
+        """Positions of the inputs that are expressions, neither numbers nor samples."""
+        return [k for k, kind in enumerate(self.structure) if isinstance(kind, tuple) and kind[0] == "expression"]
+
+    def with_expressions(self, u: ca.SX) -> ca.SX:
+        """Symbols of the inputs, with the expressions of those that are given by them."""
+        inputs = ca.SX(u)
+        for k in self.given_by_expressions:
+            inputs[k] = self.expressions[k]
+        return inputs
+
+    def function(self, eom: Equations) -> ca.Function:
+        """``(t, q, v, z, p, levels, channel) -> u``; made once for each structure of the inputs."""
+
+        def make() -> tuple[ca.Function, ca.SX]:
+            arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel]
+            # the expression is kept beside its function: a hash is unique only while the node lives
+            return ca.Function("input", arguments, [ca.densify(self.parametrised)]), self.parametrised
+
+        return eom.mechanism.cache.get_or_create(("input", self.structure), make)[0]
+
     def at_time(self, t: float) -> ca.SX:
         """Expressions of the inputs (n_u,) in ``q, v, z, p`` and t, with what holds by intervals taken at a time."""
         channel = self.channel_from(np.array([t]))
@@ -154,19 +181,8 @@ class Signals:
         times = np.atleast_1d(np.asarray(t, float))
         if not self.structure:
             return np.zeros((times.size, 0))
-        evaluator = eom.mechanism.cache.get_or_create(
-            ("inputs", self.structure),
-            lambda: (
-                Evaluator(
-                    ca.Function(
-                        "inputs",
-                        [eom.t, eom.q, eom.v, eom.z, eom.p, self.levels, self.channel],
-                        [ca.densify(self.parametrised)],
-                    )
-                ),
-                self.parametrised,  # kept beside its function: a hash is unique only while the node lives
-            ),
-        )[0]
+        # with the function, which keeps the nodes whose hashes are in the structure
+        evaluator = eom.mechanism.cache.get_or_create(("inputs", self.structure), lambda: Evaluator(self.function(eom)))
         level_values = self.level_values if levels is None else levels
         if channel is None:
             channel = self.channel_from(times)

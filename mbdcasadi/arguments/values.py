@@ -1,4 +1,4 @@
-"""Values of parameters, and times, as an analysis is given them, checked."""
+"""Readers of the parameters and times of an analysis."""
 
 from __future__ import annotations
 
@@ -38,6 +38,12 @@ def position_in(symbols: Iterable[Any], key: Any, argument: str) -> int:
     label = getattr(key, "label", repr(key))
     names = ", ".join(repr(s.label) for s in known) or "none"
     raise ModelError(f"{argument} holds '{label}', which is not in the mechanism; it has {names}")
+
+
+def pairs_with(symbols: Iterable[Any], pairs: Iterable[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """Pairs whose keys are among some symbols."""
+    known = list(symbols)
+    return [(key, value) for key, value in pairs if any(key is symbol for symbol in known)]
 
 
 def inputs_and_parameters(mechanism: Mechanism, listed: Any, argument: str) -> tuple[Any, ...]:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
-from ..errors import AssemblyError, ConditionError, warn
+from ..errors import AssemblyError, UnmetConditionsError, warn
 from ..model.conditions import Condition, stacked
 from ..numerics.evaluation import Evaluator
 from ..numerics.homotopy import Step, follow
@@ -246,7 +246,7 @@ class PoseProblem:
         shown = {name: value for name, value in missed.items() if value > GAP_TOLERANCE}
         shown |= self.open_parts(outcome.residual[:rows])
         parts = ", ".join(f"{name} ({value:.3g})" for name, value in shown.items())
-        return ConditionsNotMet(
+        return UnmetConditionsError(
             f"cannot assemble the mechanism at t = {self.t:.6g} s so that {', '.join(c.label for c in conditions)}: "
             f"left open (m or rad) are {parts}; the linkage does not reach there, or the conditions contradict "
             "the joints or each other",
@@ -256,7 +256,7 @@ class PoseProblem:
 
     def _limits_missed(self) -> AssemblyError:
         labels = "; ".join(c.label for c in (*self.equalities, *self.inequalities))
-        return ConditionsNotMet(
+        return UnmetConditionsError(
             f"cannot assemble the mechanism at t = {self.t:.6g} s: no pose was found that meets all of {labels}",
             time=self.t,
         )
@@ -279,7 +279,3 @@ class PoseProblem:
 
 def _closest(outcomes: Sequence[Outcome]) -> Outcome:
     return min(outcomes, key=lambda outcome: float(outcome.residual @ outcome.residual))
-
-
-class ConditionsNotMet(AssemblyError, ConditionError):
-    """An assembly that fails at its conditions is both."""

@@ -20,5 +20,5 @@ MODEL_READERS: dict[str, Callable[[Path], Mechanism]] = {
 
 
 def read_model(path: Path) -> Mechanism:
-    """Read a mechanism by the ending of its file; of an ending that is not known as an ``.adm`` file."""
+    """Read a mechanism in the format of the suffix of its file; an unknown suffix is read as ``.adm``."""
     return MODEL_READERS.get(path.suffix.lower(), read_adm)(path)

@@ -149,7 +149,7 @@ def _read_bodies(data: JsonObject, file: str) -> dict[int, Body]:
 
 
 def _shape(drawing: Any) -> Shape | None:
-    """Rectangles of the drawing part that make sense, as one outline."""
+    """Valid rectangles of the drawing part, as one outline."""
     shape: Shape | None = None
     shapes = drawing.get("shapes", []) if isinstance(drawing, dict) else []
     for entry in shapes if isinstance(shapes, list) else [shapes]:

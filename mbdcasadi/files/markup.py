@@ -66,7 +66,7 @@ class XmlElement:
         return children[0] if children else None
 
     def known(self, *tags: str) -> None:
-        """Raise for a child of a kind that is none of these."""
+        """Raise for a child of any other kind."""
         for child in self.children:
             if child.tag not in tags:
                 raise child.refuse("is not supported here")

@@ -25,6 +25,7 @@ from .spatial import (
     SpatialJoint,
     rotation_about,
     rotation_around,
+    unit_vector,
 )
 
 #: Density of geoms that give neither it nor a mass, kg/m³.
@@ -191,12 +192,12 @@ class _Reader:
     def _rotation(self, element: XmlElement) -> np.ndarray:
         """Rotation of a frame that gives it in one of the ways of the format."""
         if element.has("quat"):
-            w, *vector = _direction(element, "quat", element.numbers("quat", None, (4,)))
+            w, *vector = unit_vector(element, "quat", element.numbers("quat", None, (4,)))
             size = float(np.linalg.norm(vector))
             return rotation_around(np.array(vector) / size, 2 * np.arctan2(size, w)) if size > 0 else np.eye(3)
         if element.has("axisangle"):
             *axis, angle = element.numbers("axisangle", None, (4,))
-            return rotation_around(_direction(element, "axisangle", np.array(axis)), self._angle(angle))
+            return rotation_around(unit_vector(element, "axisangle", np.array(axis)), self._angle(angle))
         if element.has("euler"):
             rotation = np.eye(3)
             for letter, angle in zip(self.sequence, element.numbers("euler", None, (3,)), strict=True):
@@ -205,11 +206,11 @@ class _Reader:
             return rotation
         if element.has("xyaxes"):
             values = element.numbers("xyaxes", None, (6,))
-            x = _direction(element, "xyaxes", values[:3])
-            y = _direction(element, "xyaxes", values[3:] - (values[3:] @ x) * x)
+            x = unit_vector(element, "xyaxes", values[:3])
+            y = unit_vector(element, "xyaxes", values[3:] - (values[3:] @ x) * x)
             return np.column_stack([x, y, np.cross(x, y)])
         if element.has("zaxis"):
-            return _to_z(_direction(element, "zaxis", element.numbers("zaxis", None, (3,))))
+            return _to_z(unit_vector(element, "zaxis", element.numbers("zaxis", None, (3,))))
         return np.eye(3)
 
     def _joint(self, element: XmlElement, link: Link) -> SpatialJoint:
@@ -217,10 +218,7 @@ class _Reader:
         if kind not in ("hinge", "slide"):
             raise element.refuse(f"is of the type '{kind}', which moves in space; planar are hinge and slide")
         name = element.get("name", f"{link.name} joint{f' {len(link.joints) + 1}' if link.joints else ''}")
-        axis = element.numbers("axis", "0 0 1", (3,))
-        length = float(np.linalg.norm(axis))
-        if length == 0:
-            raise element.refuse("has an axis of length zero")
+        axis = unit_vector(element, "axis", element.numbers("axis", "0 0 1", (3,)))
         robot = self._robot
         turns = self._angle if kind == "hinge" else float
         limited = element.get("limited", "auto")
@@ -236,7 +234,7 @@ class _Reader:
             element,
             name,
             kind,
-            axis / length,
+            axis,
             element.numbers("pos", "0 0 0", (3,)),
             turns(element.number("ref", "0")),
             element.number("damping", "0", least=0.0),
@@ -277,7 +275,7 @@ class _Reader:
         if element.has("fromto"):
             ends = element.numbers("fromto", None, (6,))
             center, span = (ends[:3] + ends[3:]) / 2, ends[3:] - ends[:3]
-            rotation = _to_z(_direction(element, "fromto", span))
+            rotation = _to_z(unit_vector(element, "fromto", span))
             half = float(np.linalg.norm(span)) / 2
             size = np.r_[size[:2], half] if kind in ("box", "ellipsoid") and size.size > 1 else np.r_[size[:1], half]
             if kind in ("box", "ellipsoid") and size.size == 2:
@@ -323,19 +321,19 @@ class _Reader:
         name = element.get("name", f"{element.tag} {self._count}")
         if element.tag == "joint":
             self._read_coupling(element, name)
-        elif element.tag not in ("connect", "weld"):
+            return
+        if element.tag not in ("connect", "weld"):
             raise element.refuse("is not supported; connect, weld and joint are")
-        elif element.has("site1"):
+        if element.has("site1"):
             (a, point), (b, there) = (self._site(element, key) for key in ("site1", "site2"))
             if np.linalg.norm(there - point) > 1e-3:
                 raise element.refuse("connects sites that are apart in the pose of the file")
-            robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
         else:
             a = robot.link(element.get("body1"), element)
             b = robot.link(element.get("body2", "world"), element)
             anchor = element.numbers("anchor", None if element.tag == "connect" else "0 0 0", (3,))
             point = a.position + a.rotation @ anchor
-            robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
+        robot.loops.append(Loop(element, name, a, b, point, element.tag == "weld"))
 
     def _site(self, element: XmlElement, key: str) -> tuple[Link, np.ndarray]:
         name = element.get(key)
@@ -397,15 +395,6 @@ def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, f
         return GeneralizedForce(name, [(along.value, gear * force)])
 
     return law
-
-
-def _direction(element: XmlElement, name: str, values: np.ndarray) -> np.ndarray:
-    """Values scaled to length one; an error if they are zero."""
-    length = float(np.linalg.norm(values))
-    if length == 0:
-        raise element.refuse(f"has a {name} of length zero")
-    found: np.ndarray = values / length
-    return found
 
 
 def _to_z(z: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -29,6 +30,22 @@ PARALLEL = 1e-3
 
 
 @dataclass(eq=False)
+class Part:
+    """A part of a robot.
+
+    Attributes
+    ----------
+    source : XmlElement
+        Element of the file that describes it.
+    name : str
+        Its name.
+    """
+
+    source: XmlElement
+    name: str
+
+
+@dataclass(eq=False)
 class Mass:
     """A mass in the frame of its link: kg, centre (3,), inertia about it (3, 3)."""
 
@@ -38,15 +55,11 @@ class Mass:
 
 
 @dataclass(eq=False)
-class SpatialJoint:
+class SpatialJoint(Part):
     """A hinge or slide with which a link moves relative to its parent.
 
     Attributes
     ----------
-    source : XmlElement
-        Element of the file that describes it.
-    name : str
-        Its name.
     kind : {"hinge", "slide"}
         Kind of the joint.
     axis, point : numpy.ndarray
@@ -57,8 +70,6 @@ class SpatialJoint:
         Of its damper, its spring, and the coordinate at which that is free.
     """
 
-    source: XmlElement
-    name: str
     kind: str
     axis: np.ndarray
     point: np.ndarray
@@ -69,15 +80,11 @@ class SpatialJoint:
 
 
 @dataclass(eq=False)
-class Link:
+class Link(Part):
     """A body in space, in the pose of the file.
 
     Attributes
     ----------
-    source : XmlElement
-        Element of the file that describes it.
-    name : str
-        Its name.
     parent : Link or None
         None for the world.
     rotation, position : numpy.ndarray
@@ -88,8 +95,6 @@ class Link:
         By which it moves, the first one next to the parent; none if it is fixed to it.
     """
 
-    source: XmlElement
-    name: str
     parent: Link | None
     rotation: np.ndarray
     position: np.ndarray
@@ -103,17 +108,16 @@ class Link:
 
 
 @dataclass(eq=False)
-class Loop:
+class Loop(Part):
     """A point (or a pose, if `fixed`) that two links share, given in the world in the pose of the file."""
 
-    source: XmlElement
-    name: str
     a: Link
     b: Link
     point: np.ndarray
     fixed: bool = False
 
 
+_SomePart = TypeVar("_SomePart", bound=Part)
 #: Actuators and couplings: elements that depend on the coordinates of joints.
 Law = Callable[[Sequence["Coordinate"]], Element | None]
 
@@ -133,15 +137,11 @@ class Coordinate:
 
 
 @dataclass(eq=False)
-class Robot:
-    """Robot that a file describes, in space.
+class Robot(Part):
+    """Robot that a file describes, in space; its source is the outermost element.
 
     Attributes
     ----------
-    source : XmlElement
-        The outermost element.
-    name : str
-        Its name.
     links : list of Link
         All links, parents first; the world is the first one.
     gravity : numpy.ndarray
@@ -156,8 +156,6 @@ class Robot:
         Contents of the file that no element represents.
     """
 
-    source: XmlElement
-    name: str
     gravity: np.ndarray
     links: list[Link] = field(default_factory=list)
     loops: list[Loop] = field(default_factory=list)
@@ -168,18 +166,18 @@ class Robot:
 
     def joint(self, name: str, source: XmlElement) -> SpatialJoint:
         """Return a joint by its name, or raise for the element that names it."""
-        for link in self.links:
-            for joint in link.joints:
-                if joint.name == name:
-                    return joint
-        raise source.refuse(f"names the joint '{name}', which does not exist")
+        return _named([joint for link in self.links for joint in link.joints], "joint", name, source)
 
     def link(self, name: str, source: XmlElement) -> Link:
         """Return a link by its name, or raise for the element that names it."""
-        for link in self.links:
-            if link.name == name:
-                return link
-        raise source.refuse(f"names the body '{name}', which does not exist")
+        return _named(self.links, "body", name, source)
+
+
+def _named(parts: Sequence[_SomePart], kind: str, name: str, source: XmlElement) -> _SomePart:
+    for part in parts:
+        if part.name == name:
+            return part
+    raise source.refuse(f"names the {kind} '{name}', which does not exist")
 
 
 class Plane:
@@ -412,6 +410,15 @@ class PlanarBuilder:
         if loop.a.root is loop.b.root:
             raise loop.source.refuse("connects a body with itself")
         self.joints.append(kind(loop.name, self._at(loop.a, loop.point), self._at(loop.b, loop.point)))
+
+
+def unit_vector(source: XmlElement, name: str, values: np.ndarray) -> np.ndarray:
+    """Values scaled to length one; an error for an element that gives zeros."""
+    length = float(np.linalg.norm(values))
+    if length == 0:
+        raise source.refuse(f"has a zero vector as {name}")
+    direction: np.ndarray = values / length
+    return direction
 
 
 def rotation_of_rpy(angles: np.ndarray) -> np.ndarray:

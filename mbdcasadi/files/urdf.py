@@ -14,7 +14,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import Input
 from ..numerics.real import real_array
 from .markup import XmlElement, read_xml
-from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy
+from .spatial import Coordinate, Law, Link, Mass, PlanarBuilder, Robot, SpatialJoint, rotation_of_rpy, unit_vector
 
 #: Kinds of joints of the format, and the kinds that represent them.
 _KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
@@ -145,16 +145,13 @@ def _joints(joint: XmlElement, robot: Robot) -> list[SpatialJoint]:
         raise joint.refuse(f"is of the type '{kind}'; planar are revolute, continuous, prismatic and fixed")
     axis_element = joint.one("axis")
     axis = np.array([1.0, 0.0, 0.0]) if axis_element is None else axis_element.numbers("xyz", None, (3,))
-    length = float(np.linalg.norm(axis))
-    if length == 0:
-        raise joint.refuse("has an axis of length zero")
     dynamics, limit = joint.one("dynamics"), joint.one("limit")
     damping = 0.0 if dynamics is None else dynamics.number("damping", "0", least=0.0)
     if dynamics is not None and dynamics.number("friction", "0") != 0:
         robot.left_out.append(f"the dry friction of joint '{name}' (JointFriction and LoadIndependentFriction have it)")
     if limit is not None and kind != "continuous" and (limit.has("lower") or limit.has("upper")):
         robot.left_out.append(f"the limits of joint '{name}' (EndStop holds them)")
-    return [SpatialJoint(joint, name, _KINDS[kind], axis / length, np.zeros(3), damping=damping)]
+    return [SpatialJoint(joint, name, _KINDS[kind], unit_vector(joint, "axis", axis), np.zeros(3), damping=damping)]
 
 
 def _read_mimics(robot: Robot, joints: Sequence[XmlElement]) -> None:

@@ -155,9 +155,11 @@ def export_fmu(
         identifier,
         version,
         kinds,
-        reltol=reltol,
-        abstol=abstol,
-        largest_abstol=absolute_tolerance(setup.numeric, np.inf),
+        {
+            "DEFAULT_RELTOL": reltol,
+            "DEFAULT_ABSTOL": abstol,
+            "LARGEST_ABSTOL": absolute_tolerance(setup.numeric, np.inf),
+        },
     )
     compiled = sorted(set(OPTIMISATION) & set(files))
     description = Description(

@@ -21,6 +21,7 @@ from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
 from ..simulation.explicit_system import dynamics_of, projection_of
+from ..simulation.uniqueness import loaded_by_reactions
 from ..simulation.watched_terms import has_gap
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
@@ -94,7 +95,7 @@ class Model:
         numeric, eom = self.numeric, self.eom
         if not self.has_newton or (numeric.augmentation is None and not self.is_redundant):
             return
-        owners = [e.description for e in eom.mechanism.elements if _depends_on_lam(e, eom)]
+        owners = loaded_by_reactions(eom)
         obstacle = "constraints depend on each other" if self.is_redundant else "bodies have little or no mass"
         raise ModelError(
             f"export_fmu: the force of {', '.join(owners[:3])} depends on reactions, and {obstacle}, which together "
@@ -356,8 +357,3 @@ def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
 def _renamed(function: ca.Function, name: str) -> ca.Function:
     arguments = function.sx_in()
     return ca.Function(name, arguments, [ca.densify(result) for result in function.call(arguments)])
-
-
-def _depends_on_lam(element: object, eom: Equations) -> bool:
-    forces = [ca.vec(ca.SX(force)) for _, force in getattr(element, "virtual_work", ())]
-    return any(ca.depends_on(force, eom.lam) for force in forces)

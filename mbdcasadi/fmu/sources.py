@@ -19,6 +19,7 @@ from .variables import Variables
 FOLDER = Path(__file__).parent / "c"
 #: Optimisation of each file that is compiled: a higher level gains nothing for the equations.
 OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
+HEADER = "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
 
 
 def source_files(
@@ -28,12 +29,19 @@ def source_files(
     identifier: str,
     version: int,
     kinds: frozenset[str],
-    *,
-    reltol: float,
-    abstol: float,
-    largest_abstol: float,
+    tolerances: dict[str, float],
 ) -> dict[str, str]:
-    """Return the C files by name; those of :data:`OPTIMISATION` are compiled, and include the others."""
+    """Return the C files by name; those of :data:`OPTIMISATION` are compiled, and include the others.
+
+    Parameters
+    ----------
+    levels : numpy.ndarray
+        Values of all inputs of the mechanism.
+    identifier : str
+        Prefix of the functions in C.
+    tolerances : dict of str to float
+        ``DEFAULT_RELTOL``, ``DEFAULT_ABSTOL``, and ``LARGEST_ABSTOL``, which the friction asks for.
+    """
     equations = "#include <math.h>\n\n" + "\n".join(
         _prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes
     )
@@ -45,11 +53,11 @@ def source_files(
     interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{prefixes}\n{engine}",
-        "instance.c": (FOLDER / "instance.c").read_text(encoding="utf-8"),
-        interface: (FOLDER / interface).read_text(encoding="utf-8"),
+        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in ("instance.c", "interface.c", interface)},
         "equations.c": equations,
     }
-    header = _header(model, variables, levels, identifier, kinds, reltol, abstol, largest_abstol)
+    tables = _sizes(model, variables, kinds) + _numbers(model, tolerances) + _functions(model, identifier)
+    header = "\n".join([HEADER, *tables, *_tables(model, variables, levels)]) + "\n"
     digest = hashlib.sha256("\0".join([*files.values(), header]).encode()).hexdigest()
     # 48 bits are exact in a double
     identity = f"#define MODEL_IDENTITY {int(digest[:12], 16)}.0\n"
@@ -60,17 +68,9 @@ def _prefixed(text: str, name: str, identifier: str) -> str:
     return re.sub(rf"\b{name}(?=\(|_\d+\()", f"{identifier}_{name}", text)
 
 
-def _header(
-    model: Model,
-    variables: Variables,
-    levels: np.ndarray,
-    identifier: str,
-    kinds: frozenset[str],
-    reltol: float,
-    abstol: float,
-    largest_abstol: float,
-) -> str:
-    eom, numeric, start = model.eom, model.numeric, model.start
+def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[str]:
+    """Lines with what is a whole number."""
+    eom = model.eom
     sizes = {
         "N_COORDINATES": eom.q.numel(),
         "N_STATES": eom.z.numel(),
@@ -91,22 +91,38 @@ def _header(
         "POSE_IS_NEAREST": int(model.pose_is_nearest),
         "VELOCITY_IS_NEAREST": int(model.velocity_is_nearest),
     }
-    numbers = {
-        "START_AT": start.t,
-        "DEFAULT_RELTOL": reltol,
-        "DEFAULT_ABSTOL": abstol,
-        "LARGEST_ABSTOL": largest_abstol,
-        "ACCURACY": ACCURACY,
-        "DRIFT_RATE": model.drift_rate,
-    }
+    return [f"#define {name} {value}" for name, value in sizes.items()]
+
+
+def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
+    """Lines with other numbers."""
+    numbers = {"START_AT": model.start.t, **tolerances, "ACCURACY": ACCURACY, "DRIFT_RATE": model.drift_rate}
+    return [f"#define {name} {_number(value)}" for name, value in numbers.items()]
+
+
+def _functions(model: Model, identifier: str) -> list[str]:
+    """Lines with the functions of the equations, and the work that they need."""
     work = {tape.function.name(): tape.work_in_c for tape in model.tapes}
-    largest = max(work.values()) + 2 * (eom.q.numel() + eom.lam.numel())
+    largest = max(work.values()) + 2 * (model.eom.q.numel() + model.eom.lam.numel())
+    return [
+        *(f"#define WORK_{name} {size}" for name, size in work.items()),
+        f"#define WORK_LARGEST {largest}",
+        "",
+        *(f"#define {name} {identifier}_{name}" for name in work),
+        *(f"int {name}({SIGNATURE});" for name in work),
+        "",
+    ]
+
+
+def _tables(model: Model, variables: Variables, levels: np.ndarray) -> list[str]:
+    """Lines with tables of numbers and texts."""
+    start = model.start
     arrays = {
         "START_X": np.r_[start.q, start.v, start.z],
-        "START_P": numeric.p,
+        "START_P": model.numeric.p,
         "START_U": levels,
         "ESTIMATE": model.estimate,
-        "PROJECTION_WEIGHTS": numeric.projection_weights,
+        "PROJECTION_WEIGHTS": model.numeric.projection_weights,
         "NOMINALS": np.array([x.nominal for x in variables.states]),
     }
     integers = {
@@ -120,19 +136,11 @@ def _header(
         "VALIDITY_MESSAGES": [condition.message for condition in model.validity],
         "FORCE_OWNERS": [owner for _, owner in model.forces],
     }
-    parts = [
-        "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
+    return [
+        *(_array("double", name, [_number(x) for x in values]) for name, values in arrays.items()),
+        *(_array("int", name, [str(x) for x in values]) for name, values in integers.items()),
+        *(_array("char* const", name, [_string(x) for x in values]) for name, values in texts.items()),
     ]
-    parts += [f"#define {name} {value}" for name, value in sizes.items()]
-    parts += [f"#define {name} {_number(value)}" for name, value in numbers.items()]
-    parts += [f"#define WORK_{name} {size}" for name, size in work.items()]
-    parts += [f"#define WORK_LARGEST {largest}", ""]
-    parts += [f"#define {name} {identifier}_{name}" for name in work]
-    parts += [f"int {name}({SIGNATURE});" for name in work]
-    parts += ["", *(_array("double", name, [_number(x) for x in values]) for name, values in arrays.items())]
-    parts += [_array("int", name, [str(x) for x in values]) for name, values in integers.items()]
-    parts += [_array("char* const", name, [_string(x) for x in values]) for name, values in texts.items()]
-    return "\n".join(parts) + "\n"
 
 
 def _array(kind: str, name: str, values: Sequence[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -135,15 +136,12 @@ def variables_of(
     unknown = [name for name in units if name not in used_names]
     if unknown:
         raise ModelError(f"export_fmu: units= names {unknown[0]!r}, which is no input, parameter or output")
-    count = 0
+    references = itertools.count()
 
     def made(names: Sequence[str], causality: str, **more: Sequence) -> tuple[Variable, ...]:
-        nonlocal count
-        created = []
-        for k, name in enumerate(names):
-            created.append(Variable(count, name, causality, **{key: value[k] for key, value in more.items()}))
-            count += 1
-        return tuple(created)
+        columns = [dict(zip(more, row, strict=True)) for row in zip(*more.values(), strict=True)] or [{}] * len(names)
+        rows = zip(names, columns, strict=True)
+        return tuple(Variable(next(references), name, causality, **column) for name, column in rows)
 
     input_places = [_place(mechanism.inputs, u) for u in inputs]
     parameter_places = [_place(mechanism.parameters, p) for p in parameters]
@@ -153,21 +151,19 @@ def variables_of(
     sizes = np.r_[_sizes(model), np.ones(eom.z.numel())]
     unit_of = _units_of_states(eom)
     time = made(["time"] if "time" not in used_names else ["time (independent)"], "independent", unit=["s"])
-    shown_inputs = made(
-        [u.label for u in inputs],
-        "input",
-        start=[float(levels[k]) for k in input_places],
-        lower=[u.lower for u in inputs],
-        upper=[u.upper for u in inputs],
-        unit=[units.get(u.label, "") for u in inputs],
-    )
-    shown_parameters = made(
-        [p.label for p in parameters],
-        "parameter",
-        start=[float(model.numeric.p[k]) for k in parameter_places],
-        lower=[p.lower for p in parameters],
-        upper=[p.upper for p in parameters],
-        unit=[units.get(p.label, "") for p in parameters],
+    shown_inputs, shown_parameters = (
+        made(
+            [symbol.label for symbol in symbols],
+            causality,
+            start=[float(values[k]) for k in places],
+            lower=[symbol.lower for symbol in symbols],
+            upper=[symbol.upper for symbol in symbols],
+            unit=[units.get(symbol.label, "") for symbol in symbols],
+        )
+        for symbols, causality, values, places in (
+            (inputs, "input", levels, input_places),
+            (parameters, "parameter", model.numeric.p, parameter_places),
+        )
     )
     coordinates = dict(zip(ca.vertsplit(ca.vertcat(eom.q, eom.v)), unit_of, strict=False))
     outputs = made(

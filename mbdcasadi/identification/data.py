@@ -129,7 +129,7 @@ def read_experiments(times: Any, data: Any, experiments: Any, **of_one: Any) -> 
             raise ModelError("identify: give times and data=, or experiments=[Experiment(…), …]")
         return (Experiment(times, data, **of_one),)
     if times is not None or data is not None or any(v not in (None, ()) for v in of_one.values()):
-        raise ModelError("identify: with experiments= the times, data, starts, inputs and weights stand in these")
+        raise ModelError("identify: with experiments= the times, data, starts, inputs and weights are given in these")
     if isinstance(experiments, Experiment | Mapping) or not isinstance(experiments, Iterable):
         raise ModelError("identify: experiments= takes a list of Experiment")
     listed = tuple(experiments)

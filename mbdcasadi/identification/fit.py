@@ -34,7 +34,7 @@ class ByUnknown(dict):
 
 
 def spread_of(residual: np.ndarray, loss: Loss = LINEAR) -> float:
-    """Standard deviation of the residuals there are; NaN without any."""
+    """Standard deviation of the known residuals; NaN without any."""
     there = residual[np.isfinite(residual)]
     return loss.spread(there) if there.size else float("nan")
 

@@ -149,7 +149,7 @@ def _shorten(
     penalty: float,
     loss: Loss,
 ) -> float | None:
-    """Share of a step that lowers cost and gaps; None if none does."""
+    """Fraction of a step that lowers cost and gaps; None if none does."""
 
     def lower(share: float) -> float | None:
         try:

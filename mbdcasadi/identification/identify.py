@@ -14,7 +14,7 @@ from ..errors import Interrupted, ModelError, warn
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
-from ..model.quantities import listed, refuse_twice
+from ..model.quantities import listed, refuse_twice, whole
 from ..model.symbols import Parameter
 from ..numerics.console import keyboard_interrupts
 from ..sensitivity.compiled_run import MotionSetup
@@ -139,8 +139,7 @@ def identify(
     of_one = {"initial": initial, "inputs": inputs, "parameters": parameters, "weights": weights}
     motions = read_experiments(times, data, experiments, **of_one)
     counts = Loss(loss, f_scale)
-    if isinstance(iterations, bool) or not isinstance(iterations, int) or iterations < 0:
-        raise ModelError(f"identify: iterations must be an integer that is not negative, got {iterations!r}")
+    most_steps = whole(iterations, "identify", "iterations", 0)
     _refuse_few(motions, wanted)
     refuse_twice(wanted, "unknowns=")
     tolerances: dict[str, Any] = {"reltol": reltol, "abstol": abstol}
@@ -169,7 +168,7 @@ def identify(
             limits = np.array([u.lower for u in wanted]), np.array([u.upper for u in wanted])
             for shooting in shootings:
                 shooting.prepare(theta)
-            outcome = _search(shootings, theta, limits, motions, iterations, counts, so_far)
+            outcome = _search(shootings, theta, limits, motions, most_steps, counts, so_far)
     except KeyboardInterrupt:
         raise _interrupted(fit_of(so_far[-1]) if so_far else None) from None
     fit = fit_of(outcome)
@@ -208,9 +207,7 @@ def _segments(wanted: int | None, experiment: Experiment) -> int:
     most = experiment.times.size - 1
     if wanted is None:
         return max(1, min(MOST_SEGMENTS, most // SAMPLES))
-    if not isinstance(wanted, int) or not 1 <= wanted <= most:
-        raise ModelError(f"identify: segments must be an integer from 1 to {most}, got {wanted!r}")
-    return wanted
+    return whole(wanted, "identify", "segments", 1, most)
 
 
 def _refuse_few(motions: Sequence[Experiment], unknowns: Sequence[Parameter]) -> None:

@@ -1,4 +1,4 @@
-"""Losses: how much a residual costs, so that outliers do not decide the fit."""
+"""Loss functions of residuals, quadratic or robust against outliers."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
 from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, still
-from ..sensitivity.differentiable_motion import Cuts
+from ..sensitivity.cuts import Cuts
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
 
@@ -130,7 +130,7 @@ class Shooting:
             self.nodes[k] = nodes_from_data(self.setup, self.experiment, first, guess)
 
     def evaluate(self, theta: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Outputs (n_y, n_t), gaps, and the starts with the first one as the conditions ask."""
+        """Outputs (n_y, n_t), gaps, and the starts, the first one as the conditions require."""
         nodes = nodes.copy()
         nodes[0], guess = self._start(theta)
         outputs, gaps = np.zeros(self.experiment.samples.shape), np.zeros((len(nodes) - 1, nodes.shape[1]))

@@ -1,0 +1,1 @@
+"""Inverse dynamics: reactions and efforts of a motion that is prescribed."""

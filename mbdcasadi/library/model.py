@@ -72,7 +72,7 @@ class Model(Immutable, HoldsSymbols):
 
 
 def weight(gravity: Any) -> list[Gravity]:
-    """Gravity as a list of forces; none for None."""
+    """Gravity as a list of forces, empty for None."""
     return [] if gravity is None else [Gravity(gravity)]
 
 

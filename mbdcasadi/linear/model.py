@@ -1,4 +1,4 @@
-"""A linear model: matrices with names, and what is made of them."""
+"""Linear models: matrices with names, eigenvalues, modes, transfer functions."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _points(values: Any, what: str) -> np.ndarray:
 
 
 def _plain(names: tuple[str, ...]) -> list[str]:
-    """Names as python-control takes them: a dot parts a system from its signal there."""
+    """Names as python-control takes them: a dot separates a system from its signal there."""
     return [name.replace(".", "_") for name in names]
 
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import ModelError, warn
+from ..errors import warn
+from ..model.quantities import whole
 from ..model.symbols import number
 from ..results.state import State
 from ..results.trajectory import Trajectory
@@ -70,10 +71,9 @@ class Mode:
         Trajectory
             Poses are brought back onto the constraints; accelerations and multipliers are those of the linear model.
         """
-        if not isinstance(frames, int) or frames < 2:
-            raise ModelError(f"mode: frames must be an integer of at least 2, got {frames!r}")
+        count = whole(frames, "mode", "frames", 2)
         turning = abs(self.eigenvalue.imag) or abs(self.eigenvalue) or 2 * np.pi
-        phase = np.linspace(0, 2 * np.pi * number(periods, "mode", "periods"), frames)
+        phase = np.linspace(0, 2 * np.pi * number(periods, "mode", "periods"), count)
         return self._trajectory(phase / turning, phase, amplitude, damped)
 
     def _trajectory(self, t: np.ndarray, phase: np.ndarray, amplitude: float, damped: bool = False) -> Trajectory:
@@ -104,8 +104,8 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     if not model.is_steady:
         warn(
             "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
-            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues say little of what follows. "
-            "Of a steady turn give linearize coordinates= that do not see it, such as an angle or a slide",
+            f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues do not describe its further "
+            "motion. For a steady rotation give linearize coordinates= that stay constant, such as a relative angle",
         )
     if not model.A.size:
         return ()

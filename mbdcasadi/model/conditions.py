@@ -156,6 +156,8 @@ def _read_one(entry: Any, position: int) -> Sequence[Condition]:
     if isinstance(entry, bool):
         # Python compares an expression with a list of expressions itself, and finds that they are not the same object
         hint = "write body.phi == 0.3; a side of several expressions is a mbd.vertcat(body.x, 2), not a tuple"
+    elif hasattr(entry, "__SX__"):
+        hint = "NumPy made it of an expression: use mbd.sin, … instead"
     raise ConditionError(f"condition {position} is {entry!r}, which is not a relation between expressions ({hint})")
 
 

@@ -45,6 +45,8 @@ class Mechanism(Immutable, HoldsSymbols):
         Its parts; `states` are the state variables of the model and of its elements.
     state_rates : dict of StateVariable to casadi.SX
         Their rates.
+    own_states : dict of StateVariable to casadi.SX
+        Rates of the state variables that no element brings, as they were given.
 
     Raises
     ------
@@ -72,7 +74,7 @@ class Mechanism(Immutable, HoldsSymbols):
         self.parameters: tuple[Parameter, ...] = listed(parameters, Parameter, "parameters=")
         if states is not None and not isinstance(states, Mapping):
             raise ModelError(f"states= takes {{StateVariable: rate}}, got {states!r}")
-        self._own_states = dict(states or {})
+        self.own_states = dict(states or {})
         self._check_parts()
         self.elements: tuple[Any, ...] = tuple(
             getattr(part, "acting_on", lambda _bodies, part=part: part)(self.bodies)
@@ -108,7 +110,7 @@ class Mechanism(Immutable, HoldsSymbols):
 
     def _collect_rates(self) -> dict[StateVariable, ca.SX]:
         rates: dict[StateVariable, ca.SX] = {}
-        sources = [("states=", self._own_states)] + [(e.description, e.rates) for e in self.elements]
+        sources = [("states=", self.own_states)] + [(e.description, e.rates) for e in self.elements]
         for source, state_rates in sources:
             for state, rate in state_rates.items():
                 if not isinstance(state, StateVariable):
@@ -251,7 +253,7 @@ class Mechanism(Immutable, HoldsSymbols):
             "forces": self.forces,
             "inputs": self.inputs,
             "parameters": self.parameters,
-            "states": self._own_states,
+            "states": self.own_states,
             "name": self.name,
         }
         unknown = set(changes) - set(arguments)

@@ -79,6 +79,9 @@ def check_name(name: Any, what: str) -> str:
 
 def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> float:
     """Return a finite float, or raise an error that names the owner, the quantity and the value."""
+    if hasattr(value, "__SX__") and not isinstance(value, ca.SX):
+        # CasADi's type that behaves as an array: NumPy's functions return it after GlobalOptions.setNumpyMode(1)
+        raise ModelError(f"{what}: {quantity} is {value!r}, which NumPy made of an expression; use mbd.sin, … instead")
     try:
         # float() would read "1.0", and make nan of a symbol
         if isinstance(value, str | bytes) or (isinstance(value, ca.SX) and not value.is_constant()):
@@ -88,8 +91,8 @@ def number(value: Any, what: str, quantity: str, *, infinite: bool = False) -> f
         raise ModelError(f"{what}: {quantity} must be a number, got {value!r}") from None
     if math.isnan(result):
         raise ModelError(
-            f"{what}: {quantity} must be finite, got nan (which Python's math.sin and float make of an expression: use "
-            "mbd.sin, …)"
+            f"{what}: {quantity} must be finite, got nan (the result of Python's math.sin and float for an expression: "
+            "use mbd.sin, …)"
         )
     if math.isinf(result) and not infinite:
         raise ModelError(f"{what}: {quantity} must be finite, got {result}")
@@ -120,13 +123,12 @@ class Symbol(ca.SX, HoldsSymbols):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.label!r})"
 
-
-def _bounds(what: str, lower: Any, upper: Any) -> tuple[float, float]:
-    low = number(lower, what, "lower", infinite=True)
-    high = number(upper, what, "upper", infinite=True)
-    if low > high:
-        raise ModelError(f"{what}: lower = {low} is above upper = {high}")
-    return low, high
+    def _take(self, what: str, value: Any, lower: Any, upper: Any) -> None:
+        """Check the value and the limits, and keep them."""
+        self.value = number(value, what, "value")
+        self.lower, self.upper = (number(x, what, n, infinite=True) for x, n in ((lower, "lower"), (upper, "upper")))
+        if self.lower > self.upper:
+            raise ModelError(f"{what}: lower = {self.lower} is above upper = {self.upper}")
 
 
 class Input(Symbol):
@@ -175,9 +177,7 @@ class Input(Symbol):
         self.rate = ca.SX.sym(f"{label}.rate")
         self._rate_role = register(self.rate, "input rate", f"{label}.rate", owner=self)
         self._role = register(self, "input", label, rate=self.rate)
-        what = f"input '{label}'"
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(f"input '{label}'", value, lower, upper)
 
     @property
     def quantity(self) -> str:
@@ -204,8 +204,7 @@ class Parameter(Symbol):
         """Make the symbol; see the class for its arguments."""
         super().__init__(label)
         what = f"parameter '{label}'"
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(what, value, lower, upper)
         if not self.lower <= self.value <= self.upper:
             raise ModelError(f"{what}: value = {self.value} is not within {self.lower} … {self.upper}")
         _PARAMETERS[self.element_hash()] = self
@@ -246,8 +245,7 @@ class StateVariable(Symbol):
         if initial is not None:
             warn(f"{what}: initial= is called value= now", DeprecationWarning)
             value = initial
-        self.value = number(value, what, "value")
-        self.lower, self.upper = _bounds(what, lower, upper)
+        self._take(what, value, lower, upper)
 
     @property
     def initial(self) -> float:

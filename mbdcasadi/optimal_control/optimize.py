@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from typing import Any
 
 from ..arguments.values import pairs_of
@@ -30,6 +31,7 @@ def optimize(
     tolerance: float | None = None,
     guess: Solution | Shifted | Trajectory | None = None,
     starts: Any = None,
+    executor: Executor | None = None,
     initial: Any = None,
     parameters: Any = None,
     continuation: Any = None,
@@ -52,7 +54,9 @@ def optimize(
     degree : int, default 3
         Number of stages of an interval of ``"gauss-legendre"``; order ``2 degree`` at the mesh points.
     tolerance : float, optional
-        Refine the mesh until the local error of every interval is below it.
+        Refine the mesh until the local error of every interval is below it, path limits are passed by less than this
+        share of their sizes, and intervals in which inputs switch are so short that their effect on the cost is as
+        small.
     guess : Solution or Trajectory, optional
         Initial guess, on any mesh: another solution, a simulation, or an
         inverse dynamics of the same bodies with a driver in place of the input.
@@ -60,6 +64,8 @@ def optimize(
     starts : int or sequence, optional
         Number of different starts, or a list of guesses; the best solution is
         returned, and ``statistics.starts`` has all.
+    executor : concurrent.futures.Executor, optional
+        Threads or processes on which the solver runs from several starts at a time, without `progress`.
     initial : sequence of relations or State, optional
         Start in place of the problem's own; what was compiled is used again.
     parameters : mapping, optional
@@ -101,14 +107,21 @@ def optimize(
         If a contact of the solution would have to pull, or an element leaves its range of validity; of several phases,
         if a joint that closes at the end of one has passed through its place before, or a foothold pulls; if a path
         limit is passed by more than a hundredth of it between the points at which it is held; if the mesh is too coarse
-        for the motion that was found (not checked if ``guess=`` is a solution).
+        for the motion that was found (not checked if ``guess=`` is a solution); if limits or switches do not meet the
+        `tolerance`, though the local errors do.
     """
     if not isinstance(problem, OptimalControlProblem):
         raise ModelError(f"optimize takes an OptimalControlProblem, got {problem!r}")
+    if executor is not None and not hasattr(executor, "submit"):
+        raise ModelError(f"optimize: executor= takes a concurrent.futures executor, got {executor!r}")
+    if executor is not None and starts is None:
+        raise ModelError("optimize: executor= solves from several starts at a time; give starts=, too")
     best = BestSoFar()
     try:
         with LOCK, keyboard_interrupts("optimize"):
-            search = Search(problem, intervals, initial, (transcription, degree, control, options, progress), best)
+            search = Search(
+                problem, intervals, initial, (transcription, degree, control, options, progress), best, executor
+            )
             accuracy = None if tolerance is None else _tolerance(tolerance)
             if continuation is None:
                 solution = search.solve(parameters, guess, starts, accuracy)

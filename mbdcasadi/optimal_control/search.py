@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -45,6 +46,8 @@ class Search:
         Transcription, degree, control, options and progress, as ``optimize`` takes them.
     best : BestSoFar
         Record of the solutions.
+    executor : concurrent.futures.Executor, optional
+        Solves from several guesses at a time.
     """
 
     problem: OptimalControlProblem
@@ -52,6 +55,7 @@ class Search:
     initial: Any
     settings: tuple[Any, ...]
     best: BestSoFar
+    executor: Executor | None = None
 
     @property
     def _is_automatic(self) -> bool:
@@ -90,7 +94,7 @@ class Search:
         for settings in self._settings(near, starts):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
             try:
-                solution = attempt.solve(warm=warm)
+                solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
                 break
             except OptimizationError as error:
                 failed.append((attempt, error))
@@ -127,10 +131,10 @@ class _Attempt:
     candidates: list[Guess]
     refined: bool
 
-    def solve(self, *, warm: bool) -> Solution:
+    def solve(self, *, warm: bool, executor: Executor | None) -> Solution:
         """Return the best solution of all guesses."""
         settle = partial(refine_if_coarse, self.solver) if self.refined else None
-        return best_of(self.solver, self.meshes, self.candidates, warm=warm, settle=settle)
+        return best_of(self.solver, self.meshes, self.candidates, warm=warm, executor=executor, settle=settle)
 
     def go_on(self, failure: OptimizationError) -> Solution:
         """Return a solution found by limits that close in, or raise the failure with the result of the search."""

@@ -86,9 +86,11 @@ class PhaseSolution:
         seconds: float,
     ):
         self.phase: Phase = program.phase
-        self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
-        self.segment_times = x[program.time_index] if program.time_count else np.asarray(segment_times, float)
-        self.mesh_times = mesh.times(self.segment_times)
+        self.program, self.numeric, self.extra, self._seconds = program, numeric, extra, seconds
+        found = x[program.time_index]
+        self.mesh = mesh.moved(found)
+        self.segment_times = found[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
+        self.mesh_times = self.mesh.times(self.segment_times)
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
         intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
         self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, numeric)

@@ -52,6 +52,7 @@ def save(solution: Solution, path: str | Path) -> None:
         prefix = _prefix(solution.problem, number)
         content |= {f"{prefix}segment times": part.segment_times, f"{prefix}parameters": part.numeric.p}
         content |= {f"{prefix}mesh {k}": fractions for k, fractions in enumerate(part.mesh.segments)}
+        content[f"{prefix}moving mesh points"] = np.array(part.mesh.moving, int)
     write_arrays(path, content)
 
 
@@ -108,7 +109,8 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
                 if segments
                 else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
             )
-        meshes.append(Mesh(tuple(segments)))
+        moving = content.get(f"{prefix}moving mesh points", np.zeros(0, int))  # files of earlier versions have none
+        meshes.append(Mesh(tuple(segments), tuple(moving.tolist())))
         times.append(content[f"{prefix}segment times"])
         parameters.append(content[f"{prefix}parameters"])
     solver = Solver(problem, settings)

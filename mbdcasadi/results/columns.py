@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import ItemsView, Mapping
 from typing import Any
 
 import casadi as ca
@@ -26,7 +26,7 @@ def reaction_body(element: Any) -> Body | None:
 
 
 def joints_of(mechanism: Mechanism) -> list[Any]:
-    """Constraints that are no drivers and say what they exert on a body."""
+    """Constraints other than drivers that have reactions on bodies."""
     drivers = {id(driver) for driver in mechanism.drivers}
     return [c for c in mechanism.constraints if id(c) not in drivers and hasattr(c, "reaction_on")]
 
@@ -72,12 +72,16 @@ def default_expressions(mechanism: Mechanism, *, loads: bool) -> dict[str, ca.SX
     return named
 
 
-def read_expressions(expressions: Any) -> dict[str, ca.SX]:
-    """Check a mapping {name: expression}."""
+def _items(expressions: Any) -> ItemsView[Any, Any]:
     if not isinstance(expressions, Mapping):
         raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
+    return expressions.items()
+
+
+def read_expressions(expressions: Any) -> dict[str, ca.SX]:
+    """Check a mapping {name: expression}."""
     read: dict[str, ca.SX] = {}
-    for name, expression in expressions.items():
+    for name, expression in _items(expressions):
         if not isinstance(name, str):
             raise MechanismError(f"the name of an expression must be a text, got {name!r}")
         try:
@@ -89,10 +93,8 @@ def read_expressions(expressions: Any) -> dict[str, ca.SX]:
 
 def read_lines(expressions: Any) -> dict[str, tuple[list[str], ca.SX]]:
     """Check what is drawn, {label: expression} or {label: {name: scalar}}: names of lines and their column."""
-    if not isinstance(expressions, Mapping):
-        raise MechanismError(f"expressions are given as {{name: expression}}, got {expressions!r}")
     lines: dict[str, tuple[list[str], ca.SX]] = {}
-    for label, drawn in expressions.items():
+    for label, drawn in _items(expressions):
         if not isinstance(drawn, Mapping):
             (expression,) = read_expressions({label: drawn}).values()
             names = [name.lstrip(".") for name in component_names("", expression.shape)]

@@ -48,7 +48,7 @@ def refuse_nan(eom: Equations, expression: ca.SX, values: np.ndarray, arguments:
         text = to_text(expression) if expression.numel() == 1 else f"an expression of shape {expression.shape}"
         text = text if len(text) <= 100 else text[:97] + "..."
         raise ExpressionError(
-            f"{text} is not finite at t = {t:.6g} s, though all that it depends on is finite: the data of a spline "
-            'with outside="error" are left, or a function (sqrt, log, a quotient) has no value there',
+            f"{text} is not finite at t = {t:.6g} s, though all that it depends on is finite: a spline "
+            'with outside="error" is evaluated beyond its data, or a function (sqrt, log, quotient) has no value',
             time=t,
         )

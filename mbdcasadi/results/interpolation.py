@@ -6,7 +6,7 @@ import numpy as np
 
 
 def _bracket(t: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Index of the interval of each wanted time, its width and the share passed, as columns."""
+    """Index of the interval of each wanted time, its width and the fraction passed, as columns."""
     k = np.clip(np.searchsorted(t, wanted, side="right") - 1, 0, max(t.size - 2, 0))
     if t.size == 1:
         return k, np.ones((wanted.size, 1)), np.zeros((wanted.size, 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,18 @@ from .archives import Archive, write_arrays
 from .fingerprint import difference, fingerprint
 from .phases import PhasedTrajectory, in_whole, six, union_of
 from .state import EventOccurrence, State
-from .stored_states import ARRAYS, check_columns, column_names, read_columns, read_states, refinement, states_of
-from .trajectory import Statistics, Trajectory
+from .stored_states import (
+    ARRAYS,
+    check_columns,
+    column_names,
+    read_columns,
+    read_states,
+    read_statistics,
+    read_times,
+    refinement,
+    states_of,
+)
+from .trajectory import Trajectory
 
 PHASED_FORMAT = "mbdcasadi phased trajectory 1"
 
@@ -44,7 +54,7 @@ def save_phased(motion: PhasedTrajectory, path: str | Path) -> None:
         "phase mechanisms": np.array([mechanisms.index(part.mechanism) for part in parts]),
         "phase lengths": np.array([len(part) for part in parts]),
         "phase statistics": json.dumps([asdict(part.statistics) for part in parts]),
-        "missing multipliers": json.dumps([part._missing_multipliers for part in parts]),
+        "missing multipliers": json.dumps([part.missing_multipliers for part in parts]),
         "statistics": json.dumps(asdict(motion.statistics)),
     }
     for k, mechanism in enumerate(mechanisms):
@@ -106,18 +116,8 @@ def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTraj
     FileError
         See :func:`mbdcasadi.read_trajectory`.
     """
-    t = archive.numbers("t", None)
-    if np.any(np.diff(t) < 0):
-        raise archive.refuse("the entry 't' decreases")
-    numbers = archive.numbers("phase mechanisms", None).astype(int)
-    lengths = archive.numbers("phase lengths", numbers.size).astype(int)
-    if not numbers.size or np.sum(lengths) != t.size or np.any(lengths < 0) or np.any(numbers < 0):
-        raise archive.refuse("the entries 'phase mechanisms' and 'phase lengths' do not fit the times")
-    ends = np.cumsum([0, *lengths])
-    times = [t[first:last] for first, last in pairwise(ends)]
+    numbers, times = _read_phases(archive)
     count = int(numbers.max()) + 1
-    if set(numbers.tolist()) != set(range(count)):
-        raise archive.refuse("the entry 'phase mechanisms' leaves out a number")
     labels = archive.names("parameter names")
     values = archive.numbers("parameters", numbers.size, len(labels))
     matching = _Matching(archive, candidates, count)
@@ -126,23 +126,20 @@ def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTraj
     for k in range(count):
         chosen = np.flatnonzero(numbers == k)
         own_t, first = np.concatenate([times[i] for i in chosen]), chosen[0]
-        mechanism, columns = matching.find(k, own_t, int(lengths[first]), labels, values[first])
+        mechanism, columns = matching.find(k, own_t, times[first].size, labels, values[first])
         mechanisms.append(mechanism)
         tables.append(columns)
     matching.warn_of_differences()
     whole = union_of([*mechanisms, *candidates])
     by_phase = [_parameters_in(whole, labels, row) for row in values]
     events, own_events = _read_events(archive, mechanisms, whole, labels, numbers.size)
-    all_statistics = archive.json("phase statistics")
-    missing = archive.json("missing multipliers")
-    if not (isinstance(all_statistics, list) and isinstance(missing, list)):
-        raise archive.refuse("the entry 'phase statistics' or 'missing multipliers' is not a list")
-    if not len(all_statistics) == len(missing) == numbers.size:
-        raise archive.refuse("the entry 'phase statistics' or 'missing multipliers' has the wrong number of phases")
+    all_statistics, missing = (
+        _by_phase(archive, name, numbers.size) for name in ("phase statistics", "missing multipliers")
+    )
     parts, used = [], [0] * count
     for i, k in enumerate(numbers):
-        eom, rows = equations(mechanisms[k]), slice(used[k], used[k] + lengths[i])
-        used[k] += int(lengths[i])
+        eom, rows = equations(mechanisms[k]), slice(used[k], used[k] + times[i].size)
+        used[k] += times[i].size
         columns = [x[rows] for x in tables[k]]
         p = _own_parameters(eom, labels, values[i])
         part = Trajectory(
@@ -151,13 +148,32 @@ def read_phased(archive: Archive, candidates: Sequence[Mechanism]) -> PhasedTraj
             *six(columns),
             p,
             events=own_events[i],
-            statistics=_statistics(archive, all_statistics[i]),
+            statistics=read_statistics(archive, all_statistics[i]),
             refine=refinement(eom, times[i], columns[0], p),
             missing_multipliers=str(missing[i]),
         )
         parts.append(part)
-    statistics = _statistics(archive, archive.json("statistics"))
+    statistics = read_statistics(archive, archive.json("statistics"))
     return PhasedTrajectory(parts, whole, by_phase, events=events, statistics=statistics)
+
+
+def _read_phases(archive: Archive) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Number of the mechanism, and times, s, by phase."""
+    t = read_times(archive)
+    numbers = archive.numbers("phase mechanisms", None).astype(int)
+    lengths = archive.numbers("phase lengths", numbers.size).astype(int)
+    if not numbers.size or np.sum(lengths) != t.size or np.any(lengths < 0) or np.any(numbers < 0):
+        raise archive.refuse("the entries 'phase mechanisms' and 'phase lengths' do not fit the times")
+    if set(numbers.tolist()) != set(range(int(numbers.max()) + 1)):
+        raise archive.refuse("the entry 'phase mechanisms' leaves out a number")
+    return numbers, [t[first:last] for first, last in pairwise(np.cumsum([0, *lengths]))]
+
+
+def _by_phase(archive: Archive, name: str, count: int) -> list[Any]:
+    values = archive.json(name)
+    if not isinstance(values, list) or len(values) != count:
+        raise archive.refuse(f"the entry '{name}' is not a list with one value for each of {count} phases")
+    return values
 
 
 class _Matching:
@@ -259,10 +275,3 @@ def _parameters_in(whole: Mechanism, labels: Sequence[str], values: np.ndarray) 
 
 def _own_parameters(eom: Equations, labels: Sequence[str], values: np.ndarray) -> np.ndarray:
     return _parameters_in(eom.mechanism, labels, values)
-
-
-def _statistics(archive: Archive, values: Any) -> Statistics:
-    if not isinstance(values, dict):
-        raise archive.refuse(f"the entry 'statistics' holds {values!r} instead of names and values")
-    known = {field.name for field in fields(Statistics)}
-    return Statistics(**{name: value for name, value in values.items() if name in known})

@@ -12,7 +12,6 @@ import casadi as ca
 import numpy as np
 
 from ..equations import equations
-from ..errors import MechanismError
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
@@ -22,7 +21,7 @@ from .trajectory import Statistics, Trajectory
 
 
 def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
-    """Return a mechanism with all parts of several: what results of a motion through them are expressed in.
+    """Return a mechanism with all parts of several, in whose symbols a motion through them is expressed.
 
     It is for names and symbols; nothing moves by its equations. Of forces with the same name, such as
     gravity, the first one stands for all.
@@ -49,7 +48,7 @@ def union_of(mechanisms: Iterable[Mechanism]) -> Mechanism:
                 forces.append(force)
     states: dict[Any, Any] = {}
     for mechanism in different:
-        states = mechanism._own_states | states
+        states = mechanism.own_states | states
     name = next((m.name for m in different if m.name), "")
     return Mechanism(**parts, forces=forces, states=states, name=name)
 
@@ -161,7 +160,7 @@ class PhasedTrajectory(Trajectory):
             self._values[0],
             events=events,
             statistics=statistics,
-            missing_multipliers=next((p._missing_multipliers for p in parts if p._missing_multipliers), ""),
+            missing_multipliers=next((p.missing_multipliers for p in parts if p.missing_multipliers), ""),
         )
 
     @property
@@ -184,7 +183,7 @@ class PhasedTrajectory(Trajectory):
                 self.t[first:last],
                 *six([x[first:last] for x in arrays]),
                 p,
-                missing_multipliers=part._missing_multipliers,
+                missing_multipliers=part.missing_multipliers,
             )
             for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True)
         ]
@@ -202,10 +201,7 @@ class PhasedTrajectory(Trajectory):
 
     def state(self, index: int) -> State:
         """State at one of the times, by index, in the mechanism that holds there."""
-        k = int(index)
-        if not -self.t.size <= k < self.t.size:
-            raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
-        k %= self.t.size
+        k = self.place(index)
         number = int(np.searchsorted(self._starts, k, side="right")) - 1
         own = self._parts[number].state(k - int(self._starts[number]))
         return in_whole(own, self.mechanism, self._values[number])
@@ -267,7 +263,7 @@ class PhasedTrajectory(Trajectory):
 
     @property
     def energy(self) -> Energy:
-        """Kinetic and potential energy over time of what is there, J; it falls by the loss of each impact."""
+        """Kinetic and potential energy of the bodies that are present, J; it falls by the loss of each impact."""
         found = [part.energy for part in self._parts]
         return Energy(*(np.concatenate([getattr(e, name) for e in found]) for name in ("kinetic", "potential")))
 

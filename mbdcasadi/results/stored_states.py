@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..equations.recovery import Recovery
 from ..errors import MechanismError
 from .archives import Archive, check_names
 from .state import State
+from .trajectory import Statistics
 
 #: Arrays by time, and what their columns belong to.
 ARRAYS = {"q": "coordinate", "v": "coordinate", "a": "coordinate", "z": "state", "lam": "row", "inputs": "input"}
@@ -35,6 +37,22 @@ def check_columns(archive: Archive, eom: Equations, prefix: str = "") -> None:
     """Raise a :class:`FileError` that names the first difference to the names in a file."""
     for kind, names in column_names(eom).items():
         check_names(archive, kind, "trajectory", names, prefix=prefix)
+
+
+def read_times(archive: Archive) -> np.ndarray:
+    """Return the times (n_t,), s, none before the last one."""
+    t = archive.numbers("t", None)
+    if np.any(np.diff(t) < 0):
+        raise archive.refuse("the entry 't' decreases")
+    return t
+
+
+def read_statistics(archive: Archive, values: Any) -> Statistics:
+    """Return statistics from names and values; those that this version does not know are left out."""
+    if not isinstance(values, dict):
+        raise archive.refuse(f"the entry 'statistics' holds {values!r} instead of names and values")
+    known = {field.name for field in fields(Statistics)}
+    return Statistics(**{name: value for name, value in values.items() if name in known})
 
 
 def read_columns(archive: Archive, prefix: str, eom: Equations, count: int) -> list[np.ndarray]:

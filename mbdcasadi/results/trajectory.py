@@ -107,7 +107,7 @@ class Trajectory(HoldsSymbols):
         self.events = tuple(events)
         self.statistics = statistics or Statistics()
         self._refine = refine
-        self._missing_multipliers = missing_multipliers
+        self.missing_multipliers = missing_multipliers
 
     # --- evaluation ------------------------------------------------------------------
     @property
@@ -131,8 +131,8 @@ class Trajectory(HoldsSymbols):
         """
         expression = as_expression(expression, "motion[…]")
         function, arguments = self._compiled(expression)
-        if self._missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
-            raise MechanismError(self._missing_multipliers)
+        if self.missing_multipliers and ca.depends_on(ca.vec(expression), self.equations.lam):
+            raise MechanismError(self.missing_multipliers)
         rows, columns = expression.shape
         count = self.t.size
         if count == 0:
@@ -156,11 +156,16 @@ class Trajectory(HoldsSymbols):
         """Function of an expression, and its arguments by time."""
         return self.equations.function(expression), self.arguments
 
-    def state(self, index: int) -> State:
-        """State at one of the times, by index."""
+    def place(self, index: int) -> int:
+        """Return an index of the times that is not negative, or raise an error if there is no such time."""
         k = int(index)
         if not -self.t.size <= k < self.t.size:
             raise MechanismError(f"the trajectory has {self.t.size} times, and none of index {k}")
+        return k % self.t.size
+
+    def state(self, index: int) -> State:
+        """State at one of the times, by index."""
+        k = self.place(index)
         return State(
             self.mechanism,
             float(self.t[k]),
@@ -171,7 +176,7 @@ class Trajectory(HoldsSymbols):
             self.lam[k],
             self.inputs[k],
             self.parameters,
-            obstacle=MechanismError(self._missing_multipliers) if self._missing_multipliers else None,
+            obstacle=MechanismError(self.missing_multipliers) if self.missing_multipliers else None,
         )
 
     @property
@@ -218,7 +223,7 @@ class Trajectory(HoldsSymbols):
         if self._refine is None:
             raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
         wanted = np.clip(wanted, self.t[0], self.t[-1])
-        q, v, z, u = self.with_jumps._between(wanted)
+        q, v, z, u = self.with_jumps.between(wanted)
         q, v, a, lam, u = self._refine(wanted, q, v, z, u)
         return self._at(wanted, q, v, a, z, lam, u)
 
@@ -237,8 +242,8 @@ class Trajectory(HoldsSymbols):
         """True if :meth:`at` can interpolate; False if the trajectory was made from arrays alone."""
         return self._refine is not None
 
-    def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
+    def between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return coordinates, velocities, first-order states and inputs at times, not yet on the constraints."""
         q, v = hermite(self.t, self.q, self.v, self.a, wanted)
         z = cubic(self.t, self.z, self._state_rates, wanted)
         return q, v, z, linear(self.t, self.inputs, wanted)
@@ -277,7 +282,7 @@ class Trajectory(HoldsSymbols):
             u,
             self.parameters,
             refine=self._refine,
-            missing_multipliers=self._missing_multipliers,
+            missing_multipliers=self.missing_multipliers,
         )
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,18 @@ from .archives import Archive, read_arrays, write_arrays
 from .fingerprint import difference, fingerprint
 from .phased_files import PHASED_FORMAT, read_phased
 from .state import EventOccurrence
-from .stored_states import ARRAYS, check_columns, column_names, read_columns, read_states, refinement, states_of
-from .trajectory import Statistics, Trajectory
+from .stored_states import (
+    ARRAYS,
+    check_columns,
+    column_names,
+    read_columns,
+    read_states,
+    read_statistics,
+    read_times,
+    refinement,
+    states_of,
+)
+from .trajectory import Trajectory
 
 _FORMAT = "mbdcasadi trajectory 1"
 
@@ -38,7 +48,7 @@ def save(motion: Trajectory, path: str | Path) -> None:
     content |= {name: getattr(motion, name) for name in ARRAYS}
     content |= {f"{kind} names": np.array(names, dtype=str) for kind, names in column_names(eom).items()}
     content["fingerprint"] = fingerprint(eom, motion.arguments)
-    content["missing multipliers"] = motion._missing_multipliers
+    content["missing multipliers"] = motion.missing_multipliers
     content["statistics"] = json.dumps(asdict(motion.statistics))
     content["event names"] = np.array([event.name for event in motion.events], dtype=str)
     content["event t"] = np.array([event.t for event in motion.events], float)
@@ -103,9 +113,7 @@ def _read_mechanisms(given: Any) -> tuple[Mechanism, ...]:
 
 def _read_one(archive: Archive, eom: Equations) -> Trajectory:
     check_columns(archive, eom)
-    t = archive.numbers("t", None)
-    if np.any(np.diff(t) < 0):
-        raise archive.refuse("the entry 't' decreases")
+    t = read_times(archive)
     parameters = archive.numbers("parameters", len(eom.mechanism.parameters))
     arrays = q, v, a, z, lam, u = read_columns(archive, "", eom, t.size)
     unknown_multipliers = str(archive.get("missing multipliers", ""))
@@ -120,10 +128,6 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
                 f"{archive.path}: the mechanism has the names of the one that was saved, but differs from it in "
                 f"{other}",
             )
-    known = {field.name for field in fields(Statistics)}
-    statistics = archive.json("statistics") if "statistics" in archive else {}
-    if not isinstance(statistics, dict):
-        raise archive.refuse(f"the entry 'statistics' holds {statistics!r} instead of names and values")
     return Trajectory(
         eom.mechanism,
         t,
@@ -135,7 +139,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
         u,
         parameters,
         events=_events(archive, eom, parameters),
-        statistics=Statistics(**{name: value for name, value in statistics.items() if name in known}),
+        statistics=read_statistics(archive, archive.json("statistics") if "statistics" in archive else {}),
         refine=refinement(eom, t, q, parameters),
         missing_multipliers=unknown_multipliers,
     )

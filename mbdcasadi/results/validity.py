@@ -1,4 +1,4 @@
-"""Conditions under which the elements of a motion mean what they say, evaluated at its outputs."""
+"""Validity conditions of the elements of a mechanism, evaluated at the outputs of a motion."""
 
 from __future__ import annotations
 

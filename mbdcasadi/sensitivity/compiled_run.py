@@ -22,11 +22,12 @@ from ..results.state import State
 from ..simulation.accuracy import range_near_rounding, tolerance_for, unresolved_range
 from ..simulation.modes import SingleMode
 from ..simulation.path import Path, hermite_states
+from ..simulation.regularity import singular_time
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.singular_passage import singular_time
 from ..simulation.watched_terms import has_gaps
+from .cuts import Cuts
 from .design_variables import DesignVariables
-from .differentiable_motion import Cuts, DifferentiableMotion
+from .differentiable_motion import DifferentiableMotion
 from .differentiable_start import DifferentiableStart, found
 
 #: Patterns of cuts for which compiled functions are kept.

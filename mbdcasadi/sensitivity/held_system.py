@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,8 @@ from ..equations.held import HeldEquations, JumpingPart, jumping_parts, part_of
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..equations.switches import Switch, hold, sides_of
+from ..integrators.compiled import CompiledIntegrator
+from ..integrators.reversible import ReversibleIntegrator
 
 #: Steps of projection after an integration, whose drift is of the size of its tolerance.
 PROJECTIONS = 3
@@ -22,10 +24,9 @@ PROJECTIONS = 3
 def parts_of_motion(numeric: NumericEquations, signals: Signals, integrands: ca.SX) -> tuple[JumpingPart, ...]:
     """Return the parts of the equations, of inputs and of integrands in which something jumps."""
     parts = list(jumping_parts(numeric))
-    for k, kind in enumerate(signals.structure):
-        if isinstance(kind, tuple) and kind[0] == "expression":
-            description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
-            parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
+    for k in signals.given_by_expressions:
+        description = f"input '{numeric.eom.mechanism.inputs[k].label}'"
+        parts += part_of(numeric, "input", k, (signals.parametrised[k],), description)
     for k in range(integrands.numel()):
         parts += part_of(numeric, "integrand", k, (integrands[k],), "the running cost")
     return tuple(parts)
@@ -213,3 +214,28 @@ class HeldSystem:
         for _ in range(2 if eom.lam.numel() else 0):
             v = self.recovery.velocity_step(time, q, v, p, weights).full().ravel()
         return np.r_[q, v, x[2 * n :]]
+
+
+@dataclass(frozen=True, eq=False)
+class HeldMotion:
+    """A motion with its switches held: equations and integrators.
+
+    Attributes
+    ----------
+    system : HeldSystem
+        The equations.
+    compiled : CompiledIntegrator
+        Their integrator.
+    backwards : ReversibleIntegrator or None
+        The one that is differentiated backwards too, if any.
+    unknowns : numpy.ndarray
+        Estimate of the algebraic unknowns.
+    decay : float
+        Rate at which drift decays in the regularised form, 1/s.
+    """
+
+    system: HeldSystem
+    compiled: CompiledIntegrator
+    backwards: ReversibleIntegrator | None
+    unknowns: np.ndarray
+    decay: float

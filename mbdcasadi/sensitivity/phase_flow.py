@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..arguments.values import pairs_of
+from ..arguments.values import pairs_of, pairs_with
 from ..assembly.setup import Setup
 from ..errors import ModelError, SimulationError
 from ..integrators import Integrator
@@ -44,6 +44,27 @@ class Directions:
     def count(self) -> int:
         """Number of directions."""
         return int(self.start.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class VariedState:
+    """A state at one instant, and its variations in k directions.
+
+    Attributes
+    ----------
+    time : float
+        s.
+    x : numpy.ndarray
+        ``(q, v, z)`` (n_x,).
+    dt, dx, dp : numpy.ndarray
+        Variations of the instant (k,), of the state (n_x, k), and of the parameters of its mechanism (n_p, k).
+    """
+
+    time: float
+    x: np.ndarray
+    dt: np.ndarray
+    dx: np.ndarray
+    dp: np.ndarray
 
 
 class PhaseFlow:
@@ -91,9 +112,7 @@ class PhaseFlow:
     ):
         self.part, self.mechanism, self.eom = part, part.mechanism, part.equations
         p = list(zip(self.mechanism.parameters, part.parameters.tolist(), strict=True))
-        known_inputs = [
-            (u, x) for u, x in pairs_of(inputs, "inputs=") if any(u is one for one in self.mechanism.inputs)
-        ]
+        known_inputs = pairs_with(self.mechanism.inputs, pairs_of(inputs, "inputs="))
         first = part.initial
         start = State(
             self.mechanism, first.t, first.q, first.v, first.a, first.z, first.lam, first.inputs, part.parameters
@@ -165,24 +184,20 @@ class PhaseFlow:
         return values, slopes, results[1].full().ravel(), moved[1].full()
 
     # --- at one instant ------------------------------------------------------------------------
-    def at(
-        self, expression: ca.SX, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, expression: ca.SX, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
         """An expression at a state, and its variations (n, k)."""
-        function, channel = self.motion.at_one_output(ca.vec(expression)), self._no_samples
-        known = [time, x, self.p, self.levels, channel]
+        function, channel, k = self.motion.at_one_output(ca.vec(expression)), self._no_samples, here.dt.size
+        known = [here.time, here.x, self.p, self.levels, channel]
         value = function(*known)
-        seeds = [dt[None, :], dx, dp, self.dlevels, *still([channel], dt.size)]
-        return value.full().ravel(), call(function.forward(dt.size), *known, value, *seeds).full()
+        seeds = [here.dt[None, :], here.dx, here.dp, self.dlevels, *still([channel], k)]
+        return value.full().ravel(), call(function.forward(k), *known, value, *seeds).full()
 
-    def outputs_at(
-        self, time: float, x: np.ndarray, dt: np.ndarray, dx: np.ndarray, dp: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def outputs_at(self, here: VariedState) -> tuple[np.ndarray, np.ndarray]:
         """All outputs at a state (n_y,), and their variations (n_y, k)."""
-        values, slopes = np.full(self.rows.size, np.nan), np.full((self.rows.size, dt.size), np.nan)
+        values, slopes = np.full(self.rows.size, np.nan), np.full((self.rows.size, here.dt.size), np.nan)
         if self._shown:
             stacked = ca.vertcat(*[ca.vec(e) for e in self._shown])
-            values[self.rows], slopes[self.rows] = self.at(stacked, time, x, dt, dx, dp)
+            values[self.rows], slopes[self.rows] = self.at(stacked, here)
         return values, slopes
 
     def rates(self, time: float, x: np.ndarray) -> np.ndarray:

@@ -35,7 +35,7 @@ from ..numerics.rank import analyse_rank
 from ..results.phases import places_in
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Trajectory
-from .phase_flow import Directions, PhaseFlow
+from .phase_flow import Directions, PhaseFlow, VariedState
 
 #: Rate of an event, relative to the rates of its state, below which the motion grazes and has no derivative.
 GRAZING = 1e-8
@@ -184,23 +184,22 @@ class _Passage:
 
     def _end(self, flow: PhaseFlow, event: Event, time: float, x: np.ndarray) -> None:
         """End the motion at an event."""
-        dp = flow.dp(self._parameters)
-        dt, self._dx = _at_event(flow, event, time, x, self._dx, dp)
-        before = flow.outputs_at(time, x, dt, self._dx, dp)
-        self._events.append(EventVariation(event.name, time, dt, before, None))
+        instant = _at_event(flow, event, time, x, self._dx, flow.dp(self._parameters))
+        self._dx = instant.dx
+        self._events.append(EventVariation(event.name, time, instant.dt, flow.outputs_at(instant), None))
 
     def _change(self, flow: PhaseFlow, event: Event, number: int, time: float, x: np.ndarray) -> PhaseFlow | None:
         """Go across a change: the motion that follows, None if the motion ends just after it."""
-        dp, following = flow.dp(self._parameters), self._flow(number + 1)
-        dt, dx = _at_event(flow, event, time, x, self._dx, dp)
-        before = flow.outputs_at(time, x, dt, dx, dp)
-        jumped, self._parameters = _across(flow, following, event, time, x, dt, dx, dp, self._parameters)
-        after = following.outputs_at(time, following.x0, dt, jumped, following.dp(self._parameters))
-        self._events.append(EventVariation(event.name, time, dt, before, after))
+        following = self._flow(number + 1)
+        instant = _at_event(flow, event, time, x, self._dx, flow.dp(self._parameters))
+        jumped, self._parameters = _Change(flow, following, event, instant).across(self._parameters)
+        after = VariedState(time, following.x0, instant.dt, jumped, following.dp(self._parameters))
+        values = flow.outputs_at(instant), following.outputs_at(after)
+        self._events.append(EventVariation(event.name, time, instant.dt, *values))
         if len(self._motion.phases[number + 1]) < 2:
             self._dx = jumped
             return None
-        self._dx = jumped - np.outer(following.rates(time, following.x0), dt)
+        self._dx = jumped - np.outer(following.rates(time, following.x0), instant.dt)
         return following
 
 
@@ -252,10 +251,8 @@ def _ending(motion: Trajectory, events: Sequence[Event]) -> Event | None:
     return next((known[e.name] for e in last if known[e.name].terminal and known[e.name].becomes is None), None)
 
 
-def _at_event(
-    flow: PhaseFlow, event: Event, time: float, x: np.ndarray, dx: np.ndarray, dp: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Variations of the instant of an event (k,), and of the state there (n_x, k)."""
+def _at_event(flow: PhaseFlow, event: Event, time: float, x: np.ndarray, dx: np.ndarray, dp: np.ndarray) -> VariedState:
+    """The state at an event, which varies along with the instant, from its variations at a fixed time."""
     rate, rates = flow.rate_of(event.expression, time, x), flow.rates(time, x)
     if not np.isfinite(rate) or abs(rate) <= GRAZING * (1 + largest(rates)):
         raise SimulationError(
@@ -263,117 +260,101 @@ def _at_event(
             f"{rate:.3g}: the instant has no derivative",
             time=time,
         )
-    _, change = flow.at(event.expression, time, x, np.zeros(dx.shape[1]), dx, dp)
+    _, change = flow.at(event.expression, VariedState(time, x, np.zeros(dx.shape[1]), dx, dp))
     dt = -change.ravel() / rate
-    return dt, dx + np.outer(rates, dt)
+    return VariedState(time, x, dt, dx + np.outer(rates, dt), dp)
 
 
-def _across(
-    flow: PhaseFlow,
-    following: PhaseFlow,
-    event: Event,
-    time: float,
-    x: np.ndarray,
-    dt: np.ndarray,
-    dx: np.ndarray,
-    dp: np.ndarray,
-    parameters: dict[Any, np.ndarray],
-) -> tuple[np.ndarray, dict[Any, np.ndarray]]:
-    """Variations of the state just after a change, and of the parameters from there on."""
-    parameters, states = dict(parameters), {}
-    for symbol, value in event.new_values:
-        row = flow.at(value, time, x, dt, dx, dp)[1].ravel()
-        if isinstance(symbol, Parameter):
-            parameters[symbol] = row
-        elif isinstance(symbol, StateVariable):
-            states[symbol] = row
-    new_dp = following.dp(parameters)
-    dq, dv = _carried(flow, following, event, time, dt, dx, new_dp)
-    dv = _jumped(flow, following, event, time, x, dt, dq, dv, new_dp)
-    old, n = list(flow.mechanism.states), flow.eom.q.numel()
-    dz = np.zeros((len(following.mechanism.states), dt.size))
-    for k, symbol in enumerate(following.mechanism.states):
-        place = next((i for i, other in enumerate(old) if other is symbol), None)
-        dz[k] = states.get(symbol, 0.0 if place is None else dx[2 * n + place])
-    return np.vstack([dq, dv, dz]), parameters
+class _Change:
+    """A change of the mechanism, across which variations are carried.
 
+    Parameters
+    ----------
+    flow, following : PhaseFlow
+        The phases before and after it.
+    event : Event
+        The event at which it takes place.
+    instant : VariedState
+        State just before, and its variations along with the instant.
+    """
 
-def _shared(flow: PhaseFlow, following: PhaseFlow) -> tuple[list[int], list[int]]:
-    """Coordinates of the next mechanism that the one before has, and their places there."""
-    theirs = {s.element_hash() for s in ca.vertsplit(flow.eom.q)}
-    here = [k for k, s in enumerate(ca.vertsplit(following.eom.q)) if s.element_hash() in theirs]
-    return here, places_in(flow.eom.q, following.eom.q[here])
+    def __init__(self, flow: PhaseFlow, following: PhaseFlow, event: Event, instant: VariedState):
+        self._flow, self._following, self._event, self._instant = flow, following, event, instant
+        self._law = ImpactLaw(following.eom, event.restitution)
+        known = {symbol.element_hash() for symbol in ca.vertsplit(flow.eom.q)}
+        coordinates = ca.vertsplit(following.eom.q)
+        #: coordinates that go on, in the mechanism after it, and their places in the one before
+        self._going_on = [k for k, symbol in enumerate(coordinates) if symbol.element_hash() in known]
+        self._places = np.array(places_in(flow.eom.q, following.eom.q[self._going_on]), int)
 
+    def across(self, parameters: dict[Any, np.ndarray]) -> tuple[np.ndarray, dict[Any, np.ndarray]]:
+        """Variations of the state just after it, and of the parameters from there on."""
+        parameters, states = dict(parameters), {}
+        for symbol, value in self._event.new_values:
+            row = self._flow.at(value, self._instant)[1].ravel()
+            if isinstance(symbol, Parameter):
+                parameters[symbol] = row
+            elif isinstance(symbol, StateVariable):
+                states[symbol] = row
+        dp = self._following.dp(parameters)
+        dq, dv = self._carried(dp)
+        dv = self._jumped(dq, dv, dp)
+        old, n = list(self._flow.mechanism.states), self._flow.eom.q.numel()
+        dz = np.zeros((len(self._following.mechanism.states), dq.shape[1]))
+        for k, symbol in enumerate(self._following.mechanism.states):
+            place = next((i for i, other in enumerate(old) if other is symbol), None)
+            dz[k] = states.get(symbol, 0.0 if place is None else self._instant.dx[2 * n + place])
+        return np.vstack([dq, dv, dz]), parameters
 
-def _carried(
-    flow: PhaseFlow,
-    following: PhaseFlow,
-    event: Event,
-    time: float,
-    dt: np.ndarray,
-    dx: np.ndarray,
-    dp: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Variations of the coordinates just after a change, and of the velocities just before it, of bodies that go on."""
-    eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
-    here, places = _shared(flow, following)
-    n_old, n = flow.eom.q.numel(), eom.q.numel()
-    dq, dv = np.zeros((n, dt.size)), np.zeros((n, dt.size))
-    dq[here], dv[here] = dx[places], dx[[n_old + k for k in places]]
-    rows = ca.vertcat(eom.Phi, law.momentary)
-    if not rows.numel():
-        return dq, dv
-    slopes = ca.Function(
-        "rows", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.p)]
-    )
-    by_q, by_t, by_p = (x.full() for x in slopes(time, following.x0[:n], following.p))
-    new = [k for k in range(n) if k not in set(here)]
-    open_ = by_q @ dq + by_t @ dt[None, :] + by_p @ dp
-    if new:
-        dq[new] = least_norm(by_q[:, new], -open_)
-        open_ = open_ + by_q[:, new] @ dq[new]
-    size = 1 + largest(dq) + largest(dt)
-    if largest(open_) > CLOSING_TOLERANCE * size:
-        names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
-        worst = names[int(np.argmax(np.max(np.abs(open_), axis=1)))]
-        raise SimulationError(
-            f"sensitivities: for other values event '{event.name}' at t = {time:.6g} s would not find the position of "
-            f"'{worst}' closed; let a parameter in it take the value of that instant (reset=)",
-            time=time,
+    def _carried(self, dp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Variations of the coordinates just after it, and of the velocities just before it, of bodies that go on."""
+        following, eom, law, dt = self._following, self._following.eom, self._law, self._instant.dt
+        n_old, n = self._flow.eom.q.numel(), eom.q.numel()
+        dq, dv = np.zeros((n, dt.size)), np.zeros((n, dt.size))
+        dq[self._going_on], dv[self._going_on] = (self._instant.dx[k + self._places] for k in (0, n_old))
+        rows = ca.vertcat(eom.Phi, law.momentary)
+        if not rows.numel():
+            return dq, dv
+        slopes = ca.Function(
+            "rows", [eom.t, eom.q, eom.p], [ca.densify(ca.jacobian(rows, x)) for x in (eom.q, eom.t, eom.p)]
         )
-    return dq, dv
+        by_q, by_t, by_p = (x.full() for x in slopes(self._instant.time, following.x0[:n], following.p))
+        new = [k for k in range(n) if k not in set(self._going_on)]
+        open_ = by_q @ dq + by_t @ dt[None, :] + by_p @ dp
+        if new:
+            dq[new] = least_norm(by_q[:, new], -open_)
+            open_ = open_ + by_q[:, new] @ dq[new]
+        size = 1 + largest(dq) + largest(dt)
+        if largest(open_) > CLOSING_TOLERANCE * size:
+            names = [*(eom.row_names[k] for k in eom.position_rows), *law.row_names[eom.lam.numel() :]]
+            worst = names[int(np.argmax(np.max(np.abs(open_), axis=1)))]
+            raise SimulationError(
+                f"sensitivities: for other values event '{self._event.name}' at t = {self._instant.time:.6g} s would "
+                f"not find the position of '{worst}' closed; let a parameter in it take the value of that instant "
+                "(reset=)",
+                time=self._instant.time,
+            )
+        return dq, dv
 
-
-def _jumped(
-    flow: PhaseFlow,
-    following: PhaseFlow,
-    event: Event,
-    time: float,
-    x: np.ndarray,
-    dt: np.ndarray,
-    dq: np.ndarray,
-    dv: np.ndarray,
-    dp: np.ndarray,
-) -> np.ndarray:
-    """Variations of the velocities just after a change: the law of impact, differentiated as an implicit function."""
-    eom, law = following.eom, ImpactLaw(following.eom, event.restitution)
-    here, places = _shared(flow, following)
-    n_old, n = flow.eom.q.numel(), eom.q.numel()
-    v_before = np.zeros(n)
-    v_before[here] = x[[n_old + k for k in places]]
-    q = following.x0[:n]
-    jump = law.solve(following.motion.numeric.mass, time, q, v_before, following.p)
-    kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
-    rows = ca.vertcat(law.momentum, law.velocity[kept])
-    unknowns = ca.vertcat(eom.v, law.impulses[kept])
-    known = [eom.t, eom.q, law.v_before, eom.p]
-    arguments = [*known, eom.v, law.impulses]
-    slopes = ca.Function("impact", arguments, [ca.densify(ca.jacobian(rows, s)) for s in (unknowns, *known)])
-    by_unknowns, by_t, by_q, by_v, by_p = (
-        m.full() for m in slopes(time, q, v_before, following.p, jump.v, jump.impulses)
-    )
-    right = -(by_t @ dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
-    return np.asarray(least_norm(by_unknowns, right)[:n])
+    def _jumped(self, dq: np.ndarray, dv: np.ndarray, dp: np.ndarray) -> np.ndarray:
+        """Variations of the velocities just after it: the law of impact, differentiated as an implicit function."""
+        following, eom, law, time = self._following, self._following.eom, self._law, self._instant.time
+        n_old, n = self._flow.eom.q.numel(), eom.q.numel()
+        v_before = np.zeros(n)
+        v_before[self._going_on] = self._instant.x[n_old + self._places]
+        q = following.x0[:n]
+        jump = law.solve(following.motion.numeric.mass, time, q, v_before, following.p)
+        kept = [k for k in range(law.impulses.numel()) if k not in set(jump.dependent)]
+        rows = ca.vertcat(law.momentum, law.velocity[kept])
+        unknowns = ca.vertcat(eom.v, law.impulses[kept])
+        known = [eom.t, eom.q, law.v_before, eom.p]
+        arguments = [*known, eom.v, law.impulses]
+        slopes = ca.Function("impact", arguments, [ca.densify(ca.jacobian(rows, s)) for s in (unknowns, *known)])
+        by_unknowns, by_t, by_q, by_v, by_p = (
+            m.full() for m in slopes(time, q, v_before, following.p, jump.v, jump.impulses)
+        )
+        right = -(by_t @ self._instant.dt[None, :] + by_q @ dq + by_v @ dv + by_p @ dp)
+        return np.asarray(least_norm(by_unknowns, right)[:n])
 
 
 def start_directions(mechanism: Mechanism, state: State) -> np.ndarray:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from ..arguments.inputs import SampledController
-from ..arguments.values import pairs_of
+from ..arguments.values import pairs_of, pairs_with
 from ..errors import ModelError
 from ..integrators import Integrator
 from ..model.events import Event
@@ -241,12 +241,8 @@ def _through_changes(
         "sensitivities",
         times,
         initial=initial,
-        inputs=[pair for pair in all_inputs if any(pair[0] is other for other in mechanism.inputs)],
-        parameters=[
-            pair
-            for pair in pairs_of(parameters, "parameters=")
-            if any(pair[0] is other for other in mechanism.parameters)
-        ],
+        inputs=pairs_with(mechanism.inputs, all_inputs),
+        parameters=pairs_with(mechanism.parameters, pairs_of(parameters, "parameters=")),
         **chosen,
     )
     p = motion.phases[0].parameters if len(motion.phases) == 1 else motion.parameters

@@ -7,7 +7,6 @@ border of the first one that is left; then its side is changed, and the integrat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -15,12 +14,13 @@ import numpy as np
 from ..equations.impact_law import jump
 from ..equations.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
-from ..integrators.compiled import CompiledIntegrator, IntegrationFailure
+from ..integrators.compiled import IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..simulation.impacts import INSTANT
-from .held_system import HeldSystem
+from .cuts import Cut
+from .held_system import HeldMotion
 
 #: Rate at which a quantity passes its border, relative to its largest one, below which it touches rather than passes.
 GRAZING = 1e-4
@@ -45,67 +45,25 @@ NO_IMPULSE = 1e-9
 SAME_DERIVATIVE = 1e-6
 
 
-@dataclass(frozen=True)
-class Cut:
-    """An instant at which a motion is cut.
-
-    Attributes
-    ----------
-    time : float
-        s.
-    interval : int
-        Output interval in which it lies, the end of it included.
-    at_output : bool
-        True if it is the time of the output that ends the interval, which comes before it.
-    joined : bool
-        True if it is at the instant of the cut before.
-    switches : tuple of int
-        Switches that change their sides, by whose first one its derivative is found; none of a mere stop.
-    border : float
-        Value of the quantity of that one at its border.
-    sides : tuple of float
-        Sides of all switches afterwards.
-    impulse : bool
-        True if velocities jump.
-    """
-
-    time: float
-    interval: int
-    at_output: bool
-    joined: bool
-    switches: tuple[int, ...]
-    border: float
-    sides: tuple[float, ...]
-    impulse: bool = False
-
-
 class BorderPassage:
     """A motion that is followed from cut to cut.
 
     Parameters
     ----------
-    system : HeldSystem
-        Equations with their switches held.
-    compiled : CompiledIntegrator
-        Their integrator.
+    held : HeldMotion
+        Equations with their switches held, and their integrator.
     grid : numpy.ndarray
         Output times, s.
     x : numpy.ndarray or None
         The start (n_x,); None if all switches are switches in time, and nothing need be integrated.
-    p, levels : numpy.ndarray
-        Values of the parameters and of the inputs that are numbers.
-    channel : numpy.ndarray
-        Values of sampled inputs by output interval (rows, k).
+    values : tuple of numpy.ndarray
+        Values of the parameters, of the inputs that are numbers, and of sampled inputs by output interval (rows, k).
     stops : numpy.ndarray
         Times over which no step may go, s.
     max_step : float, optional
         Longest step, s.
     watch_step : float
         Time between states that are looked at, s.
-    unknowns : numpy.ndarray
-        Estimate of the algebraic unknowns.
-    rate : float
-        Rate at which drift decays.
     in_time : numpy.ndarray
         Sides just after the start of the switches in time; of others it does not matter (switches,).
 
@@ -119,24 +77,19 @@ class BorderPassage:
 
     def __init__(
         self,
-        system: HeldSystem,
-        compiled: CompiledIntegrator,
+        held: HeldMotion,
         grid: np.ndarray,
         x: np.ndarray | None,
+        values: tuple[np.ndarray, np.ndarray, np.ndarray],
         *,
-        p: np.ndarray,
-        levels: np.ndarray,
-        channel: np.ndarray,
         stops: np.ndarray,
         max_step: float | None,
         watch_step: float,
-        unknowns: np.ndarray,
-        rate: float,
         in_time: np.ndarray,
     ):
-        self._system, self._compiled, self._grid = system, compiled, grid
-        self._p, self._levels, self._channel = p, levels, channel
-        self._stops, self._max_step, self._unknowns, self._rate = stops, max_step, unknowns, rate
+        system = self._system = held.system
+        self._held, self._grid, self._stops, self._max_step = held, grid, stops, max_step
+        self._p, self._levels, self._channel = values
         self._follows = x is not None
         self._watched = np.flatnonzero(np.logical_not(system.in_time)) if self._follows else np.zeros(0, int)
         span = float(grid[-1] - grid[0])
@@ -449,11 +402,11 @@ class BorderPassage:
     def _integrated(self, start: float, x: np.ndarray, times: np.ndarray, stops: np.ndarray) -> np.ndarray:
         """States at times after another, under the present sides (k, n_x)."""
         columns = self._columns(times) if self._channel.shape[0] else None
-        p = np.r_[self._p, self.sides, self._levels, self._rate]
+        p = np.r_[self._p, self.sides, self._levels, self._held.decay]
         with interruptible() as interruption:
             try:
-                return self._compiled.advance(
-                    x, self._unknowns, start, times, p, columns, stops=stops, max_step=self._max_step
+                return self._held.compiled.advance(
+                    x, self._held.unknowns, start, times, p, columns, stops=stops, max_step=self._max_step
                 )[0]
             except IntegrationFailure as failure:
                 if interruption.requested:

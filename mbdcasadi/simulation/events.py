@@ -14,17 +14,17 @@ from ..errors import ExpressionError, ModelError, warn
 from ..integrators.dop853.stretch import Watched
 from ..model.events import Event
 from ..model.rates import time_derivative
+from ..numerics.least_squares import largest
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
 from ..results.state import State
 from .outputs import Outputs
+from .path import Way, WayFrom
 
-#: ``times -> states``: a short integration from an output to times after it.
-Way = Callable[[np.ndarray], np.ndarray]
-#: ``(start, state) -> way`` from an output on.
-WayFrom = Callable[[float, np.ndarray], Way]
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9
+#: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
+NO_PRESSURE = 1e-9
 #: Points at which an interval is looked at, inside which an expression may have touched zero between two outputs.
 CLOSER_POINTS = 16
 #: Fraction of the change over neighbouring intervals by which a parabola through outputs must come near to zero.
@@ -135,7 +135,7 @@ class EventWatch:
             The present state.
         """
         offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
-        away = AWAY * (1 + np.max(np.abs(x), initial=0.0))
+        away = AWAY * (1 + largest(x))
         for k, event in enumerate(self.events):
             if event in self.resting:
                 offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1
@@ -212,10 +212,18 @@ class EventWatch:
         """Events whose expressions vanish at a state, within an instant of its motion and within rounding."""
         if not self.events:
             return []
-        size = ZERO_VALUE * (1 + np.max(np.abs(state.q), initial=0.0))
+        size = ZERO_VALUE * (1 + largest(state.q))
         values = np.array([float(state[event.expression]) for event in self.events])
         limits = np.maximum(self.instant * np.abs(self.rates(state)), size)
         return [int(k) for k in np.flatnonzero(np.abs(values) <= limits)]
+
+    def pressed_through(self, state: State) -> list[Event]:
+        """Events at rest at their zeros, through which the accelerations press them."""
+        rests, seconds = self.rests(state), self.accelerations(state)
+        limit = NO_PRESSURE * (1 + largest(state.a))
+        return [
+            self.events[k] for k in self.at_zero(state) if rests[k] and self.events[k].direction * seconds[k] > limit
+        ]
 
     # --- finding --------------------------------------------------------------------------------
     def crossings(
@@ -270,7 +278,7 @@ class EventWatch:
 
     def _wake(self, x: np.ndarray, values: np.ndarray) -> None:
         """Measure resting events from where they rest, and none of their rounding."""
-        size = AWAY * (1 + np.max(np.abs(x), initial=0.0))
+        size = AWAY * (1 + largest(x))
         for index, event in enumerate(self.events):
             if event not in self.resting:
                 continue
@@ -368,7 +376,7 @@ def _crossed(event: Event, before: float, after: float) -> bool:
 
 def at_rest(state: State) -> float:
     """Rate of an expression, relative to the velocities of a state, below which it does not move."""
-    return AT_REST * (1 + float(np.max(np.abs(state.v), initial=0.0)))
+    return AT_REST * (1 + largest(state.v))
 
 
 def _rate(eom: Equations, expression: ca.SX) -> ca.SX | None:

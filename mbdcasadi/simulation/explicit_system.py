@@ -14,7 +14,7 @@ from ..integrators.dop853.code import Written
 from ..integrators.dop853.stretch import ExplicitSystem
 from ..numerics.c_code import SIGNATURE, simplified, tape_of
 from .compiled_elements import RepeatedElements, repeated_elements
-from .singular_passage import has_loops
+from .regularity import has_loops
 from .watched_terms import WatchedTerms
 
 
@@ -93,17 +93,6 @@ def _projection(eom: Equations) -> ca.Function:
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
 
 
-def input_of(eom: Equations, signals: Signals) -> ca.Function:
-    """``(t, q, v, z, p, levels, channel) -> u``; made once for each structure of the inputs."""
-
-    def make() -> tuple[ca.Function, ca.SX]:
-        arguments = [eom.t, eom.q, eom.v, eom.z, eom.p, signals.levels, signals.channel]
-        # the expression is kept beside its function: a hash is unique only while the node lives
-        return ca.Function("input", arguments, [ca.densify(signals.parametrised)]), signals.parametrised
-
-    return eom.mechanism.cache.get_or_create(("explicit input", signals.structure), make)[0]
-
-
 def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None = None) -> ExplicitSystem:
     """Return the system of a run.
 
@@ -129,7 +118,7 @@ def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedT
     if repeated is not None:
         key = ("explicit code with loops", numeric.light_key)
         written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated))
-    return ExplicitSystem(input_of(eom, signals), dynamics_of(numeric), integrals, projection_of(eom), written)
+    return ExplicitSystem(signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), written)
 
 
 def _with_loops(numeric: NumericEquations, repeated: RepeatedElements) -> Written:

@@ -27,8 +27,6 @@ BEYOND_BY_ROUNDING = 1e-5
 ANSWERS = 20
 #: Rounds of impacts at one instant after which the events drive each other without end.
 ROUNDS = 1000
-#: Acceleration through the zero of an event, relative to the accelerations, that counts as none.
-NO_PRESSURE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class Impacts:
                 self._refuse_accumulation(active, state.t)
             v, z, impulses = self._jump(active, state)
             impacts.append(Impact(tuple(active), state, v, z, impulses))
-            state = State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
+            state = _with_velocities(state, v, z)
         names = ", ".join(dict.fromkeys(f"'{e.name}'" for impact in impacts[-10:] for e in impact.events))
         raise SimulationError(
             f"the events {names} reset each other without end at t = {state.t:.9g} s; give them restitution below one, "
@@ -143,13 +141,13 @@ class Impacts:
     # --- at the start of a run ---------------------------------------------------------------
     def passed_by_rounding(self, state: State) -> list[Event]:
         """Events with a reset whose expressions are just beyond zero at a start and move on, as if there."""
-        limit = BEYOND_BY_ROUNDING * (1 + float(np.max(np.abs(state.q), initial=0.0)))
+        limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
         through = self.watch.moves_through(state)
         return [e for k, e in enumerate(self.watch.events) if through[k] and 0 < self._beyond(e, state) <= limit]
 
     def remarks_on_start(self, state: State) -> list[str]:
         """Sentences on events with a reset that are violated at a start, or of which it is not known."""
-        limit = BEYOND_BY_ROUNDING * (1 + float(np.max(np.abs(state.q), initial=0.0)))
+        limit = BEYOND_BY_ROUNDING * (1 + largest(state.q))
         rests, at_zero, found = self.watch.rests(state), self.watch.at_zero(state), []
         for k, event in enumerate(self.watch.events):
             if not event.reset:
@@ -186,30 +184,16 @@ class Impacts:
             return False
         now, way = float(self.watch.rates(state)[k]), float(event.direction or 1)
         wanted = way * max(abs(now), 1.0) if event.direction else now
-
-        def with_velocity(v: np.ndarray, z: np.ndarray) -> State:
-            return State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
-
-        moving = with_velocity(state.v + slope * (wanted - now) / (slope @ slope), state.z)
+        moving = _with_velocities(state, state.v + slope * (wanted - now) / (slope @ slope), state.z)
         try:
-            after = with_velocity(*self._jump([event], moving)[:2])
+            after = _with_velocities(moving, *self._jump([event], moving)[:2])
         except SimulationError:  # no impulse of this reset is possible here
             return False
         return bool(float(self.watch.rates(after)[k]) * wanted < 0)
 
-    def pressed_through(self, state: State) -> Event | None:
-        """An event with a reset at rest at its zero, through which the accelerations press: no reset can hold it."""
-        rests, seconds = self.watch.rests(state), self.watch.accelerations(state)
-        limit = NO_PRESSURE * (1 + float(np.max(np.abs(state.a), initial=0.0)))
-        for k in self.watch.at_zero(state):
-            event = self.watch.events[k]
-            if event.reset and rests[k] and event.direction * seconds[k] > limit:
-                return event
-        return None
-
     def refuse_pressed_through(self, state: State) -> None:
         """Raise for an event that a reset has stopped, or that starts at rest, and that goes on through its zero."""
-        event = self.pressed_through(state)
+        event = next((e for e in self.watch.pressed_through(state) if e.reset), None)
         if event is not None:
             raise SimulationError(
                 f"event '{event.name}' is at its zero and at rest at t = {state.t:.9g} s, and the forces press it "
@@ -277,6 +261,11 @@ class Impacts:
                 given[k] = (event, wanted)
                 z[k] = wanted
         return z
+
+
+def _with_velocities(state: State, v: np.ndarray, z: np.ndarray) -> State:
+    """A state with other velocities and first-order states."""
+    return State(state.mechanism, state.t, state.q, v, state.a, z, state.lam, state.inputs, state.parameters)
 
 
 def _is_state(target: object) -> bool:

@@ -23,23 +23,22 @@ from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
+from .arc import Arc, ends_run, resets_or_ends
 from .events import Crossing, EventWatch
-from .failure_diagnosis import cause_of_failure, singular_event, singular_stop
+from .failure_diagnosis import cause_of_failure, singular_event
 from .impacts import INSTANT, Impacts
 from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
-from .piece_projection import PieceProjection
-from .resolution import Resolution
+from .regularity import has_loops
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage, Regularity, SingularPassage, Trail, has_loops
+from .singular_passage import Passage
 from .singular_start import refuse_singular_start
-from .stepping import NearSingularPose, Stepper
+from .stepping import NearSingularPose
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
-from .uniqueness import Uniqueness
-from .unseen_loads import UnseenLoads, meets_loads
-from .whole_stepping import WholeStepper, refuse_redundant_rows
+from .unseen_loads import meets_loads
+from .whole_stepping import refuse_redundant_rows
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5
@@ -54,48 +53,6 @@ LOOKS = 4
 SWITCHES = 20_000
 
 LEAST_NORM = "the constraints are redundant: multipliers and reactions are those of least norm"
-#: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
-REALLY_SINGULAR = 0.02
-
-
-def _ends(event: Event) -> bool:
-    """Return True for an event at which a run in one mechanism ends."""
-    return event.terminal or event.becomes is not None
-
-
-def _cuts(event: Event) -> bool:
-    """Return True for an event that decides how the run goes on."""
-    return bool(event.reset) or _ends(event)
-
-
-class _Arc:
-    """One mode of a run with all that advances and watches it."""
-
-    def __init__(self, run: Run, mode: Any, state: State):
-        modes, setup = run.modes, run.setup
-        self.mode, self.numeric = mode, modes.numeric(mode)
-        self.resolution = Resolution(self.numeric)
-        self.uniqueness = Uniqueness(self.numeric)
-        self.unseen_loads = UnseenLoads(self.numeric, setup.signals)
-        self.own_events = modes.events(mode)
-        self.watch = EventWatch(self.numeric.eom, (*self.own_events, *run.events), run.instant, run.resting)
-        regularity = Regularity(self.numeric, state.t, state.q)
-        arguments = (self.numeric, setup.signals, modes.levels, run.integrator, self.resolution, run.schedule_length)
-        self.stepper: Stepper
-        if run.integrator.runs_whole:
-            self.stepper = WholeStepper(
-                *arguments,
-                redundant=run.redundant,
-                max_step=run.max_step,
-                watch=self.watch,
-                decides=lambda event: run.decides(event, self.own_events),
-                span=run.span,
-                may_fold=regularity.is_needed,
-            )
-        else:
-            self.stepper = Stepper(*arguments, redundant=run.redundant, max_step=run.max_step)
-        self.passage = SingularPassage(regularity, self.stepper.outputs)
-        self.projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
 
 
 class Run:
@@ -139,16 +96,15 @@ class Run:
             period=None if controller is None else controller.period,
             watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
         )
-        self.schedule_length = span / PIECES
         self.redundant = False
         self.resting: dict[Event, float] = {}
-        self._arcs: dict[Any, _Arc] = {}
+        self._arcs: dict[Any, Arc] = {}
         self._switches = 0
         self._notes = timed.notes
         self._x = np.zeros(0)
-        self._trail, self._extra_stops = Trail(), np.zeros(0)
+        self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
-        #: shortest of the loads and contacts on the path, s, if they are looked for
+        #: shortest of the loads that the steps passed over, s
         self.looks_for_loads, self.shortest_load = False, np.inf
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
@@ -206,7 +162,7 @@ class Run:
             finally:
                 builder.statistics.seconds = clock.perf_counter() - began
                 builder.statistics.notes += self._method_notes() + self._passage_notes()
-                builder.statistics.restarts = sum(arc.stepper.starts for arc in self._arcs.values())
+                builder.statistics.restarts = self.starts
                 if not self._interruption.requested:  # what was stopped inside a step is not used again
                     for arc in self._arcs.values():
                         arc.stepper.release()
@@ -230,12 +186,7 @@ class Run:
         if not np.all(np.isfinite(state.a)):
             _ = state[free.eom.a]  # raises, and names what has no value
         refuse_singular_start(free, state)
-        self.redundant = free.has_redundant_rows(state.t, state.q)
-        if self.redundant:
-            modes.refuse_redundant_rows()
-            if self.integrator.runs_whole:
-                refuse_redundant_rows(self.integrator, free, state)
-        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self._set_out_from(state)
         self._time, self._index = begin, 0
         self._mode, state = modes.decided(state)
         state = self._ask_controller(state)
@@ -248,17 +199,23 @@ class Run:
         """Go on from a state at any time, at which the mechanism has changed."""
         modes = self.modes
         state = modes.at(modes.free, entry.t, entry.q, entry.v, entry.z)
-        self.redundant = modes.numeric(modes.free).has_redundant_rows(state.t, state.q)
-        if self.redundant:
-            modes.refuse_redundant_rows()
-        free = modes.numeric(modes.free)
-        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
+        self._set_out_from(state)
         self._time, self._index = state.t, self._schedule.index_after(state.t + self.instant)
         self._mode, state = modes.decided(state)
         if self._schedule.samples_at(self._index - 1) and self._schedule.times[self._index - 1] >= state.t:
             state = self._ask_controller(state)
         self._enter(state, first=True)
         self._resolve_impacts(state, [])
+
+    def _set_out_from(self, state: State) -> None:
+        """Look at the rows at the first state, in the mode in which nothing is held, and at the resets there."""
+        free = self.modes.numeric(self.modes.free)
+        self.redundant = free.has_redundant_rows(state.t, state.q)
+        if self.redundant:
+            self.modes.refuse_redundant_rows()
+            if self.integrator.runs_whole:
+                refuse_redundant_rows(self.integrator, free, state)
+        self._impacts = Impacts(free, EventWatch(free.eom, self.events, self.instant))
 
     def only_start(self, entry: State) -> Trajectory:
         """Return the motion of no duration at a state at which the mechanism has changed and the run ends."""
@@ -314,8 +271,8 @@ class Run:
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
         arc = self._arc
-        steps, cuts = arc.stepper.steps, any(map(_cuts, arc.watch.events))
-        if not self.integrator.is_multistep or cuts or steps >= STEPS_PER_PIECE:
+        steps, restarts = arc.stepper.steps, any(map(resets_or_ends, arc.watch.events))
+        if not self.integrator.is_multistep or restarts or steps >= STEPS_PER_PIECE:
             return size
         return size * -(-STEPS_PER_PIECE // max(steps, 1))
 
@@ -326,16 +283,13 @@ class Run:
         stops, self._extra_stops = self._extra_stops, np.zeros(0)
         piece = self._schedule.piece(self._time, self._index, last).through(stops)
         piece, path, failure = self._integrated(piece, comes_near=arc.passage.comes_near)
-        passage = self._passage(path)
+        passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is None and isinstance(failure, NearSingularPose):
             piece, path, failure = self._integrated(piece)
-            passage = self._passage(path)
+            passage = arc.passage_from(path, self._schedule.smooth_until)
         if passage is not None:
             return self._advance_across(piece, path, passage)
-        touch = None
-        if failure is None:
-            accelerations, guided = arc.stepper.outputs.accelerations, self.integrator.runs_whole
-            touch = arc.resolution.first_touch(path, accelerations, guides_steps=guided)
+        touch = arc.first_touch(path) if failure is None else None
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
@@ -343,17 +297,21 @@ class Run:
             piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
 
+    def _integrated(
+        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
+    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+        return self._arc.integrated(piece, self._x, self._interruption, comes_near)
+
     def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
         """A piece and its path up to a load that the steps of the integrator passed over, or across it.
 
         A load changes the motion, and so the instants at which it ends: the path across it is looked at again.
         """
-        arc, failure = self._arc, None
-        tolerances = self.integrator.reltol, self.integrator.abstol
+        failure = None
         for _ in range(LOOKS):
-            load = arc.unseen_loads.first(path, arc.stepper.outputs, arc.stepper.way_from, *tolerances)
+            load = self._arc.first_unseen_load(path)
             if self.looks_for_loads:
-                found = arc.unseen_loads.shortest(path, arc.stepper.outputs, *tolerances)
+                found = self._arc.shortest_load(path)
                 self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
             if load is None:
                 break
@@ -366,24 +324,6 @@ class Run:
             if failure is not None:
                 break
         return piece, path, failure
-
-    def _integrated(
-        self, piece: Piece, comes_near: Callable[[Path], bool] | None = None
-    ) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """The path of the integrator over a piece, or up to where it fails or has something to be decided.
-
-        Parameters
-        ----------
-        comes_near : callable, optional
-            ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
-        """
-        try:
-            path = self._arc.stepper.advance(piece, self._x, self._interruption, comes_near)
-        except IntegrationFailure as stopped:
-            times = piece.times[: len(stopped.x)]
-            nothing = np.zeros((times.size, self._arc.resolution.terms.size))
-            return piece, Path(np.r_[piece.start, times], np.vstack([self._x, stopped.x]), nothing), stopped
-        return piece.refined(path.times[1:]) if self.integrator.runs_whole else piece, path, None
 
     def _finish(
         self,
@@ -408,8 +348,8 @@ class Run:
         if apart is not None:
             failure, times = apart, times[: len(x)]
         arc.stepper.note_turning(x)
-        crossings = self._crossings(piece.start, times, x, passage)
-        deciding = [c for c in crossings if self._decides(c.event)]
+        crossings = arc.crossings(Path(np.r_[piece.start, times], np.vstack([self._x, x]), path.integrals), passage)
+        deciding = [c for c in crossings if arc.decides(c.event)]
         count = times.size
         if deciding:
             # an output at the event itself comes before it
@@ -417,14 +357,13 @@ class Run:
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
-            arc.resolution.note(counted, arc.stepper.way_from, self.integrator.reltol, self.integrator.abstol)
+            arc.note(counted)
             if self.looks_for_loads:
-                contact = arc.resolution.shortest_contact(counted, arc.stepper.outputs.accelerations)
-                self.shortest_load = min(self.shortest_load, contact)
+                self.shortest_load = min(self.shortest_load, arc.shortest_contact(counted))
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:
-            if not self._decides(crossing.event):
+            if not arc.decides(crossing.event):
                 self._builder.events.append(self._occurrence(crossing))
         if deciding and passage is not None and not all(c.event.terminal for c in deciding):
             raise singular_event(arc.numeric, deciding[0].event.name, deciding[0].time, deciding[0].x)
@@ -437,44 +376,10 @@ class Run:
         if piece.ends_at_jump:
             self._pass_jump(piece.after)
         else:
-            self._trail.add(times, x)
+            self._arc.trail.add(times, x)
         return False
 
-    def _crossings(self, start: float, times: np.ndarray, x: np.ndarray, passage: Passage | None) -> list[Crossing]:
-        """Events of a piece, up to the instant of the first that decides how the run goes on."""
-        arc = self._arc
-        if not arc.watch.events or not times.size:
-            return []
-        way_from = arc.stepper.way_from if passage is None else lambda _time, _x: passage.states
-        knots, states = np.r_[start, times], np.vstack([self._x, x])
-        return arc.watch.crossings(arc.stepper.outputs, knots, states, way_from, self._decides)
-
     # --- singular poses -------------------------------------------------------------------------------
-    def _passage(self, path: Path) -> Passage | None:
-        """The motion continued across a singular pose, if a path comes near to one and is not regular enough there."""
-        arc = self._arc
-        if path.is_regular:
-            arc.passage.note_regular(path)
-            return None
-        entry = arc.passage.entry(path)
-        if entry is None:
-            return None
-        trail = self._trail.with_path(path, entry)
-
-        def way(times: np.ndarray) -> np.ndarray:
-            time, x = trail.before(float(times[0]))
-            x = arc.stepper.outputs.projected(np.array([time]), x[None, :])[0]
-            return arc.stepper.precise_way_from(time, x)(times)
-
-        try:
-            passage = arc.passage.across(entry, trail.start, way, self._schedule.smooth_until(entry))
-        except IntegrationFailure:
-            passage = None
-        if passage is None and arc.passage.smallest(path) < REALLY_SINGULAR:
-            time, x = trail.before(entry)
-            raise singular_stop(arc.numeric, entry, time, x)
-        return passage
-
     def _advance_across(self, piece: Piece, path: Path, passage: Passage) -> bool:
         """Advance to the far side of a singular pose; whether the run ended."""
         approach = self._schedule.stretch(piece.start, self._index, passage.start)
@@ -497,7 +402,7 @@ class Run:
         ended = self._finish(across, Path(np.r_[across.start, across.times], states, nothing), passage=passage)
         arc.passage.left_behind()
         if self._time == passage.end:
-            self._trail.begin(self._time, self._x)
+            self._arc.trail.begin(self._time, self._x)
         return ended
 
     def _pass_jump(self, after: float) -> None:
@@ -506,15 +411,7 @@ class Run:
         jacobian, nu = self._arc.numeric.velocity(after, q)
         if nu.size:
             self._x = np.r_[q, jump(self._arc.numeric.mass, jacobian, nu, v).v, z]
-        self._trail.begin(self._time, self._x)
-
-    def _decides(self, event: Event) -> bool:
-        return self.decides(event, self._arc.own_events)
-
-    @staticmethod
-    def decides(event: Event, own_events: Sequence[Event]) -> bool:
-        """True if the run ends, or changes its mechanism, at an event."""
-        return _cuts(event) or any(event is own for own in own_events)
+        self._arc.trail.begin(self._time, self._x)
 
     def _keep(self, times: np.ndarray, x: np.ndarray, since: np.ndarray, outputs: Outputs | None = None) -> None:
         """Record outputs, up to the one at which friction leaves the reactions open."""
@@ -535,10 +432,10 @@ class Run:
         """Go on from a state in the present mode."""
         mode = self._mode
         if mode not in self._arcs:
-            self._arcs[mode] = _Arc(self, mode, state)
+            self._arcs[mode] = Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
         self._x, self._time = np.r_[state.q, state.v, state.z], state.t
-        self._trail.begin(self._time, self._x)
+        self._arc.trail.begin(self._time, self._x)
         arc.watch.start_at(state)
         self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))
         if first:
@@ -564,7 +461,7 @@ class Run:
         arc, first = self._arc, crossings[0]
         time = first.time
         self._index = self._schedule.index_after(time + self.instant)
-        terminal = [c for c in crossings if _ends(c.event) and not self._is_own(c.event)]
+        terminal = [c for c in crossings if ends_run(c.event) and not arc.is_own(c.event)]
         if terminal and abs(self._builder.last_time - time) <= self.instant:
             time = max(time, self._builder.last_time)  # at an output, by rounding before it
         for crossing in terminal:
@@ -574,7 +471,7 @@ class Run:
             self._keep(np.array([time]), first.x[None, :], np.array([time]))
         state = arc.stepper.outputs.state(time, first.x)
         located = [c.event for c in crossings if c.event.reset]
-        own = [c.event for c in crossings if self._is_own(c.event)]
+        own = [c.event for c in crossings if arc.is_own(c.event)]
         if own:
             before = self.modes.whole(arc.mode, state)
             self._mode, state = self.modes.decided(state, own, arc.mode)
@@ -595,9 +492,6 @@ class Run:
             if just_after is not None:
                 self._pass_jump(just_after)
         return False
-
-    def _is_own(self, event: Event) -> bool:
-        return any(event is own for own in self._arc.own_events)
 
     def _resolve_impacts(self, state: State, located: Sequence[Event]) -> None:
         """Resets of the events that take place at a state, and the mode that holds afterwards."""
@@ -701,19 +595,22 @@ class Run:
         return list(dict.fromkeys(note for arc in self._arcs.values() for note in arc.stepper.notes))
 
     @property
+    def starts(self) -> int:
+        """Number of starts of the integrator."""
+        return sum(arc.stepper.starts for arc in self._arcs.values())
+
+    @property
     def steps(self) -> int:
         """Steps of the integrator."""
         return sum(arc.stepper.all_steps for arc in self._arcs.values())
 
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
-        reltol, abstol = self.integrator.reltol, self.integrator.abstol
-        found = [s for arc in self._arcs.values() for s in arc.resolution.sentences(reltol, abstol)]
-        return list(dict.fromkeys(found))
+        return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
 
 
 def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
-    """Duration of the shortest load on a motion over which the steps of an integrator may pass, s.
+    """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
 
     Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
     compiled beforehand limit these by it. Where the simulation stops early, what came before counts.

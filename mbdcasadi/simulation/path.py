@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+
+#: ``times -> states``: a short integration from a state to later times (k,), with the states (k, n_x).
+Way = Callable[[np.ndarray], np.ndarray]
+#: ``(start, state) -> way``.
+WayFrom = Callable[[float, np.ndarray], Way]
 
 
 @dataclass(frozen=True)
@@ -53,3 +59,15 @@ def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:
     q = q0 + s * (v0 + s * (second + s * third))
     v = (v0 + s * (2 * second + 3 * s * third)) / h
     return np.hstack([q, v, begin[:, 2 * n :] + s * (end - begin)[:, 2 * n :]])
+
+
+def way_by(start: float, x: np.ndarray, integrated: Way) -> Way:
+    """Return the way from a state, by a function that integrates to times later than its own."""
+
+    def states_at(times: np.ndarray) -> np.ndarray:
+        later, states = times > start, np.tile(x, (times.size, 1))
+        if np.any(later):
+            states[later] = integrated(times[later])
+        return states
+
+    return states_at

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments.inputs import SampledController
-from ..arguments.values import pairs_of, position_in
+from ..arguments.values import pairs_of, pairs_with, position_in
 from ..assembly.consistent_start import carried_by
 from ..assembly.impact import pose_and_jump
 from ..assembly.setup import Setup
@@ -24,7 +24,7 @@ from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
 from .events import EventWatch
-from .impacts import NO_PRESSURE, RESET_TOLERANCE
+from .impacts import RESET_TOLERANCE
 from .loop import Run
 from .modes import Modes
 
@@ -121,7 +121,7 @@ class PhasedRun:
             return SampledController(self._answer_of(given, mechanism), given.period)
         if hasattr(given, "inputs"):
             given = given.inputs
-        return [(k, x) for k, x in pairs_of(given, "inputs=") if any(k is own for own in mechanism.inputs)]
+        return pairs_with(mechanism.inputs, pairs_of(given, "inputs="))
 
     def _answer_of(self, controller: SampledController, mechanism: Mechanism) -> Callable[[float, State], Any]:
         """A controller that sees the whole and answers for the inputs of a mechanism."""
@@ -133,13 +133,12 @@ class PhasedRun:
             pairs = pairs_of(answer, "the controller's answer")
             for key, _ in pairs:
                 position_in(self.whole.inputs, key, "the controller's answer")
-            return [(key, value) for key, value in pairs if any(key is own for own in mechanism.inputs)]
+            return pairs_with(mechanism.inputs, pairs)
 
         return function
 
     def _parameters_of(self, mechanism: Mechanism) -> list[tuple[Any, float]]:
-        pairs = zip(self.whole.parameters, self._p, strict=True)
-        return [(p, float(x)) for p, x in pairs if any(p is own for own in mechanism.parameters)]
+        return pairs_with(mechanism.parameters, zip(self.whole.parameters, self._p.tolist(), strict=True))
 
     def _run_in(self, mechanism: Mechanism) -> Run:
         """The run in a mechanism at the present values of the parameters, made once."""
@@ -209,7 +208,7 @@ class PhasedRun:
             parts[0].method,
             ", ".join(dict.fromkeys(s.formulation for s in parts if s.formulation)),
             sum(s.seconds for s in parts),
-            max(sum(arc.stepper.starts for run in self.runs for arc in run._arcs.values()), 0),
+            sum(run.starts for run in self.runs),
             list(dict.fromkeys(note for s in parts for note in s.notes)) + list(dict.fromkeys(self._notes)),
         )
         return PhasedTrajectory(self._parts, self.whole, self._values, events=self._occurrences, statistics=statistics)
@@ -285,17 +284,12 @@ class PhasedRun:
     def _refuse_pressed_through(self, run: Run, state: State) -> None:
         """Raise for an event that stands at its zero in the new mechanism, and that the forces press through."""
         watched = [event for event in run.events if event.becomes is not None and event.direction]
-        watch = EventWatch(state.equations, watched, run.instant)
-        rests, seconds = watch.rests(state), watch.accelerations(state)
-        limit = NO_PRESSURE * (1 + largest(state.a))
-        for k in watch.at_zero(state):
-            if rests[k] and watched[k].direction * seconds[k] > limit:
-                raise SimulationError(
-                    f"event '{watched[k].name}' is at its zero and at rest at t = {state.t:.9g} s, just after a change "
-                    "of the mechanism, and the forces press it through; let it become a mechanism in which the joint "
-                    "holds",
-                    time=state.t,
-                )
+        for event in EventWatch(state.equations, watched, run.instant).pressed_through(state)[:1]:
+            raise SimulationError(
+                f"event '{event.name}' is at its zero and at rest at t = {state.t:.9g} s, just after a change of the "
+                "mechanism, and the forces press it through; let it become a mechanism in which the joint holds",
+                time=state.t,
+            )
 
     def _set_parameters(self, chain: Sequence[Event], before: State) -> None:
         self._p = self._p.copy()  # states before the change keep the values that they had

@@ -10,7 +10,7 @@ from ..integrators.compiled import IntegrationFailure
 from .outputs import Outputs
 from .path import Path
 from .schedule import Piece
-from .stepping import Stepper
+from .stepper import Stepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.
 APART = 1e-8
@@ -82,9 +82,9 @@ class PieceProjection:
             phi = np.abs(numeric.position(float(time), x[k, : eom.q.numel()])[0])
             if np.max(phi) > APART:
                 rows = [eom.row_names[eom.position_rows[r]] for r in np.argsort(-phi) if phi[r] > APART]
-                message = f"the constraints {', '.join(rows[:6])} cannot be met together any more"
-                last = x[k - 1] if k else start
-                return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+                return _until(
+                    k, times, start, x, f"the constraints {', '.join(rows[:6])} cannot be met together any more"
+                )
         return x, None
 
     def _leap(
@@ -118,8 +118,7 @@ class PieceProjection:
             f"the constraints are not continuous: '{row}' jumps before t = {times[k]:.6g} s, where "
             f"{numeric.eom.coordinate_names[moved]} would have to leap by {(x - integrated)[k, moved]:.3g}"
         )
-        last = x[k - 1] if k else start
-        return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)
+        return _until(k, times, start, x, message)
 
     def _jumps_within(self, interval: np.ndarray, x: np.ndarray, limit: float) -> bool:
         """True if the correction by projection jumps between two outputs; drift grows little by little instead."""
@@ -129,7 +128,14 @@ class PieceProjection:
             integrated = self._stepper.unprojected(float(interval[0]), x, times)
         except IntegrationFailure:
             return True
-        moved = (self._stepper.outputs.projected(times, integrated) - integrated)[
-            :, :n
-        ] / self._stepper.numeric.column_scale
+        correction = self._stepper.outputs.projected(times, integrated) - integrated
+        moved = correction[:, :n] / self._stepper.numeric.column_scale
         return bool(np.max(np.abs(np.diff(moved, axis=0, prepend=0.0))) > limit)
+
+
+def _until(
+    k: int, times: np.ndarray, start: np.ndarray, x: np.ndarray, message: str
+) -> tuple[np.ndarray, IntegrationFailure]:
+    """States before the one at an index, and the failure there."""
+    last = x[k - 1] if k else start
+    return x[:k], IntegrationFailure(message, x[:k], x[:k, :0], float(times[k - 1]) if k else None, last)

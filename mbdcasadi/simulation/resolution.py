@@ -18,7 +18,7 @@ import numpy as np
 from ..equations.numeric import NumericEquations
 from ..integrators.compiled import IntegrationFailure
 from .gap_closings import Closing, GapClosings
-from .path import Path
+from .path import Path, WayFrom
 from .watched_terms import WatchedTerms
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
@@ -177,13 +177,17 @@ class Resolution:
         first = 2 * len(self._smoothings)
         return np.abs(path.integrals[:, first : first + len(self._owner)])
 
+    def _missed_impacts(self, path: Path) -> np.ndarray:
+        """True for intervals that begin with an open gap, and whose steps did not follow the force there (k, n)."""
+        missed, seen = (part[:, self._normal] for part in self._followed(path))
+        return (missed > MISSED * seen) & (seen > 0) & (self._course(path).gaps[:-1] > 0)
+
     def _blows(self, path: Path) -> list[float]:
         """Times shortly before outlines meet in an interval whose steps did not follow the force that arose."""
         lengths = np.diff(path.times)
-        missed, seen = (part[:, self._normal] for part in self._followed(path))
         gaps, rates = self._course(path).gaps, self._course(path).rates
         found = []
-        for row, k in np.argwhere((missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)):
+        for row, k in np.argwhere(self._missed_impacts(path)):
             bend = (rates[row, k] - rates[row - 1, k]) / lengths[row - 1] if row and gaps[row - 1, k] > 0 else 0.0
             ways = np.roots([bend / 2, rates[row, k], gaps[row, k]])
             ahead = [float(w.real) for w in ways if w.imag == 0 and 0 < w.real < lengths[row]]
@@ -206,9 +210,7 @@ class Resolution:
         closing : Closing
             On that path.
         """
-        missed, seen = (part[:, self._normal] for part in self._followed(path))
-        gaps = self._course(path).gaps
-        suspected = (missed > MISSED * seen) & (seen > 0) & (gaps[:-1] > 0)
+        suspected = self._missed_impacts(path)
         rows = np.flatnonzero(np.any(suspected, axis=1))
         # one long step spoils all the intervals that it spans
         for stretch in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []:
@@ -251,7 +253,7 @@ class Resolution:
     def note(
         self,
         path: Path,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> None:
@@ -292,7 +294,7 @@ class Resolution:
         path: Path,
         missed: np.ndarray,
         seen: np.ndarray,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> None:

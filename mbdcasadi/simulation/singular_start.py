@@ -37,32 +37,30 @@ def refuse_singular_start(numeric: NumericEquations, state: State) -> None:
     if numeric.rank(t, q).rank_at(NEARLY_SINGULAR) == eom.lam.numel():
         return
     near = mobility(numeric, t, q)
-    if near.shaky:
-        _refuse_shaky(numeric, state)
-    elif near.singular and not _begins_along_a_motion(numeric, state):
-        rows = ", ".join(describe_singularity(numeric, t, q).rows)
-        raise SingularityError(
-            f"simulate: at t = {t:.6g} s the pose is singular, a bifurcation: several motions go from it, and at rest "
-            f"the loads do not decide between them; the rows that take part are {rows}; start from a pose near it, "
-            "or with velocities along one of the motions",
-            time=t,
+    if near.shaky and _loads_act_along_blocked_motions(numeric, state):
+        reason = (
+            "shaky: it cannot move, and yet no finite reactions hold the loads along an infinitesimal motion",
+            "move a point of one of these elements, or let it yield (a stiff spring in its place)",
         )
-
-
-def _refuse_shaky(numeric: NumericEquations, state: State) -> None:
-    """Raise if loads act along an infinitesimal motion of a shaky pose."""
-    t, q = state.t, state.q
-    blocked = Joints(numeric, t).blocked(q)
-    work = blocked * numeric.scale.coordinates * np.atleast_1d(state[numeric.eom.Q])
-    if np.all(np.abs(np.sum(work, axis=1)) <= NO_WORK * np.sum(np.abs(work), axis=1)):
+    elif near.singular and not near.shaky and not _begins_along_a_motion(numeric, state):
+        reason = (
+            "singular, a bifurcation: several motions go from it, and at rest the loads do not decide between them",
+            "start from a pose near it, or with velocities along one of the motions",
+        )
+    else:
         return
-    rows = ", ".join(describe_singularity(numeric, t, q, shaky=True).rows)
+    rows = ", ".join(describe_singularity(numeric, t, q, shaky=bool(near.shaky)).rows)
+    pose, remedy = reason
     raise SingularityError(
-        f"simulate: at t = {t:.6g} s the pose is shaky: it cannot move, and yet no finite reactions hold the loads "
-        f"along an infinitesimal motion; the rows that take part are {rows}; move a point of one of these elements, or "
-        "let it yield (a stiff spring in its place)",
-        time=t,
+        f"simulate: at t = {t:.6g} s the pose is {pose}; the rows that take part are {rows}; {remedy}", time=t
     )
+
+
+def _loads_act_along_blocked_motions(numeric: NumericEquations, state: State) -> bool:
+    """True if loads do work along an infinitesimal motion that cannot go on."""
+    blocked = Joints(numeric, state.t).blocked(state.q)
+    work = blocked * numeric.scale.coordinates * np.atleast_1d(state[numeric.eom.Q])
+    return not np.all(np.abs(np.sum(work, axis=1)) <= NO_WORK * np.sum(np.abs(work), axis=1))
 
 
 def _begins_along_a_motion(numeric: NumericEquations, state: State) -> bool:

@@ -1,4 +1,4 @@
-"""The integrators of one set of equations: the forms that are tried in turn, and singular poses on the way."""
+"""The stepper of CasADi's integrators: the forms of the equations that are tried in turn, and singular poses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments.inputs import Signals
 from ..equations.numeric import NumericEquations
 from ..integrators import IDAS, Integrator, RungeKutta
 from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
@@ -16,14 +15,11 @@ from ..numerics.console import Interruption
 from ..numerics.least_squares import largest
 from .compiled_elements import compiled_elements
 from .formulations import Formulation, Regularised, choose_formulation
-from .outputs import Outputs
-from .path import Path
-from .resolution import Resolution
-from .schedule import Piece
+from .path import Path, Way, way_by
+from .schedule import PIECES, Piece
+from .stepper import PRECISE, SteppedSystem, Stepper
 from .watched_terms import WatchedTerms
 
-#: Tolerances of what is integrated to rounding.
-PRECISE = (1e-12, 1e-13)
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0
 #: Relative distance from consistent unknowns at which the search of IDAS for them starts well.
@@ -34,93 +30,46 @@ class NearSingularPose(IntegrationFailure):
     """The usual form of the equations failed near a singular pose, which may be passed otherwise."""
 
 
-class Stepper:
-    """The state of one set of equations, and the integrators that advance it.
+class CompiledStepper(Stepper):
+    """Advances by CasADi's integrators, one form of the equations after the other.
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    signals : Signals
-        Inputs.
-    levels : numpy.ndarray
-        Values of the inputs that are numbers; whoever calls a controller changes them in place.
-    integrator : Integrator
-        Method and tolerances.
-    resolution : Resolution
-        Has some rates integrated along.
-    usual_length : float
-        Length of a usual piece, s.
-    redundant : bool
-        True if rows are dependent.
-    max_step : float, optional
-        Longest step, s.
-
-    Attributes
-    ----------
-    formulation : Formulation
-        Form of the equations that is used now.
-    fastest : float
-        Largest angular velocity that was seen, rad/s.
+    system : SteppedSystem
+        Equations and method.
     """
 
-    def __init__(
-        self,
-        numeric: NumericEquations,
-        signals: Signals,
-        levels: np.ndarray,
-        integrator: Integrator,
-        resolution: Resolution,
-        usual_length: float,
-        *,
-        redundant: bool,
-        max_step: float | None = None,
-    ):
-        self.numeric, self.signals, self.levels, self.integrator = numeric, signals, levels, integrator
-        self._resolution, self._usual_length, self._max_step = resolution, usual_length, max_step
+    def __init__(self, system: SteppedSystem):
+        super().__init__(system)
+        self._terms, self._usual_length = system.resolution.terms, system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
-        self._outputs = {flag: Outputs(numeric, signals, levels, redundant=flag) for flag in (False, True)}
-        self.formulation = choose_formulation(numeric, integrator, redundant=redundant)
-        self.fastest = 0.0
+        #: largest angular velocity that was seen, rad/s
+        self._fastest = 0.0
         self._counts = 0, 0
         self._precise: tuple[Formulation, CompiledIntegrator] | None = None
 
     @property
-    def outputs(self) -> Outputs:
-        """Outputs in the form of the equations that is used now."""
-        return self._outputs[self.formulation.tolerates_redundancy]
-
-    @property
-    def tolerant_outputs(self) -> Outputs:
-        """Outputs also in singular poses: multipliers are those of least norm."""
-        return self._outputs[True]
-
-    @property
     def notes(self) -> list[str]:
-        """Sentences on how it ran."""
-        remark = compiled_elements(self._resolution.terms)[1]
+        remark = compiled_elements(self._terms)[1]
         return [remark] if remark else []
 
     @property
     def starts(self) -> int:
-        """Number of starts of an integrator."""
         return self._counts[0] + sum(compiled.starts for compiled in self._compiled.values())
 
     @property
     def steps(self) -> int:
-        """Steps of the last piece."""
         return self._of(self.formulation).steps
 
     @property
     def all_steps(self) -> int:
-        """Steps of all pieces."""
         return self._counts[1] + sum(compiled.all_steps for compiled in self._compiled.values())
 
     # --- integrating -------------------------------------------------------------------------
     def _of(self, form: Formulation) -> CompiledIntegrator:
         if form not in self._compiled:
-            self._compiled[form] = self._integrator(form, self.integrator, self._resolution.terms)
+            self._compiled[form] = self._integrator(form, self.integrator, self._terms)
         return self._compiled[form]
 
     def _integrator(
@@ -151,7 +100,7 @@ class Stepper:
         return form.dae(self.numeric, self.signals, quadratures=terms.rates)
 
     def release(self) -> None:
-        """Give back the integrators at the end of a run; their counts stay."""
+        # the counts stay
         self._counts = self.starts, self.all_steps
         self._compiled, self._precise = {}, None
         while self._borrowed:
@@ -177,53 +126,43 @@ class Stepper:
         interruption: Interruption,
         comes_near: Callable[[Path], bool] | None = None,
     ) -> Path:
-        """Integrate over a piece from a consistent state.
-
-        If the usual form fails, the regularised one is tried, which passes
-        singular poses; then the usual one with all the steps it may take.
-
-        Parameters
-        ----------
-        comes_near : callable, optional
-            ``path -> bool``: True if a path comes near to a singular pose. The other forms are then not tried.
-
-        Raises
-        ------
-        NearSingularPose, IntegrationFailure
-            With the outputs that were reached.
-        KeyboardInterrupt
-            On Ctrl-C in compiled code.
-        """
-        usual, flag = self.formulation, ""
-        p = self._parameters(piece)
+        usual, p = self.formulation, self._parameters(piece)
         start, times = piece.inside
         u = self.signals.channel_from(piece.begins)
-        attempts = [(usual, FEW_STEPS), (usual, FEW_STEPS), (usual, MAX_STEPS)]
-        if not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
-            attempts.insert(2, (Regularised(), FEW_STEPS))
-        for k, (form, steps) in enumerate(attempts):
-            if k == 1 and flag != "IDA_LINESEARCH_FAIL":
-                continue
-            if k == 2 and comes_near is not None and form != usual:
-                self._stop_near_singular_pose(piece, x, flag, comes_near)
-            if k > 1 and form == usual and flag != "IDA_TOO_MUCH_WORK":
-                break
+
+        def attempt(form: Formulation, steps: int, *, beside: bool = False) -> Path | IntegrationFailure:
             z, compiled = self._unknowns(form, piece.start, x), self._of(form)
-            if k == 1:  # its search for consistent unknowns takes rounding for a failure, and starts well from beside
-                z = perturbed(z)
+            z = perturbed(z) if beside else z
             try:
                 states = compiled.advance(
-                    x, z, start, times, p, u, stops=piece.stops, steps=steps, max_step=self._max_step
+                    x, z, start, times, p, u, stops=piece.stops, steps=steps, max_step=self.max_step
                 )[0]
-                since = compiled.integrals
-                increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
-                return Path(np.r_[piece.start, piece.times], np.vstack([x, states]), increments)
             except IntegrationFailure as failure:
                 if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
                     raise KeyboardInterrupt from None
-                flag = failure.flag if form == usual else flag
+                return failure
+            since = compiled.integrals
+            increments = np.diff(since, axis=0, prepend=np.zeros((1, since.shape[1])))
+            return Path(np.r_[piece.start, piece.times], np.vstack([x, states]), increments)
+
+        outcome = attempt(usual, FEW_STEPS)
+        if isinstance(outcome, IntegrationFailure) and outcome.flag == "IDA_LINESEARCH_FAIL":
+            # the search for consistent unknowns takes rounding for a failure, and starts well from beside
+            outcome = attempt(usual, FEW_STEPS, beside=True)
+        if isinstance(outcome, Path):
+            return outcome
+        if not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
+            if comes_near is not None:
+                self._stop_near_singular_pose(piece, x, outcome.flag, comes_near)
+            across = attempt(Regularised(), FEW_STEPS)  # which passes singular poses
+            if isinstance(across, Path):
+                return across
+        if outcome.flag == "IDA_TOO_MUCH_WORK":
+            outcome = attempt(usual, MAX_STEPS)
+            if isinstance(outcome, Path):
+                return outcome
         z = self._unknowns(usual, piece.start, x)
-        stopped = self._of(usual).rescue(flag, x, z, start, times, p, u, self._max_step)
+        stopped = self._of(usual).rescue(outcome.flag, x, z, start, times, p, u, self.max_step)
         if interruption.requested:
             raise KeyboardInterrupt
         raise stopped
@@ -234,7 +173,7 @@ class Stepper:
         """Raise if the part of a piece that the usual form reaches comes near to a singular pose."""
         start, times = piece.inside
         z, u = self._unknowns(self.formulation, piece.start, x), self.signals.channel_from(piece.begins)
-        reached = self._of(self.formulation).reach(flag, x, z, start, times, self._parameters(piece), u, self._max_step)
+        reached = self._of(self.formulation).reach(flag, x, z, start, times, self._parameters(piece), u, self.max_step)
         count = len(reached.x)
         path = Path(np.r_[piece.start, piece.times[:count]], np.vstack([x, reached.x]), np.zeros((count, 0)))
         if count and comes_near(path):
@@ -244,57 +183,42 @@ class Stepper:
         """Parameters of the integrator: those of the model, levels of inputs, and the rate at which drift decays."""
         rate = 0.0
         if piece is not None:
-            rate = max(DECAY / min(self._usual_length, piece.length), DECAY_PER_RADIAN * self.fastest)
+            rate = max(DECAY / min(self._usual_length, piece.length), DECAY_PER_RADIAN * self._fastest)
         return np.r_[self.numeric.p, self.levels, rate]
 
-    def way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the function from later times (k,) to projected states (k, n_x), by one short integration each."""
+    def way_from(self, start: float, x: np.ndarray) -> Way:
         return self._way(self.formulation, self._of(self.formulation), start, x)
 
     def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """States at times after a consistent state as the integrator finds them (k, n_x).
-
-        Raises
-        ------
-        IntegrationFailure
-            If it does not get there.
-        """
         return self._way(self.formulation, self._of(self.formulation), start, x, project=False)(times)
 
     def _way(
         self, form: Formulation, compiled: CompiledIntegrator, start: float, x: np.ndarray, *, project: bool = True
-    ) -> Callable[[np.ndarray], np.ndarray]:
+    ) -> Way:
         z, p = self._unknowns(form, start, x), self._parameters(None)
         u = self.signals.channel_from(np.array([start]))
 
-        def states_at(times: np.ndarray) -> np.ndarray:
-            later = times > start
-            found = np.tile(x, (times.size, 1))
-            if not np.any(later):
-                return found
-            columns = None if u is None else np.tile(u, (1, int(np.sum(later))))
+        def integrated(times: np.ndarray) -> np.ndarray:
+            columns = None if u is None else np.tile(u, (1, times.size))
             # dense output is less exact than steps: those end at each of the times
-            stops = np.ones(int(np.sum(later)), bool)
+            stops = np.ones(times.size, bool)
             try:
-                reached = compiled.advance(x, z, start, times[later], p, columns, stops=stops)[0]
+                states = compiled.advance(x, z, start, times, p, columns, stops=stops)[0]
             except IntegrationFailure as failure:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
-                reached = compiled.advance(x, perturbed(z), start, times[later], p, columns, stops=stops)[0]
-            found[later] = self.outputs.projected(times[later], reached) if project else reached
-            return found
+                states = compiled.advance(x, perturbed(z), start, times, p, columns, stops=stops)[0]
+            return self.outputs.projected(times, states) if project else states
 
-        return states_at
+        return way_by(start, x, integrated)
 
     # --- singular poses on the way ---------------------------------------------------------------
     def note_turning(self, x: np.ndarray) -> None:
-        """Keep the largest angular velocity that was seen."""
         n = self.numeric.eom.q.numel()
         turning = x[:, n + 2 : n + 3 * len(self.numeric.eom.mechanism.bodies) : 3]
-        self.fastest = max(self.fastest, largest(turning))
+        self._fastest = max(self._fastest, largest(turning))
 
-    def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the function from later times to projected states, integrated to rounding."""
+    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
         if self._precise is None:
             explicit = not self.numeric.eom.Q_depends_on_lam
             method: Integrator = RungeKutta(*PRECISE) if explicit else IDAS(*PRECISE)

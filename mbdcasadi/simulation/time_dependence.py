@@ -65,11 +65,7 @@ def timed_equations(setup: Setup, integrands: ca.SX | None = None) -> ExplicitTi
     if not signals.structure:
         return explicit_time(eom, None, integrands)
     # samples and polynomials change at times that are known; expressions may switch
-    inputs = ca.SX(eom.u)
-    for k, kind in enumerate(signals.structure):
-        if isinstance(kind, tuple) and kind[0] == "expression":
-            inputs[k] = signals.expressions[k]
-    return explicit_time(eom, inputs, integrands)
+    return explicit_time(eom, signals.with_expressions(eom.u), integrands)
 
 
 def dependence_at(timed: ExplicitTime, p: np.ndarray, start: float, end: float) -> TimeDependence:

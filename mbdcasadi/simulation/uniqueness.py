@@ -50,24 +50,23 @@ class Uniqueness:
             lost |= plain * rough <= 0
         return int(np.argmax(lost)) if np.any(lost) else None
 
-    @property
-    def frictions(self) -> str:
-        """The elements whose forces depend on reactions, in words."""
-        eom = self.numeric.eom
-        frictions = [
-            e.description
-            for e in eom.mechanism.elements
-            if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in e.virtual_work)
-        ]
-        return ", ".join(frictions)
-
     def sentence(self, time: float) -> str:
-        """The remarks."""
+        """Remark on the time at which uniqueness is lost."""
+        frictions = ", ".join(loaded_by_reactions(self.numeric.eom))
         return (
-            f"at t = {time:.6g} s the reactions are not unique any more: {self.frictions} is so large that the joint "
+            f"at t = {time:.6g} s the reactions are not unique any more: {frictions} is so large that the joint "
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide or thin the pin, or move the load nearer to the joint"
         )
+
+
+def loaded_by_reactions(eom: Equations) -> list[str]:
+    """Return the descriptions of the elements whose forces depend on reactions."""
+    return [
+        element.description
+        for element in eom.mechanism.elements
+        if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in element.virtual_work)
+    ]
 
 
 def _systems(eom: Equations) -> ca.Function:

@@ -9,7 +9,6 @@ accelerations on the path are integrated and compared with the change of the vel
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import casadi as ca
@@ -22,7 +21,7 @@ from ..equations.switch_functions import state_switches
 from ..integrators.compiled import IntegrationFailure
 from ..numerics.evaluation import Evaluator
 from .outputs import Outputs
-from .path import Path, hermite_states
+from .path import Path, WayFrom, hermite_states
 from .watched_terms import has_gap
 
 #: Points of each output interval at which the quantities are evaluated.
@@ -91,7 +90,7 @@ class UnseenLoads:
         self,
         path: Path,
         outputs: Outputs,
-        way_from: Callable[[float, np.ndarray], Callable[[np.ndarray], np.ndarray]],
+        way_from: WayFrom,
         reltol: float,
         abstol: float,
     ) -> UnseenLoad | None:
@@ -381,17 +380,13 @@ class _Quantities:
 
 def _state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
     """Quantities that switch, and others that may pass quickly."""
-    inputs = ca.SX(eom.u)
-    for k, kind in enumerate(signals.structure):
-        if isinstance(kind, tuple) and kind[0] == "expression":
-            inputs[k] = signals.expressions[k]
     elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
     loads = [ca.vec(ca.SX(x)) for e in elements for pair in e.virtual_work for x in pair]
     loads += [ca.vec(ca.SX(rate)) for rate in eom.mechanism.state_rates.values()]
     loads += [eom.Phi, eom.velocity_rows]
     everything = ca.vertcat(ca.SX(0, 1), *loads)
     if eom.u.numel() and ca.depends_on(everything, eom.u):
-        everything = ca.substitute(everything, eom.u, inputs)
+        everything = ca.substitute(everything, eom.u, signals.with_expressions(eom.u))
     unknown = ca.vertcat(eom.a, eom.lam, eom.u)
     state = ca.vertcat(eom.q, eom.v, eom.z)
     return state_switches(everything, state, unknown)

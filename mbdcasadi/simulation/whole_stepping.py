@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -22,10 +21,9 @@ from ..results.state import State
 from .events import EventWatch
 from .explicit_system import explicit_system
 from .outputs import Outputs
-from .path import Path
-from .resolution import Resolution
+from .path import Path, Way, way_by
 from .schedule import WATCH_POINTS, Piece
-from .stepping import PRECISE, Stepper
+from .stepper import PRECISE, SteppedSystem, Stepper
 
 #: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.
 FALL = 0.1
@@ -64,74 +62,51 @@ def refuse_redundant_rows(integrator: Integrator, numeric: NumericEquations, sta
 
 
 class WholeStepper(Stepper):
-    """The state of one set of equations, and the method that advances it.
+    """Advances by a method that runs in code of its own.
 
     Parameters
     ----------
-    numeric, signals, levels, integrator, resolution, usual_length, redundant, max_step
-        As for :class:`Stepper`.
+    system : SteppedSystem
+        Equations and method.
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
         True if the run ends, or goes on otherwise, at an event.
-    span : float
-        Duration of the run, s.
     may_fold : bool
         True if there are singular poses.
     """
 
-    def __init__(
-        self,
-        numeric: NumericEquations,
-        signals: Signals,
-        levels: np.ndarray,
-        integrator: Integrator,
-        resolution: Resolution,
-        usual_length: float,
-        *,
-        redundant: bool,
-        max_step: float | None = None,
-        watch: EventWatch,
-        decides: Callable[[Event], bool],
-        span: float,
-        may_fold: bool,
-    ):
-        super().__init__(
-            numeric, signals, levels, integrator, resolution, usual_length, redundant=redundant, max_step=max_step
-        )
-        limits = [limit for limit in (max_step, integrator.max_step) if limit is not None]
+    def __init__(self, system: SteppedSystem, *, watch: EventWatch, decides: Callable[[Event], bool], may_fold: bool):
+        super().__init__(system)
+        limits = [limit for limit in (self.max_step, self.integrator.max_step) if limit is not None]
         self._longest = min(limits, default=np.inf)
-        self._watch, self._may_fold, self._spacing = watch, may_fold, span / WATCH_POINTS
-        self._rates = resolution.terms.size
-        self._keeps_samples = resolution.has_gaps
+        self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
+        terms = system.resolution.terms
+        self._rates, self._keeps_samples = terms.size, system.resolution.has_gaps
         self._runner = Runner(
-            explicit_system(numeric, signals, resolution.terms),
+            explicit_system(self.numeric, self.signals, terms),
             watch.watched(decides),
-            numeric.eom.mechanism.cache,
-            compiles=integrator.jit,
+            self.numeric.eom.mechanism.cache,
+            compiles=self.integrator.jit,
         )
-        self._own_outputs = WholeOutputs(numeric, signals, levels, self._runner)
+        self.outputs: Outputs = WholeOutputs(self.numeric, self.signals, self.levels, self._runner)
         self._progress = Progress()
         self._end: tuple[float, np.ndarray] | None = None
         self._last_start: float | None = None
-        self._tally = {"starts": 0, "steps": 0, "all": 0}
+        self._starts = self._steps = self._all_steps = 0
         self._is_stiff = False
 
     @property
-    def outputs(self) -> Outputs:
-        return self._own_outputs
-
-    @property
     def starts(self) -> int:
-        return self._tally["starts"]
+        return self._starts
 
     @property
     def steps(self) -> int:
-        return self._tally["steps"]
+        return self._steps
 
     @property
     def all_steps(self) -> int:
-        return self._tally["all"]
+        return self._all_steps
 
     @property
     def notes(self) -> list[str]:
@@ -142,7 +117,6 @@ class WholeStepper(Stepper):
         return [self._runner.said, *(stiff if self._is_stiff else [])]
 
     def release(self) -> None:
-        super().release()
         self._runner.release()
 
     # --- integrating -------------------------------------------------------------------------
@@ -154,7 +128,7 @@ class WholeStepper(Stepper):
             x,
             times,
             piece.stops,
-            self._columns(piece.begins),
+            self.signals.columns_from(piece.begins),
             self.numeric.p,
             self.levels,
             self.numeric.projection_weights,
@@ -172,11 +146,6 @@ class WholeStepper(Stepper):
             stiff_after=0 if self._is_stiff else STIFF_STEPS,
         )
 
-    def _columns(self, begins: np.ndarray) -> np.ndarray:
-        """Values by interval from some times on (k, n_channel)."""
-        found = self.signals.channel_from(begins)
-        return np.zeros((begins.size, 0)) if found is None else found.T
-
     def advance(
         self,
         piece: Piece,
@@ -184,24 +153,15 @@ class WholeStepper(Stepper):
         interruption: Interruption,
         comes_near: Callable[[Path], bool] | None = None,
     ) -> Path:
-        """Integrate over a piece from a consistent state, or up to where something must be decided.
-
-        Raises
-        ------
-        IntegrationFailure
-            If it goes no further from where it starts.
-        SimulationError
-            If the motion is too stiff.
-        """
         goes_on = self._end is not None and self._end[0] == piece.start and np.array_equal(self._end[1], x)
         again = self._last_start == piece.start
         if not goes_on:
             self._progress = Progress(regularity=self._progress.regularity)
-            self._tally["starts"] += 1
+            self._starts += 1
         self._last_start = piece.start
         reached = self._runner.advance(self._stretch(piece, x), self._progress)
-        self._tally["steps"] = reached.steps
-        self._tally["all"] += reached.steps
+        self._steps = reached.steps
+        self._all_steps += reached.steps
         if interruption.requested:
             raise KeyboardInterrupt
         if reached.status == Status.STIFF:
@@ -235,64 +195,51 @@ class WholeStepper(Stepper):
             )
         self._is_stiff = True
 
-    def _way(
-        self, form: Any, compiled: Any, start: float, x: np.ndarray, *, project: bool = True
-    ) -> Callable[[np.ndarray], np.ndarray]:
-        # every step ends on the constraints
-        return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
+    def way_from(self, start: float, x: np.ndarray) -> Way:
+        return self._way(start, x, self.integrator.reltol, self.integrator.abstol)
 
-    def way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        return self._way_with(start, x, self.integrator.reltol, self.integrator.abstol)
+    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
+        return self._way(start, x, *PRECISE)
 
-    def precise_way_from(self, start: float, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        return self._way_with(start, x, *PRECISE)
+    def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
+        return self.way_from(start, x)(times)  # every step ends on the constraints
 
-    def _way_with(
-        self, start: float, x: np.ndarray, reltol: float, abstol: float
-    ) -> Callable[[np.ndarray], np.ndarray]:
-        column = self._columns(np.array([start]))
+    def _way(self, start: float, x: np.ndarray, reltol: float, abstol: float) -> Way:
+        column = self.signals.columns_from(np.array([start]))
         offset, band, side = self._watch.levels(x)
 
-        def states_at(times: np.ndarray) -> np.ndarray:
-            later = times > start
-            found, count = np.tile(x, (times.size, 1)), int(np.sum(later))
-            if not count:
-                return found
+        def integrated(times: np.ndarray) -> np.ndarray:
             state, now = x, start
             rows: list[np.ndarray] = []
-            wanted = times[later]
-            while len(rows) < count:
-                left = wanted[len(rows) :]
-                reached = self._runner.advance(
-                    Stretch(
-                        now,
-                        state,
-                        left,
-                        np.ones(left.size, bool),
-                        np.tile(column, (left.size, 1)),
-                        self.numeric.p,
-                        self.levels,
-                        self.numeric.projection_weights,
-                        reltol,
-                        abstol,
-                        self._longest,
-                        most_steps=WAY_STEPS,
-                        offset=offset,
-                        band=np.full(band.size, np.inf),  # no event counts on this way
-                        side=np.ones(side.size),
-                    ),
-                    Progress(),
+            while len(rows) < times.size:
+                left = times[len(rows) :]
+                stretch = Stretch(
+                    now,
+                    state,
+                    left,
+                    np.ones(left.size, bool),
+                    np.tile(column, (left.size, 1)),
+                    self.numeric.p,
+                    self.levels,
+                    self.numeric.projection_weights,
+                    reltol,
+                    abstol,
+                    self._longest,
+                    most_steps=WAY_STEPS,
+                    offset=offset,
+                    band=np.full(band.size, np.inf),  # no event counts on this way
+                    side=np.ones(side.size),
                 )
+                reached = self._runner.advance(stretch, Progress())
                 if not reached.times.size or reached.status.is_failure or reached.status == Status.PAUSED:
                     raise IntegrationFailure(
                         FLAGS.get(reached.status, ""), np.zeros((0, x.size)), np.zeros((0, 0)), now, state
                     )
                 rows += list(reached.x[reached.index >= 0])
                 now, state = float(reached.times[-1]), reached.x[-1]
-            found[later] = np.array(rows)
-            return found
+            return np.array(rows)
 
-        return states_at
+        return way_by(start, x, integrated)
 
 
 class WholeOutputs(Outputs):
@@ -304,7 +251,6 @@ class WholeOutputs(Outputs):
 
     def block(self, times: np.ndarray, x: np.ndarray, since: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         q, v, z = self.split(x)
-        channel = self.signals.channel_from(times if since is None else since)
-        columns = np.zeros((times.size, 0)) if channel is None else channel.T
+        columns = self.signals.columns_from(times if since is None else since)
         a, lam, u = self._runner.complete(times, x, columns, self.numeric.p, self._levels)
         return times, q, v, a, z, lam, u

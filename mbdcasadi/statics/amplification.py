@@ -63,7 +63,7 @@ def amplification(statics: Statics, x: np.ndarray) -> Amplification | None:
 
 
 def warn_of(pose: Amplification) -> None:
-    """Warn of a pose in which reactions say little."""
+    """Warn of a pose in which reactions have few significant digits."""
     if pose.factor:
         what = (
             f"the pose is nearly singular: reactions of {pose.reaction:.3g} N hold a load {pose.factor:.2g} times "

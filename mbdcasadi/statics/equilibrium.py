@@ -197,7 +197,7 @@ def _value(symbol: Any, eom: Any, p: np.ndarray, start: State) -> float:
 
 
 def _start(setup: Setup, rows: Sequence[Condition], trim: bool) -> State:
-    """Assembled pose to start from; conditions that say nothing of the pose wait for the equilibrium itself."""
+    """Assembled pose to start from; conditions that do not involve the pose are left to the search."""
     later = ("multiplier", "input") if trim else ()
     usable = [c for c in rows if not c.depends_on(*later) and (not trim or c.depends_on("position", "state"))]
     return consistent_start(setup.numeric, usable, setup.time, setup.signals)
@@ -226,7 +226,7 @@ def _check_inequalities(rows: Sequence[Condition], result: State) -> None:
 
 
 def _check_reactions(statics: Statics, x: np.ndarray) -> None:
-    """Refuse reactions without a significant digit, and warn of such as have few."""
+    """Refuse reactions without a significant digit, and warn of those with few."""
     pose = amplification(statics, x)
     if pose is None:
         return

@@ -11,6 +11,7 @@ import numpy as np
 from ..assembly.setup import Setup
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
+from ..model.quantities import whole
 from ..model.symbols import Input, Parameter, as_expression, number
 from ..numerics.console import keyboard_interrupts
 from ..numerics.homotopy import StepControl
@@ -99,15 +100,16 @@ def equilibrium_path(
     if not isinstance(parameter, Input | Parameter):
         raise ModelError(f"equilibrium_path: takes an Input or a Parameter, got {parameter!r}")
     first, last = (number(x, "equilibrium_path", name) for x, name in ((start, "start"), (end, "end")))
-    if first == last or not isinstance(steps, int) or steps < 1:
-        raise ModelError(f"equilibrium_path: start = {first}, end = {last}, steps = {steps!r} leave nothing to follow")
+    count = whole(steps, "equilibrium_path", "steps", 1)
+    if first == last:
+        raise ModelError(f"equilibrium_path: start and end are both {first}, which leaves nothing to follow")
     arguments: dict[str, Any] = {"t": t, "initial": conditions, "inputs": inputs, "parameters": parameters}
     follower: Follower | None = None
     with keyboard_interrupts("equilibrium_path", lambda: None if follower is None else follower.so_far):
         setup = Setup(mechanism, "equilibrium_path", **arguments, fixed={parameter: first})
         origin = equilibrium_of(setup, prefer=prefer)
         statics = Statics(setup.numeric, setup.signals, setup.time, [parameter])
-        follower = Follower(statics, parameter, first, last, steps)
+        follower = Follower(statics, parameter, first, last, count)
         return follower.run(origin)
 
 

@@ -1,4 +1,4 @@
-"""The way to an equilibrium: downhill to a stable one, or by Newton's method to any."""
+"""Search for an equilibrium: downhill to a stable one, or by Newton's method to any."""
 
 from __future__ import annotations
 

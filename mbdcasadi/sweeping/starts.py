@@ -12,9 +12,9 @@ from ..assembly.pose import LARGEST_TURN
 from ..equations.numeric import NumericEquations
 from ..errors import MechanismError, MechanismWarning, SimulationError, warn
 from ..numerics.console import call_each
+from ..numerics.packed import Packed
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.differentiable_start import FOUND
-from .packed import Packed
 
 #: Steps from the start of the first case to those of the others, one try after the other.
 STEPS = (1, 8, 32)

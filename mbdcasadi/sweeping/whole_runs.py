@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -103,8 +104,7 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
     limits = [limit for limit in (found.max_step, setup.integrator.max_step, load_step) if limit is not None]
     schedule = Schedule(grid, stops=np.r_[signals.breaks, found.stops, found.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
-    held = signals.channel_from(piece.begins)
-    columns = np.zeros((piece.times.size, 0)) if held is None else held.T
+    columns = signals.columns_from(piece.begins)
     return Times((piece.times, piece.wanted, piece.stops, columns, np.array([min(limits, default=np.inf)])))
 
 
@@ -163,14 +163,20 @@ class WholeParcel:
         # more parts than threads, since some cases take longer than others
         parts = np.array_split(np.arange(count), max(min(PARTS * self._threads, count), 1))
         runners: list[Runner] = []
+        stopped = threading.Event()
 
         def work(cases: np.ndarray) -> None:
             runner = self._free.borrow("runner", self._runner)
             runners.append(runner)
-            case_values = (part[cases] for part in (starts, parameters, levels))
+            if stopped.is_set():  # while this thread was still waiting for its runner
+                return
             # what all cases share has a stride of zero
-            shared = (part[:1] if part.strides[0] == 0 else part[cases] for part in course)
-            values[cases], reasons = self._run(runner, *case_values, *shared)
+            times, wanted, stops, columns, max_step = (
+                part[:1] if part.strides[0] == 0 else part[cases] for part in course
+            )
+            numbers = starts[cases], parameters[cases], levels[cases]
+            batch = Cases(*numbers, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
+            values[cases], reasons = self._run(runner, batch)
             for k, reason in zip(cases, reasons, strict=True):
                 messages[k] = reason
             runners.remove(runner)
@@ -184,32 +190,20 @@ class WholeParcel:
             try:
                 list(pool.map(work, parts))
             except BaseException:  # Ctrl-C among them: what runs in C is to end
+                stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 for runner in list(runners):
                     runner.halt()
                 raise
         return values, messages
 
-    def _run(
-        self,
-        runner: Runner,
-        starts: np.ndarray,
-        parameters: np.ndarray,
-        levels: np.ndarray,
-        times: np.ndarray,
-        wanted: np.ndarray,
-        stops: np.ndarray,
-        columns: np.ndarray,
-        max_step: np.ndarray,
-    ) -> tuple[np.ndarray, list[str]]:
+    def _run(self, runner: Runner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """Outputs of cases in one thread, and why some have none."""
-        count = len(starts)
+        count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
-        cases = Cases(starts, parameters, levels, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
-        common = self._stretch(starts[0], times[0], stops[0], columns[0], parameters[0], levels[0], np.inf)
-        outcome = runner.run_cases(cases, common, self._outputs, values)
+        outcome = runner.run_cases(cases, self._stretch(cases, 0), self._outputs, values)
         if outcome is None:
-            return self._run_each(runner, starts, parameters, levels, times, wanted, stops, columns, max_step)
+            return self._run_each(runner, cases)
         failed = outcome[0] != Status.DONE
         values[failed] = np.nan
         reasons = [""] * count
@@ -217,15 +211,14 @@ class WholeParcel:
             reasons[k] = f"{REASONS.get(outcome[0][k], STOPPED)} at t = {outcome[1][k]:.6g} s"
         return values.reshape(count, -1), reasons
 
-    def _run_each(
-        self, runner: Runner, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, *course: Any
-    ) -> tuple[np.ndarray, list[str]]:
+    def _run_each(self, runner: Runner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """The same without C: case by case."""
-        values, messages = np.full((len(starts), self.size), np.nan), [""] * len(starts)
+        count = len(cases.starts)
+        values, messages = np.full((count, self.size), np.nan), [""] * count
         motions: dict[int, tuple[np.ndarray, ...]] = {}
-        for k in range(len(starts)):
-            case_course = (part[k if len(part) > 1 else 0] for part in course)
-            motion = self._motion(runner, starts[k], parameters[k], levels[k], *case_course)
+        for k in range(count):
+            wanted = cases.wanted[k if len(cases.wanted) > 1 else 0]
+            motion = self._motion(runner, self._stretch(cases, k), wanted)
             if isinstance(motion, str):
                 messages[k] = motion
             else:
@@ -234,7 +227,7 @@ class WholeParcel:
             return values, messages
         chosen = np.array(list(motions))
         columns = [np.concatenate(parts, axis=-1) for parts in zip(*motions.values(), strict=True)]
-        rows = self._outputs(*columns, np.repeat(parameters[chosen].T, self._count, axis=1)).full().T
+        rows = self._outputs(*columns, np.repeat(cases.p[chosen].T, self._count, axis=1)).full().T
         rows = np.broadcast_to(rows, (chosen.size * self._count, rows.shape[1])).reshape(chosen.size, -1)
         for k, row in zip(chosen, rows, strict=True):
             if np.all(np.isfinite(row)):
@@ -246,53 +239,34 @@ class WholeParcel:
     def _runner(self) -> Runner:
         return Runner(self._system, None, self._cache, compiles=self._compiles)
 
-    def _stretch(
-        self,
-        x: np.ndarray,
-        times: np.ndarray,
-        stops: np.ndarray,
-        columns: np.ndarray,
-        p: np.ndarray,
-        levels: np.ndarray,
-        max_step: float,
-    ) -> Stretch:
-        reltol, abstol = self._tolerances
+    def _stretch(self, cases: Cases, k: int) -> Stretch:
+        """The run of a case."""
+        times, stops, columns, max_step = (
+            part[k if len(part) > 1 else 0] for part in (cases.times, cases.stops, cases.channels, cases.max_step)
+        )
         return Stretch(
             self._start,
-            x,
+            cases.starts[k],
             times,
             stops,
             columns,
-            p,
-            levels,
+            cases.p[k],
+            cases.levels[k],
             self._weights,
-            reltol,
-            abstol,
-            max_step,
+            *self._tolerances,
+            float(max_step),
             most_steps=MOST_STEPS,
         )
 
-    def _motion(
-        self,
-        runner: Runner,
-        x: np.ndarray,
-        p: np.ndarray,
-        levels: np.ndarray,
-        times: np.ndarray,
-        wanted: np.ndarray,
-        stops: np.ndarray,
-        columns: np.ndarray,
-        max_step: np.ndarray,
-    ) -> tuple[np.ndarray, ...] | str:
+    def _motion(self, runner: Runner, case: Stretch, wanted: np.ndarray) -> tuple[np.ndarray, ...] | str:
         """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
-        stretch = self._stretch(x, times, stops, columns, p, levels, float(max_step[0]))
-        reached = runner.advance(stretch, Progress())
+        reached = runner.advance(case, Progress())
         if reached.status != Status.DONE:
             time = float(reached.times[-1]) if reached.times.size else self._start
             return f"{REASONS.get(reached.status, STOPPED)} at t = {time:.6g} s"
         kept = wanted[reached.index]
-        grid, states = np.r_[self._start, reached.times[kept]], np.vstack([x, reached.x[kept]])
-        held = np.vstack([columns[:1], columns[wanted]])  # the first output takes the first interval
-        a, lam, u = runner.complete(grid, states, held, p, levels)
+        grid, states = np.r_[self._start, reached.times[kept]], np.vstack([case.x, reached.x[kept]])
+        held = np.vstack([case.channels[:1], case.channels[wanted]])  # the first output takes the first interval
+        a, lam, u = runner.complete(grid, states, held, case.p, case.levels)
         n = a.shape[1]
         return grid[None, :], states[:, :n].T, states[:, n : 2 * n].T, a.T, states[:, 2 * n :].T, lam.T, u.T

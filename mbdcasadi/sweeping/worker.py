@@ -10,7 +10,7 @@ import numpy as np
 
 from ..integrators.failures import reason_of
 from ..numerics.console import call
-from .packed import Packed
+from ..numerics.packed import Packed
 from .starts import StartPath
 from .whole_runs import WholeParcel
 

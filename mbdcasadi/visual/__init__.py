@@ -1,0 +1,1 @@
+"""Drawings, plots, films, and pages for the browser."""

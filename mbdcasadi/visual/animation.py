@@ -16,7 +16,7 @@ from .page.page import page
 
 
 class Animation:
-    """A motion to be looked at; shows itself in a notebook.
+    """An animation of a motion, which a notebook shows.
 
     Attributes
     ----------

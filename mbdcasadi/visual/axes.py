@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Mean width of a letter of a label, points, the part of the height of axes that it may fill, and the shortest line.
 LETTER, FILLED, SHORTEST = 6.0, 0.9, 12
+#: A space at which no line is broken.
+_JOINT = "\N{NO-BREAK SPACE}"
 
 
 def two_spines(axes: Axes) -> None:
@@ -60,7 +62,12 @@ def _wrapped(axes: Axes, label: str) -> str:
     share = ratios[rows.start : rows.stop].sum() / ratios.sum()
     height = 72 * share * float(axes.figure.get_size_inches()[1])  # type: ignore[union-attr]
     letters = max(int(FILLED * height / LETTER), SHORTEST)
-    return label if len(label) <= letters else "\n".join(wrap(label, letters, break_long_words=False))
+    if len(label) <= letters:
+        return label
+    # the unit stays with the last word of the quantity
+    quantity, comma, unit = label.rpartition(", ")
+    joined = quantity + comma.replace(" ", _JOINT) + unit.replace(" ", _JOINT) if len(unit) < SHORTEST else label
+    return "\n".join(wrap(joined, letters, break_long_words=False)).replace(_JOINT, " ")
 
 
 def legend(axes: Axes, lines: Mapping[str, Any], names: bool = False) -> None:

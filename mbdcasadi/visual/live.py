@@ -1,4 +1,4 @@
-"""A page in which a mechanism is solved by the browser: it moves under what the reader sets and pulls."""
+"""A page in which the browser solves a mechanism that the reader moves with sliders and the pointer."""
 
 from __future__ import annotations
 

@@ -12,8 +12,7 @@ from scipy.optimize import minimize
 
 import mbdcasadi as mbd
 
-QUICK = range(40)
-ALL = [pytest.param(s, marks=() if s in QUICK else pytest.mark.slow) for s in range(200)]
+ALL = [pytest.param(s, marks=() if s < 10 else pytest.mark.slow) for s in range(200)]
 G = 9.81
 #: Distance from the minimum that Newton's method on its conditions finds.
 NEAREST = 1e-8
@@ -199,6 +198,7 @@ def test_the_pose_is_the_nearest_in_the_mass_metric(make, seed):
     np.testing.assert_allclose(state.q, nearest_by_scipy(model, state.q + 0.01), atol=NEAREST)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_the_pose_is_the_nearest_among_those_that_meet_a_condition(seed):
     """A condition takes one degree of freedom; a loop with two more remains to be placed."""
@@ -256,6 +256,7 @@ def test_heavy_bodies_move_less():
 
 
 # --- from far away ----------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [four_bar, slider_crank], ids=["four-bar", "slider-crank"])
 def test_linkages_close_from_estimates_that_are_far_off(make):
     """Each coordinate off by up to 1 m and 1 rad: at least 49 of 50 assemble."""
@@ -435,6 +436,7 @@ def test_an_inequality_on_a_linkage_gives_the_nearest_pose():
     np.testing.assert_allclose(state.q, nearest_by_scipy(loose, state.q + 0.01, [("ineq", 0.5 - tip.y)]), atol=NEAREST)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_several_inequalities_on_a_linkage_give_the_nearest_pose(seed):
     """Those that bind, and only those, are held; as SLSQP has it."""
@@ -782,6 +784,7 @@ def residuals_of_position(state) -> float:
 
 
 # --- whatever the size -------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0, 1e3, 1e6])
 def test_four_bars_of_any_size_close_from_estimates_that_are_off(size):
     """By the triangle of coupler and rocker; conditions and limits are met to the size of the linkage."""

@@ -166,6 +166,7 @@ def test_falling_four_bar():
     close_to_max(motion[f.C.reaction_on(f.coupler).force][1:], r["C_on_coupler"], 1e-5)
 
 
+@pytest.mark.slow
 def test_two_loops():
     """IFToMM A02 with two loops: angle, position, time of one turn, energy."""
     r = reference("two loops")
@@ -262,6 +263,7 @@ def quick_return(theta, law=None):
     return crank, arm, main, slide, mechanism
 
 
+@pytest.mark.slow
 def test_quick_return():
     """Arm and die block in closed form, and the ratio of the strokes."""
     r = reference("quick return")

@@ -175,13 +175,14 @@ A02 = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("loops", "reltol", "tolerance"),
     [
         (1, 1e-10, 1e-5),
         (2, 1e-8, 1e-3),
         (2, 1e-10, 1e-4),
-        pytest.param(40, 1e-8, 1e-3, marks=pytest.mark.slow),
+        (40, 1e-8, 1e-3),
     ],
 )
 def test_n_four_bar(loops, reltol, tolerance):
@@ -224,6 +225,7 @@ def equal_slider_crank():
     return first, second, slider, mechanism
 
 
+@pytest.mark.slow
 def test_singular_slider_crank():
     """Through the upright pose, where crank and slider could also part; the branch stays the regular one."""
     first, second, slider, mechanism = equal_slider_crank()
@@ -238,6 +240,7 @@ def test_singular_slider_crank():
     assert np.abs(energy - energy[0]).max() < 1e-4 * motion.energy.kinetic.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 @pytest.mark.parametrize("count", [51, 501])
 def test_singular_slider_crank_at_default_tolerances(method, count):

@@ -10,7 +10,7 @@ from random_mechanisms import random_arguments, random_case
 import mbdcasadi as mbd
 
 QUICK = range(40)
-ALL = [pytest.param(s, marks=() if s in QUICK else pytest.mark.slow) for s in range(200)]
+ALL = [pytest.param(s, marks=() if s < 10 else pytest.mark.slow) for s in range(200)]
 
 
 def slider_crank():
@@ -94,6 +94,7 @@ def test_velocity_level_rows_are_printed():
     assert r"= \mathbf{0}$$" in both._repr_latex_()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 9])
 def test_any_mechanism_prints(seed):
     """Also states, parameters and drivers."""
@@ -202,6 +203,7 @@ def test_forward_dynamics_solves_the_equations_of_motion(seed):
         assert np.max(np.abs(left), initial=0) <= 1e-11 * size
 
 
+@pytest.mark.slow
 def test_random_mechanisms_are_what_they_say():
     """They close at their pose, with the rank that is claimed, and every kind of element occurs."""
     kinds: set[str] = set()
@@ -236,6 +238,7 @@ def test_equations_and_compiled_expressions_are_made_once():
     assert mbd.equations(engine.replace(forces=[mbd.Gravity()], inputs=[])) is not eom
 
 
+@pytest.mark.slow
 def test_cached_functions_do_not_mix_up_expressions_that_come_and_go():
     """A thousand short-lived expressions each give their own value."""
     body = mbd.Body("body", 1, 1)

@@ -106,6 +106,7 @@ def test_matrices_residual_and_jacobians(tmp_path):
     assert float(load(tmp_path, source, "state_rates")(*state.arguments)) == pytest.approx(-1.2)
 
 
+@pytest.mark.slow
 @needs_gcc
 def test_redundant_rows_give_the_multipliers_of_least_norm(tmp_path):
     f = four_bar(0.9, forces=[mbd.Gravity()])

@@ -1,14 +1,13 @@
 """Functional mock-up units against ``simulate`` of the same mechanism."""
 
 import ctypes
-import resource
 import zipfile
-from contextlib import contextmanager
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from disk import full_disk
 
 import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
@@ -106,6 +105,7 @@ def off(found, known):
 
 
 # --- the same motion as simulate -------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize("kind", ["CoSimulation", "ModelExchange"])
 def test_four_bar_moves_as_in_simulate(paths, linkage, version, kind):
@@ -200,6 +200,7 @@ def test_redundant_rows_and_reactions(tmp_path):
     assert np.all(off(simulated(path, times, outputs), columns(motion, outputs)) < 1e-6)
 
 
+@pytest.mark.slow
 def test_friction_that_depends_on_reactions(tmp_path):
     """Coulomb friction in a pin by its own load, by Newton's method in C; its derivatives are those of the rates."""
     arm = mbd.Body("arm", mass=1, inertia=0.1, pose=(0.5, 0, 0))
@@ -215,6 +216,7 @@ def test_friction_that_depends_on_reactions(tmp_path):
     check_tangent(Unit(path, tmp_path, "ModelExchange").start())
 
 
+@pytest.mark.slow
 def test_switches_in_time(tmp_path):
     """A force that is on for a moment between two communication points is neither lost nor smeared."""
     block = mbd.Body("block", mass=2, inertia=1)
@@ -248,6 +250,7 @@ def test_start_is_assembled_anew(unit, linkage):
     assert "cannot be assembled at t = 0 s" in impossible.said[-1]
 
 
+@pytest.mark.slow
 def test_start_nearest_to_the_estimates(tmp_path):
     """Without conditions the start is that of ``assemble`` for other lengths too."""
     length = mbd.Parameter("length", 1.0)
@@ -265,6 +268,7 @@ def test_start_nearest_to_the_estimates(tmp_path):
     assert np.max(np.abs(found - [float(state[e]) for e in outputs.values()])) < 1e-7
 
 
+@pytest.mark.slow
 def test_parameters_in_conditions(tmp_path):
     """Start values that an importer chooses: of an angle, a speed and a first-order state; limits that hold stay so."""
     first = mbd.Parameter("first", 0.3)
@@ -284,6 +288,7 @@ def test_parameters_in_conditions(tmp_path):
         assert found == pytest.approx([value, 2 * value, value**2, 0.1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_state_as_start(tmp_path):
     """A state that is given is the start; with another length, what is nearest to it."""
     length = mbd.Parameter("length", 1.0)
@@ -299,6 +304,7 @@ def test_a_state_as_start(tmp_path):
     assert speed == pytest.approx(float(state[arm.omega]), rel=0.2)
 
 
+@pytest.mark.slow
 def test_late_start_of_a_driven_mechanism(tmp_path):
     """Without any freedom, from a time at which the crank has turned ten times: motion and effort."""
     machine = mbd.library.slider_crank().mechanism
@@ -312,6 +318,7 @@ def test_late_start_of_a_driven_mechanism(tmp_path):
     assert np.max(np.abs(run.run(times, *outputs) - columns(motion, outputs))) < 1e-8
 
 
+@pytest.mark.slow
 def test_a_hard_contact_between_few_communication_points(tmp_path):
     """Steps of 0.3 s, contacts of a tenth of a millisecond: none is missed, and no energy is lost."""
     ball = mbd.Body("ball", mass=0.2, inertia=1e-4, pose=(0, 0.5, 0))
@@ -521,6 +528,7 @@ def test_description(paths, linkage):
             assert ("sources/buildDescription.xml" in names) == (version == 3)
 
 
+@pytest.mark.slow
 def test_archives_are_reproducible(paths, linkage, tmp_path):
     """The same model gives the same bytes, without any path of the machine."""
     again = mbd.export_fmu(
@@ -563,6 +571,7 @@ def test_sources_alone_are_enough(linkage, tmp_path):
     assert np.all(off(found, columns(motion, linkage.outputs)) < 1e-7)
 
 
+@pytest.mark.slow
 def test_command_line(tmp_path, capsys):
     """A model file becomes a unit with its motion and loads as outputs; what is wrong is one sentence."""
     models = Path(__file__).resolve().parents[2] / "examples" / "models"
@@ -593,6 +602,7 @@ def test_command_line(tmp_path, capsys):
 
 
 # --- wrong calls of the importer -----------------------------------------------------------------------
+@pytest.mark.slow
 def test_wrong_calls_are_refused_in_words(unit):
     """A wrong call of an importer is an error with a message, and nothing breaks."""
     early = unit()
@@ -621,6 +631,7 @@ def test_wrong_calls_are_refused_in_words(unit):
     assert "damping can be changed only at events" in exchange.said[-1]
 
 
+@pytest.mark.slow
 def test_what_leaves_its_range(tmp_path):
     """Data stop the step at the end of their range, with the name; limits of parameters and elements are reported."""
     mass = mbd.Parameter("mass", 1.0)
@@ -703,21 +714,12 @@ def test_exact_friction_is_refused_by_name(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@contextmanager
-def size_limit(size):
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
+@pytest.mark.slow
 def test_nothing_is_half_written(linkage, tmp_path, monkeypatch):
     """A full disk leaves the file that was there before; a compiler that fails, or is missing, is reported."""
     m, path = linkage.mechanism, tmp_path / "x.fmu"
     path.write_bytes(b"old")
-    with size_limit(2000):
+    with full_disk(2000):
         refused("the file cannot be written", m, path, binary=False)
     assert path.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["x.fmu"]
     monkeypatch.setenv("CC", "false")

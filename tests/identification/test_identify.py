@@ -46,6 +46,7 @@ def lever_by_hand(times, k, c, first, rate=0.0):
 IRREGULAR = np.sort(np.r_[0.0, np.random.default_rng(3).uniform(0.01, 2.0, 60)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, 4, None])
 def test_irregular_samples_with_gaps_against_least_squares_of_scipy(segments):
     rod, _, model, (k, c, first) = lever()
@@ -66,6 +67,7 @@ def test_irregular_samples_with_gaps_against_least_squares_of_scipy(segments):
     assert fit.identifiability == ()
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_truth():
     """Over many records of noise the normalised errors have mean 0 and variance 1."""
     rod, _, model, (k, c, first) = lever()
@@ -82,6 +84,7 @@ def test_standard_errors_cover_the_truth():
     assert np.all((np.std(scores, axis=0) > 0.6) & (np.std(scores, axis=0) < 1.5))
 
 
+@pytest.mark.slow
 def test_several_experiments_and_quantities_of_different_noise():
     rod, hinge, model, (k, c, _) = lever()
     push = hinge.reaction_on(rod).force[0]
@@ -120,6 +123,7 @@ def test_weights_and_missing_weight():
     assert fit.values == pytest.approx([7.0, 0.2], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_limits_hold_and_are_told():
     rod, _, model, (_, c, first) = lever()
     times = np.linspace(0, 1, 21)
@@ -134,6 +138,7 @@ def test_limits_hold_and_are_told():
     assert fit[c] == pytest.approx(best.x[0], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_led_segments_settle_at_once_where_a_single_shot_wanders():
     """A rod that balances upright and falls: small changes of the start decide on which side, and when."""
     gain, rate = mbd.Parameter("gain", 1.0), mbd.Parameter("rate", 0.0)
@@ -174,6 +179,7 @@ def test_what_cannot_be_distinguished_is_reported():
     assert fit[inertia] == pytest.approx(0.2, rel=1e-5) and np.isinf(fit.standard_error[spare])
 
 
+@pytest.mark.slow
 def test_closed_loop_with_a_length_to_find():
     """A four-bar whose rocker length is found from the angle of its crank alone."""
     from linkages import four_bar
@@ -207,9 +213,9 @@ def test_bad_data():
     refused("not among data=", times, good, [g], weights={p.rod.x: 1})
     refused("must be finite and not negative", times, good, [g], weights={p.rod.phi: -1})
     refused("'k', which is not in the mechanism", times, good, [mbd.Parameter("k", 1.0)])
-    refused("segments must be an integer from 1 to 2", times, good, [g], segments=9)
+    refused("segments must be a whole number from 1 to 2", times, good, [g], segments=9)
     refused("1 samples cannot determine", times, {p.rod.phi: [np.nan, 1, np.nan]}, [g, g])
-    refused("stand in these", times, good, [g], experiments=[mbd.Experiment(times, good)])
+    refused("are given in these", times, good, [g], experiments=[mbd.Experiment(times, good)])
     with pytest.raises(mbd.ModelError, match="'g' was not among|was not among the unknowns"):
         fit = mbd.identify(model, times, good, [g])
         fit[mbd.Parameter("other", 1.0)]
@@ -266,6 +272,7 @@ def switched_by_hand(times, end, place, size):
     return first + speed * free - 0.15 * free**2 + v * late - 2.3 * late**2 / 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [None, 1])
 def test_a_switching_time_and_a_switching_place(segments):
     """Against a fit of the closed form by SciPy, with the same noise: values and standard errors."""
@@ -280,6 +287,7 @@ def test_a_switching_time_and_a_switching_place(segments):
 
 
 # --- outliers ---------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["huber", "soft_l1"])
 def test_a_robust_loss_against_scipy(loss):
     """Gravity from a fall with outliers: SciPy's fit of the closed form at the same noise and the same scale."""
@@ -300,6 +308,7 @@ def test_a_robust_loss_against_scipy(loss):
     assert squares.standard_error[g] > 5 * fit.standard_error[g] and fit.loss == loss
 
 
+@pytest.mark.slow
 def test_standard_errors_of_a_robust_fit_are_those_of_its_scatter():
     """Two hundred falls with one outlier in ten: deviations in standard errors have a variance of one."""
     g, speed = mbd.Parameter("g", 9.0), mbd.Parameter("speed", 3.0)
@@ -325,6 +334,7 @@ def test_standard_errors_of_a_robust_fit_are_those_of_its_scatter():
     assert fit.values == pytest.approx([9.81, 4.0], abs=4 * errors.max())
 
 
+@pytest.mark.slow
 def test_weights_and_a_robust_loss_need_no_common_factor():
     g = mbd.Parameter("g", 5.0)
     stone = mbd.Body("stone", mass=1, inertia=1)

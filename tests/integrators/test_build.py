@@ -95,6 +95,7 @@ def test_the_compiler_of_the_environment(monkeypatch, given, expected):
     assert found is None if expected is None else found.name in expected
 
 
+@pytest.mark.slow
 def test_two_processes_at_once(folder):
     """Both run the same mechanism in an empty cache, and both get the same motion."""
     script = (

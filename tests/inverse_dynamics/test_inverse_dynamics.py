@@ -209,6 +209,7 @@ def test_one_time_and_between_times():
     np.testing.assert_allclose(once.lam[0], wanted.lam[6], atol=1e-10 * scale)
 
 
+@pytest.mark.slow
 def test_agrees_with_simulation():
     """A simulation under samples of the effort gives the motion back, with the square of the samples' distance."""
     f = motor_four_bar()
@@ -257,6 +258,7 @@ def test_output_driven_torque_at_the_input():
     np.testing.assert_array_equal(same.inputs, run.inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["CubicSpline", "make_interp_spline", "UnivariateSpline", "PPoly", "array", "list"])
 def test_a_motion_given_as_data(form):
     """A pendulum along ``0.4 sin 3t``: ``tau = J phi'' + m g l/2 cos phi``; splines of SciPy and samples."""

@@ -46,6 +46,7 @@ def test_slider_crank_in_closed_form():
     assert run.drift.position < 1e-13 and run.drift.velocity < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points_per_turn", [200, 40, 15])
 def test_many_turns_on_one_branch(points_per_turn):
     """Fifty turns: the slider stays on its side, angles are not wound back."""

@@ -145,6 +145,7 @@ def balance(plate, bars, state, torque):
     return float(np.max(np.abs([*(forces.sum(axis=0) + np.array([0, -9.81])), moment])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_no_reactions_for_a_load_that_a_shaky_pose_cannot_hold(seed):
     angles = np.array([0.2, 2.3, 4.4]) + np.random.default_rng(seed).uniform(-0.4, 0.4, 3)

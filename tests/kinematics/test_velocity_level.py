@@ -155,6 +155,7 @@ def test_driven_sleigh_with_a_redundant_driver():
     np.testing.assert_allclose(run[turn.effort] + run[again.effort], single[turn.effort], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_sleigh_driven_sideways_locks():
     """Turned across the direction in which it is pushed, at φ = π/2: no velocity meets both."""
     body, _blade, mechanism = sleigh(velocity=(1.0, 0, 0))

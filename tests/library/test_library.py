@@ -42,6 +42,7 @@ MODELS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*contact force is negative")
 @pytest.mark.parametrize("name", MODELS)
 def test_each_is_consistent_driven_and_free(name):
@@ -120,6 +121,7 @@ def test_slider_crank_and_four_bar_in_closed_form():
     np.testing.assert_allclose(k[0] * np.cos(psi) - k[1] * np.cos(theta) + k[2], np.cos(theta - psi), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_jansen_leg_over_ten_turns():
     """Eleven bars, driven by a motor for more than ten turns: |Phi| ≤ 1e-12 at every output; a flat step."""
     leg = LIBRARY.jansen()

@@ -251,6 +251,7 @@ def test_shape_moves_along_the_constraints_and_animates():
     assert mode.at(np.pi, 1e-4)[rods[0].phi] == pytest.approx(-np.pi / 2 - 1e-4 * mode.shape[2].real, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_hand_over():
     signal = pytest.importorskip("scipy.signal")
     p = pendulum(angle=-np.pi / 2)

@@ -279,3 +279,19 @@ def test_a_nan_made_of_an_expression_leads_to_the_functions_of_the_package():
     body = mbd.Body("arm", 1, 1)
     with pytest.raises(mbd.ModelError, match=r"force 'f': vector x must be finite, got nan .*use mbd\.sin"):
         mbd.Force("f", body.at(0, 0), (math.sin(body.phi), 0))
+
+
+def test_numpys_own_expressions_are_refused_with_the_remedy():
+    """With ``setNumpyMode(1)`` of CasADi, ``np.sin`` of an expression has a type of its own."""
+    body = mbd.Body("bar", mass=1, inertia=1)
+    mode = ca.GlobalOptions.getNumpyMode()
+    ca.GlobalOptions.setNumpyMode(1)
+    try:
+        sine = np.sin(body.phi)
+        relation = sine <= 0.3
+    finally:
+        ca.GlobalOptions.setNumpyMode(mode)
+    with pytest.raises(mbd.ModelError, match=r"torque 'motor': value is .*sin\(bar\.phi\).*use mbd\.sin"):
+        mbd.Torque("motor", body, sine)
+    with pytest.raises(mbd.ConditionError, match=r"condition 1 is .*use mbd\.sin"):
+        mbd.assemble(mbd.Mechanism(bodies=[body]), [relation])

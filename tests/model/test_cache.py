@@ -76,6 +76,7 @@ def test_threads_derive_one_set_of_equations():
     assert len(set(map(id, found))) == 1
 
 
+@pytest.mark.slow
 def test_threads_evaluate_expressions_of_one_motion():
     """Against the same expressions evaluated one after the other."""
     arm, model = pendulum()
@@ -87,6 +88,7 @@ def test_threads_evaluate_expressions_of_one_motion():
         assert np.allclose(found[k], wanted[k::4], rtol=1e-13, atol=0)
 
 
+@pytest.mark.slow
 def test_a_thousand_expressions_leave_no_more_than_the_most_recent_ones():
     arm, model = pendulum()
     state = mbd.assemble(model)
@@ -102,6 +104,7 @@ def test_the_same_expression_is_compiled_once():
     assert eom.function(expression) is eom.function(ca.SX(expression))
 
 
+@pytest.mark.slow
 def test_expressions_that_are_gone_are_not_taken_for_new_ones():
     """A node's address is used again after the node is gone; the value must be that of the new expression."""
     arm, model = pendulum()

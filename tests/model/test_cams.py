@@ -73,6 +73,7 @@ KINDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_rows_are_those_of_the_catalogue(kind, rng):
     """Phi by the formulas; Phi_q by differences of these formulas; gamma by differences."""
@@ -182,6 +183,7 @@ def test_follower_on_either_side():
     np.testing.assert_allclose(run[contact.normal_force], 30 + MASS * E * 25 * s, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_cam_in_simulation_conserves_energy(method):
     """Contact parameters have no inertia and need no settings; every integrator takes them."""
@@ -205,6 +207,7 @@ def test_lift_off_is_told_and_can_end_the_run():
 
 
 # --- followers that move by a program -----------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["cycloidal", "modified trapezoidal", "3-4-5", "harmonic"])
 @pytest.mark.parametrize("roller,offset", [(None, 0.0), (0.0, 0.0), (0.008, 0.0), (0.008, 0.006)])
 def test_profiles_give_back_the_program(law, roller, offset):
@@ -420,6 +423,7 @@ def test_curvature_by_the_formula_of_polar_curves():
     np.testing.assert_allclose(outline.curvatures(alpha), wanted, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_undercut_profiles_are_refused_with_the_angle():
     """A fast rise on a small base: the flat face needs R > -(s + s'')."""
     steep = mbd.MotionProgram(mbd.rise(0.5, 0.02), mbd.dwell(1.0), mbd.fall(2 * np.pi - 1.5))

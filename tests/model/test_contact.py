@@ -150,6 +150,7 @@ def test_elastic_impact_of_two_discs():
 
 
 # --- friction ---------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_block_tips_or_slides():
     """A block on a slope above friction's angle slides with ``g (sin - μ cos)``; a slim rough one tips over."""
     slope = np.radians(25)
@@ -201,6 +202,7 @@ def test_thrown_wheel_rolls():
     np.testing.assert_allclose(motion[wheel.vx][sliding], 3 - 0.4 * G * motion.t[sliding], atol=2e-2)
 
 
+@pytest.mark.slow
 def test_bristles_at_a_contact():
     """LuGre under a block that is pushed below its static friction: it stays."""
     block = mbd.Body("block", mass=1, inertia=0.01, pose=(0, 0.1 - 2e-4, 0))
@@ -220,6 +222,7 @@ def test_bristles_at_a_contact():
     assert motion[floor.friction_force][-1] == pytest.approx(-0.3 * G, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_energy_never_grows(seed):
     """Random discs and blocks thrown into a corner: energy, elastic one included, falls at every output."""
@@ -321,6 +324,7 @@ def dropped(plate, striker, stiffness, method="idas", outputs=4):
     return motion, body, [str(w.message) for w in said if "too soft" in str(w.message)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plate", "striker"), PAIRS)
 def test_a_law_too_soft_for_the_impact_is_reported(plate, striker):
     """1 kN/m stop 20 J after 0.2 m, which is as deep as the plate is thick: it falls through, or nearly so."""
@@ -332,6 +336,7 @@ def test_a_law_too_soft_for_the_impact_is_reported(plate, striker):
     assert float(re.search(r"at worst ([0-9.]+) m deep", said[0])[1]) > 0.04
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("plate", "striker"), PAIRS)
 def test_an_ordinary_law_is_not_reported(plate, striker):
     """1 MN/m stop it after 6 mm."""
@@ -340,6 +345,7 @@ def test_an_ordinary_law_is_not_reported(plate, striker):
     assert motion[body.y][-1] > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 @pytest.mark.parametrize("outputs", [2, 7, 301])
 def test_the_reported_depth_is_that_of_the_motion(method, outputs):

@@ -194,6 +194,7 @@ def standing(offset, friction=0.6, count=2, law=DAMPED):
     return bodies, contacts, mbd.Mechanism(bodies, forces=[mbd.Gravity(), *contacts])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 1e-9, 1e-4, 0.1, 0.19, -0.15])
 def test_equal_blocks_stand(offset):
     """It sinks in by what the two corners that carry it ask for, and stays."""
@@ -218,6 +219,7 @@ def test_a_block_beyond_the_edge_falls():
     assert motion.energy.total[-1] <= motion.energy.total[0]
 
 
+@pytest.mark.slow
 def test_a_stack_stands():
     """Three equal blocks on a fourth one: each contact carries what is above it."""
     bodies, contacts, mechanism = standing(0.0, count=4)
@@ -227,6 +229,7 @@ def test_a_stack_stands():
     assert max(np.abs(motion[body.x]).max() for body in bodies) < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu, moves", [(0.2, True), (0.5, False)])
 def test_a_block_on_a_wedge(mu, moves):
     """It slides with ``g (sin α - μ cos α)`` above the angle of friction, and stays below it."""
@@ -243,6 +246,7 @@ def test_a_block_on_a_wedge(mu, moves):
     assert np.abs(motion[block.phi] + angle).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_a_plank_on_two_bars_and_a_block_on_it():
     """Bar on bar and block on bar: forces by the lever."""
     posts = [mbd.Segment(mbd.ground.at(x, -0.25, angle=np.pi / 2), 0.5, radius=0.02) for x in (-0.5, 0.5)]
@@ -260,6 +264,7 @@ def test_a_plank_on_two_bars_and_a_block_on_it():
     assert motion[left.normal_force][-1] == pytest.approx((1 * 0.4 + 3 * 0.2) * G, rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_energy_never_grows(seed):
     """Blocks, bars and discs thrown onto each other in a bore, with friction."""

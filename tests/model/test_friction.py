@@ -163,6 +163,7 @@ def test_journal_runs_down():
     assert np.abs(motion[rotor.omega][motion.t > 1.01 * stop]).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_unbalanced_rotor_feels_its_own_swing():
     """The load is the resultant with the inertia in it: against SciPy in one coordinate."""
     mass, inertia, radius, mu, e = 2.0, 0.03, 0.03, 0.2, 0.04
@@ -190,6 +191,7 @@ def test_unbalanced_rotor_feels_its_own_swing():
 
 
 # --- energy ---------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_energy_never_grows(seed):
     """A double pendulum and a slider with random pins, masses and laws: the energy falls at every output."""
@@ -239,6 +241,7 @@ def test_where_bristles_are_passive(share, passive):
         assert lugre_dissipation(speed, pull, mu, 0.5, stribeck, damping).min() >= -1e-15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_energy_never_grows_with_bristles(seed):
     """A double pendulum with brakes of constant load: energy and that of the bent bristles fall together."""

@@ -107,6 +107,7 @@ def test_fixed_gears_turn_by_their_radii_over_many_turns():
     assert run[b.phi][-1] < -300 * 2 * np.pi
 
 
+@pytest.mark.slow
 def test_planetary_train_by_willis():
     """Ring held: the arm turns R_s / (R_s + R_r) as fast; torques by power; planet pin by Newton."""
     train = mbd.library.planetary_gear(sun=RS, planet=RP)
@@ -131,6 +132,7 @@ def test_planetary_train_by_willis():
     np.testing.assert_allclose(run[mbd.norm(pin)], np.hypot(tangential, radial), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_planetary_train_with_free_ring_conserves_energy_and_the_relation():
     """Two degrees of freedom, simulated."""
     train = mbd.library.planetary_gear(sun=RS, planet=RP, planets=3)

@@ -253,6 +253,7 @@ def test_the_ground_takes_the_couple_of_a_distance_along_a_global_axis(kind):
     assert sum(moments) == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_newton_and_euler_hold_for_every_body_of_a_random_mechanism(seed):
     """``m a = F + ΣR`` and ``J' alpha = n + Σ(T + arm x R)`` with the reactions of all joints and drivers."""

@@ -149,6 +149,7 @@ def test_a_rope_that_gets_shorter_in_time():
 
 
 # --- nothing is stepped over, nothing is said in vain ------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 @pytest.mark.parametrize("duration", [2.0, 40.0])
 def test_a_short_pull_is_met(method, duration):

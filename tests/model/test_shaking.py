@@ -120,6 +120,7 @@ def forces_of_every_kind():
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", forces_of_every_kind())
 def test_masses_alone_whatever_the_force(kind):
     """Applied forces have their reaction within the mechanism or on the ground: Newton's law of all bodies."""

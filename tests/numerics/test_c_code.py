@@ -33,6 +33,7 @@ def _own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("MBDCASADI_CACHE", str(tmp_path))
 
 
+@pytest.mark.slow
 @compiled_only
 def test_every_operation():
     """Each operation at ordinary values, at zero, and at both signs."""
@@ -69,6 +70,7 @@ def test_every_operation():
         np.testing.assert_array_equal(in_c(f, *point), f(*point).full().ravel())
 
 
+@pytest.mark.slow
 @compiled_only
 def test_long_functions_in_pieces():
     """Values that are used in later pieces keep their places as long as they are needed."""

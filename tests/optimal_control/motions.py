@@ -54,6 +54,35 @@ def pendulum(length=1.0, mass=1.0, inertia=0.0, limit=np.inf, gravity=9.81):
     return bob, tau, mbd.Mechanism(bodies=[bob], joints=[pin], forces=forces, inputs=[tau])
 
 
+def swing_up(limit, duration):
+    """A pendulum that a motor with a limit, N m, brings up from rest to rest, with the least effort."""
+    bob, tau, mechanism = pendulum(limit=limit)
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration,
+        initial=[bob.phi == 0, bob.omega == 0],
+        final=[bob.phi == np.pi, bob.omega == 0],
+        running_cost=tau**2,
+    )
+    return problem, bob, tau
+
+
+def sprung_block(stiffness, duration):
+    """A block on a spring whose stiffness is a parameter, moved by a metre from rest to rest."""
+    u, k = mbd.Input("u"), mbd.Parameter("k", stiffness)
+    block, mechanism = guided_block(
+        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
+    )
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration,
+        initial=[block.x == 0, block.vx == 0],
+        final=[block.x == 1, block.vx == 0],
+        running_cost=u**2,
+    )
+    return problem, u, k, block
+
+
 def crank_rocker(length=1.0, mass=1.0, limit=20.0):
     """A crank-rocker with a motor at the crank, in units of which the metre and the kilogram are so many."""
     a, b, c, d = (length * x for x in LENGTHS)

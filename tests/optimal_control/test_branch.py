@@ -76,6 +76,7 @@ def test_a_solution_that_jumps_is_refused():
     assert jump.row.split(".")[0] in ("A", "B", "O4") and jump.coordinate.split(".")[0] in ("coupler", "rocker")
 
 
+@pytest.mark.slow
 def test_a_solution_that_jumps_is_solved_again():
     """From a guess that jumps: the solution on the other branch is none, and the kinematic guess finds the motion."""
     f = crank_rocker()

@@ -71,6 +71,7 @@ def cam_motion(intervals=40, duration=0.5, **kind):
     return model, mbd.optimize(problem, intervals=intervals)
 
 
+@pytest.mark.slow
 def test_cam_is_turned_with_least_torque():
     """A flat face and a roller with profiles for the same program: the same optimum; replayed; never lifted off."""
     costs = []

@@ -2,22 +2,9 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
-
-
-def weak_swing_up(limit):
-    """A pendulum that is swung up in 6 s by a motor that cannot hold it up."""
-    bob, tau, mechanism = pendulum(limit=limit)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=6.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
-    return problem, bob, tau
 
 
 def cart_pole(limit, rail):
@@ -45,6 +32,7 @@ def cart_pole(limit, rail):
     return problem, cart, force
 
 
+@pytest.mark.slow
 def test_limits_close_in_on_a_cart():
     """The limits hold, the simulation arrives, and the stages are reported; a fresh solve from there confirms it."""
     problem, cart, force = cart_pole(8.0, 1.0)
@@ -59,9 +47,10 @@ def test_limits_close_in_on_a_cart():
     assert mbd.optimize(problem, guess=solution).cost == pytest.approx(solution.cost, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_detour_swings_a_pendulum_up():
     """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor."""
-    problem, bob, tau = weak_swing_up(2.0)
+    problem, bob, tau = swing_up(2.0, 6.0)
     with pytest.raises(mbd.OptimizationError):
         mbd.optimize(problem, options={"ipopt.max_iter": 60})  # the user's own end of the search
     solution = mbd.optimize(problem)
@@ -71,16 +60,10 @@ def test_a_detour_swings_a_pendulum_up():
     assert solution.verify().final_error < 0.05
 
 
+@pytest.mark.slow
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
-    bob, tau, mechanism = pendulum(limit=0.1)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=0.2,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, *_ = swing_up(0.1, 0.2)
     with pytest.raises(mbd.OptimizationError, match="the problem is infeasible: .* from 2 starts") as caught:
         mbd.optimize(problem, intervals=10)
     conflict = caught.value.conflict
@@ -89,6 +72,7 @@ def test_infeasible_from_several_starts():
     assert str(conflict[0]) in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_conflict_of_known_size():
     """Full force of 8 N for 0.25 s moves 1 kg by 0.25 m: a waypoint at 3 m is missed by 2.75 m."""
     problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
@@ -99,6 +83,7 @@ def test_a_conflict_of_known_size():
     assert violation.violation == pytest.approx(2.75, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_pose_out_of_reach():
     """A rocker that cannot turn round misses its angle by as much as the linkage does."""
     f = crank_rocker()
@@ -111,6 +96,7 @@ def test_a_pose_out_of_reach():
     assert violation.violation == pytest.approx(4.5 - max(angles), abs=1e-2)
 
 
+@pytest.mark.slow
 def test_what_was_not_proven_is_not_said(monkeypatch):
     """If the least violation ends above zero from one start alone, the problem is not called infeasible."""
     from mbdcasadi.optimal_control.guess import closing_limits
@@ -123,6 +109,7 @@ def test_what_was_not_proven_is_not_said(monkeypatch):
     assert not caught.value.conflict
 
 
+@pytest.mark.slow
 def test_ctrl_c_between_the_stages(monkeypatch):
     """A search that is stopped has no solution; its last iterate is kept, and passes limits."""
     from mbdcasadi.optimal_control.nlp.solver import Solver
@@ -140,6 +127,7 @@ def test_ctrl_c_between_the_stages(monkeypatch):
     assert np.max(np.abs(caught.value.partial.trajectory[force])) > 8
 
 
+@pytest.mark.slow
 def test_stages_are_kept_in_files(tmp_path):
     """As the rest of the statistics."""
     problem, *_ = cart_pole(8.0, 1.0)
@@ -148,6 +136,7 @@ def test_stages_are_kept_in_files(tmp_path):
     assert mbd.read_solution(tmp_path / "solution.npz", problem).statistics.stages == solution.statistics.stages
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
 def test_the_least_violation_is_that_of_the_force(control):
     """Rest to rest over 1 m in 1 s takes a peak of 4 N; with 3 N, force, way and speed are missed by least together."""

@@ -52,6 +52,7 @@ def test_what_begins_behind_its_place_has_not_passed_it():
     assert solution.phases[0].trajectory[body.x].max() > 1.29 and not said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lift", "pulls"), [(2 * G, True), (0.5 * G, False)])
 def test_a_foothold_that_pulls(lift, pulls):
     """A block falls onto a foothold, stands there while it is lifted, and leaves it."""
@@ -77,6 +78,7 @@ def test_a_latch_that_stays_may_pull():
     assert not warned(mbd.OptimalControlProblem(phases=phases))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("decided", [True, False])
 def test_a_pose_that_nothing_decides(decided):
     """A rimless wheel without cost: where in its step the motion begins is for a condition to say."""

@@ -7,6 +7,7 @@ from motions import rest_to_rest
 import mbdcasadi as mbd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [mbd.absolute, mbd.positive_part])
 def test_the_work_of_a_motor(part):
     """Full force up to the speed v with v (T - v m / F) = d, and the brake: m v² / 2 each time."""

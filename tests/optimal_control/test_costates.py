@@ -46,6 +46,7 @@ def test_initial_conditions_that_leave_something_free():
     assert solution.costates["initial: block.x == 0"] == pytest.approx(-6 * 3 / 8, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
 def test_limits_of_inputs_in_least_time(transcription, control):
@@ -58,6 +59,7 @@ def test_limits_of_inputs_in_least_time(transcription, control):
     assert all(np.all(solution.costates[k] >= -1e-8) for k in ("u <= 5", "u >= -5"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_boundary_and_waypoint_conditions_of_a_linkage(transcription):
     """Final angle, waypoint and a tied end of a four-bar, by central differences of the cost."""
@@ -87,6 +89,7 @@ def test_boundary_and_waypoint_conditions_of_a_linkage(transcription):
     assert tied == pytest.approx(slope("gain", 0.0, 1e-2), rel=1e-3, abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_a_limit_on_a_bearing_force(transcription):
     """The peak of a reaction, by central differences of the cost."""
@@ -206,6 +209,7 @@ def test_initial_conditions_beside_a_motion_that_is_prescribed():
     assert swing(0.1).costates["initial: second.omega == 0.1"] == pytest.approx(slope, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [1, -1])
 def test_both_sides_of_a_limit_are_told_apart(way):
     """A speed within -1.2 … 1.3 m/s, there and back: the side that is touched has the costate, by differences."""

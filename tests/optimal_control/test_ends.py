@@ -8,6 +8,7 @@ from motions import crank_rocker, half_turn, pendulum
 import mbdcasadi as mbd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_top", ["place", "place and speed", "height"])
 def test_a_pendulum_goes_to_the_top_however_that_is_said(at_top):
     """Both coordinates of a point on a circle say one thing, but on one branch alone."""
@@ -26,6 +27,7 @@ def test_a_pendulum_goes_to_the_top_however_that_is_said(at_top):
     assert solution.verify().final_error < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [5.0, 20.0])
 def test_a_crank_is_kept_at_a_speed_from_a_pose_alone(speed):
     """The speed at the start and the guess follow the path condition."""
@@ -46,6 +48,7 @@ def test_a_moving_start_without_a_goal_coasts():
     assert solution.cost < 1e-12 and solution.statistics.iterations < 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.2, 0.4, 0.9, 1.4, 1.9])
 @pytest.mark.parametrize("length", [0.3, 1.0])
 def test_a_height_that_is_reached_at_the_top_alone(start, length):

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 
@@ -19,16 +19,10 @@ def failed(problem, **settings):
     return caught.value
 
 
+@pytest.mark.slow
 def test_too_weak_a_motor():
     """The status in words, violations sorted, with label, unit, node and time; the last iterate."""
-    bob, tau, mechanism = pendulum(limit=0.1)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=0.2,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, bob, _ = swing_up(0.1, 0.2)
     error = failed(problem, intervals=10)
     assert "infeasible" in str(error) and isinstance(error, mbd.MechanismError)
     found = error.largest_violations
@@ -70,6 +64,7 @@ def test_units_of_the_equations_of_a_loop():
     assert {k: by_label[k] for k in units} == units
 
 
+@pytest.mark.slow
 def test_the_time_of_a_violation():
     """A waypoint out of reach of the limits is named at its own time."""
     problem, _u, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
@@ -78,6 +73,7 @@ def test_the_time_of_a_violation():
     assert any("waypoint 1" in label for label in labels) or all(v.time <= 0.25 for v in error.largest_violations)
 
 
+@pytest.mark.slow
 def test_a_path_that_the_linkage_cannot_follow():
     """The rocker cannot turn round."""
     f = crank_rocker()
@@ -111,6 +107,7 @@ def test_a_slope_that_is_not_finite():
     assert "the slope of sqrt(" in str(error) and "is not finite at t" in str(error)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [mbd.fabs, lambda x: mbd.fmax(x, 0)])
 def test_a_cost_with_a_kink(function):
     """It is named, with the way to state it without, which works."""
@@ -158,18 +155,6 @@ def test_a_tolerance_that_cannot_be_met():
 
 
 # --- Ctrl-C ---------------------------------------------------------------------------------------
-def hard_problem():
-    """A swing-up with many intervals: it takes seconds."""
-    bob, tau, mechanism = pendulum(limit=2.0)
-    return mbd.OptimalControlProblem(
-        mechanism,
-        duration=6.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
-
-
 def interrupt_when(ready):
     """A thread that sends Ctrl-C to this process once `ready` says so."""
 
@@ -201,7 +186,7 @@ def test_ctrl_c_keeps_the_last_iterate(monkeypatch, settings):
     thread = interrupt_when(ready)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(mbd.Interrupted) as caught:
-        mbd.optimize(hard_problem(), intervals=60, **settings)
+        mbd.optimize(swing_up(2.0, 6.0)[0], intervals=60, **settings)
     ready.set()
     thread.join()
     assert isinstance(caught.value, KeyboardInterrupt)
@@ -233,6 +218,7 @@ def test_a_solve_after_ctrl_c_runs(monkeypatch):
     assert mbd.optimize(problem, intervals=6).cost == pytest.approx(13.5, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_progress_shows_iteration_cost_and_violation(capfd):
     """On standard error, only where it is asked for."""
     problem = half_turn(crank_rocker())
@@ -245,6 +231,7 @@ def test_progress_shows_iteration_cost_and_violation(capfd):
     assert silent.out == "" and silent.err == ""
 
 
+@pytest.mark.slow
 def test_the_side_of_a_limit_that_is_missed_is_named():
     """Backwards by four metres in one second at 3 m/s at most: the lower side of the limit is broken."""
     problem, _, block = rest_to_rest(-4.0, 1.0)

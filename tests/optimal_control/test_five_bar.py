@@ -62,6 +62,7 @@ def carry(f, start=(-0.12, 0.42), end=(0.15, 0.5), **changes):
     return mbd.OptimalControlProblem(f.mechanism, **(arguments | changes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 @pytest.mark.parametrize("redundant", [False, True])
 def test_point_to_point_with_the_defaults(redundant, transcription):
@@ -80,6 +81,7 @@ def test_point_to_point_with_the_defaults(redundant, transcription):
     assert solution.verify().final_error < (1e-6 if transcription == "gauss-legendre" else 1e-3)
 
 
+@pytest.mark.slow
 def test_the_order_on_two_degrees_of_freedom():
     """Published for this scheme on a five-bar: error after re-simulation of order 2 d."""
     problem = carry(five_bar())
@@ -89,6 +91,7 @@ def test_the_order_on_two_degrees_of_freedom():
         assert np.log2(errors[0] / errors[1]) >= 2 * degree - 0.3, (degree, errors)
 
 
+@pytest.mark.slow
 def test_an_obstacle_and_a_bearing_limit():
     """Round a post, with the load of a foot bearing below its free peak."""
     f = five_bar()
@@ -106,6 +109,7 @@ def test_an_obstacle_and_a_bearing_limit():
     assert solution.verify().final_error < 1e-3
 
 
+@pytest.mark.slow
 def test_a_point_on_a_line():
     """The tip held on a line, one equality of the path: the other coordinate is optimised."""
     f = five_bar()

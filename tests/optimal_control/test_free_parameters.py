@@ -23,6 +23,7 @@ def test_least_peak_force(control):
     assert solution.trajectory[peak] == pytest.approx(3.0, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_least_peak_bearing_force(transcription):
     """The peak of the reaction is what the parameter says, and lies below that of the least torque."""

@@ -43,6 +43,7 @@ def apart(bob):
     return [bob.x == 1.2, bob.y == -0.9]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "initial",
     [apart, lambda bob: [*apart(bob), bob.phi == np.arctan2(1.2, 0.9)]],
@@ -58,6 +59,7 @@ def test_a_start_decides_the_length(initial):
     assert solution.verify().final_error < 1e-5
 
 
+@pytest.mark.slow
 def test_a_start_bounds_the_length_from_below():
     """A bob that begins 1.2 m beside its pin: the length is optimised, and the same motion backwards costs as much."""
     there, _, length = swing(lambda bob: [bob.x == 1.2], left)
@@ -154,6 +156,7 @@ def test_a_closed_loop_begins_at_a_point():
 CURVE = ((0.0963, 0.2645), (0.0156, 0.2897), (-0.0655, 0.2189), (-0.0870, 0.1382), (0.0014, 0.1615))
 
 
+@pytest.mark.slow
 def test_a_path_through_five_points():
     """Six free dimensions and five free times: the coupler point passes five points in one turn of the crank."""
     names = {"a": (0.1, 0.06, 0.14), "b": (0.28, 0.2, 0.45), "c": (0.24, 0.15, 0.45), "d": (0.3, 0.15, 0.45)}

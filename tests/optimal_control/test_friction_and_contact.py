@@ -104,6 +104,7 @@ def swing(limit):
     return problem, weight
 
 
+@pytest.mark.slow
 def test_continuation_that_cannot_be_finished_tells_how_far_it_came():
     """Values between are tried; the error names the value, and brings the last solution."""
     problem, weight = swing(limit=9.0)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 
@@ -15,6 +15,7 @@ def solved():
     return problem, f, mbd.optimize(problem, intervals=24)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -34,6 +35,7 @@ def test_a_solution_on_another_mesh(solved, settings):
     assert again.cost == pytest.approx(coarse.cost, rel=0.02 if settings.get("control") == "constant" else 2e-3)
 
 
+@pytest.mark.slow
 def test_a_solution_of_another_duration_and_other_waypoints(solved):
     """Stretched to the new time; a waypoint that was not there before."""
     problem, f, before = solved
@@ -79,16 +81,10 @@ def stop_at_once(problem, guess):
     return caught.value.partial
 
 
+@pytest.mark.slow
 def test_several_starts_keep_the_best():
     """All are reported; the one returned has the least cost."""
-    bob, tau, mechanism = pendulum(limit=5.0)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=3.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, *_ = swing_up(5.0, 3.0)
     solution = mbd.optimize(problem, intervals=30, starts=4)
     starts = solution.statistics.starts
     assert len(starts) == 4 and starts[0].guess == "kinematic" and len({s.guess for s in starts}) >= 2
@@ -108,14 +104,7 @@ def test_a_list_of_starts(solved):
 
 def test_starts_that_fail_are_reported():
     """Where one succeeds the others say with what status they ended."""
-    bob, tau, mechanism = pendulum(limit=5.0)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=3.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
+    problem, *_ = swing_up(5.0, 3.0)
     good = mbd.optimize(problem, intervals=24)
     limit = good.statistics.iterations - 3
     solution = mbd.optimize(problem, intervals=24, starts=[None, good], options={"ipopt.max_iter": limit})

@@ -43,6 +43,7 @@ def test_higher_degrees_follow_the_cubic_force_exactly():
     assert mbd.optimize(problem, intervals=4, degree=4).cost == pytest.approx(720 * 9 / 2**5, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_least_time_with_a_limited_rate(transcription):
     """The rate is at its limits for a quarter, a half and a quarter of T = (32 d / J)^(1/3)."""

@@ -2,29 +2,18 @@
 
 import signal
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, guided_block, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.nlp.solver import Solver
 from mbdcasadi.optimal_control.nlp.solver_callback import SolverCallback
 
 PACKAGE = str(Path(mbd.__file__).parent)
-
-
-def swing_up():
-    """A pendulum with a weak motor, which several starts bring up in ways of unlike cost."""
-    bob, tau, mechanism = pendulum(limit=8.0)
-    return mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[bob.phi == 0, bob.omega == 0],
-        final=[bob.phi == np.pi, bob.omega == 0],
-        running_cost=tau**2,
-    )
 
 
 def interrupted_in_solve(monkeypatch, number, call):
@@ -50,11 +39,17 @@ def interrupted_in_solve(monkeypatch, number, call):
     return caught.value
 
 
+@cache
+def costs_of_starts():
+    """Costs of the four starts of a search that nothing interrupts."""
+    return [start.cost for start in mbd.optimize(swing_up(8.0, 2.0)[0], intervals=12, starts=4).statistics.starts]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_the_best_of_the_starts_that_were_solved(monkeypatch, number):
     """Not the one under way, nor the last."""
-    problem = swing_up()
-    costs = [start.cost for start in mbd.optimize(problem, intervals=12, starts=4).statistics.starts]
+    problem, costs = swing_up(8.0, 2.0)[0], costs_of_starts()  # several starts end at unlike costs
     solved = [cost for cost in costs[:number] if np.isfinite(cost)]
     assert solved and len(set(np.round(costs, 6))) > 1
     error = interrupted_in_solve(monkeypatch, number, lambda: mbd.optimize(problem, intervals=12, starts=4))
@@ -63,11 +58,12 @@ def test_the_best_of_the_starts_that_were_solved(monkeypatch, number):
 
 
 def test_without_a_solution_the_last_iterate(monkeypatch):
-    problem = swing_up()
+    problem, *_ = swing_up(8.0, 2.0)
     error = interrupted_in_solve(monkeypatch, 0, lambda: mbd.optimize(problem, intervals=12, starts=4))
     assert error.partial.statistics.status == "User_Requested_Stop" and "last iterate" in str(error)
 
 
+@pytest.mark.slow
 def test_the_finest_mesh_that_was_solved(monkeypatch):
     """In a refinement, whatever the costs on coarser meshes."""
     problem = half_turn(crank_rocker())
@@ -130,10 +126,11 @@ class Instants:
                 sys.setprofile(None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [dict(starts=3), dict(tolerance=1e-7), dict(starts=2, tolerance=1e-7)])
 def test_at_every_instant(monkeypatch, settings):
     """Between the solves, in the guesses, in the local errors: one of the solutions that were found is there."""
-    problem = swing_up()
+    problem, *_ = swing_up(8.0, 2.0)
     call = lambda: mbd.optimize(problem, intervals=12, **settings)  # noqa: E731
     call()
     whole = Instants()

@@ -7,6 +7,7 @@ from motions import pendulum, rest_to_rest
 import mbdcasadi as mbd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 @pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
 def test_a_block_there_and_back(transcription, control):
@@ -62,6 +63,7 @@ def phase_plane(start, end, limit, weight):
     return rise + quad(lambda s: 2 * s / speed(end - s**2), 0, last, epsabs=1e-12)[0], rise, speed(switch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("end", "limit"), [(1.0, 15.0), (2.5, 25.0), (np.pi, 12.0)])
 def test_a_pendulum_in_the_phase_plane(end, limit):
     """Switching time and peak speed by quadrature of the energy."""

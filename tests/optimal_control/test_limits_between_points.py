@@ -38,6 +38,7 @@ def test_control_points_enclose_a_polynomial(points, joined):
         assert np.all(between >= control.min(axis=1, keepdims=True) - 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
 @pytest.mark.parametrize("settings", [{}, {"transcription": "hermite-simpson"}, {"control": "linear"}])
 def test_limits_of_an_input_hold_everywhere(degree, settings):

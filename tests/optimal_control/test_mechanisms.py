@@ -50,6 +50,7 @@ def inverted(inertia, weight, **settings):
     return swing(mechanism, rotor, tau, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("cranks", [2, 3, 4])
 def test_parallel_cranks(cranks, transcription):
@@ -182,21 +183,25 @@ def test_a_flywheel_whose_mass_does_not_count(mass, transcription):
 
 
 # --- first-order states ------------------------------------------------------------------------------
+def electric_rotor(voltage, current, constant):
+    """A rotor driven by a coil of 0.1 H without resistance."""
+    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
+    return rotor, mbd.Mechanism(
+        bodies=[rotor],
+        joints=[mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))],
+        forces=[mbd.Torque("motor", rotor, constant * current)],
+        inputs=[voltage],
+        states={current: voltage / 0.1},
+    )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("control", ["polynomial", "linear"])
 def test_a_motor_with_a_current(transcription, control):
     """Least integral of the current's rate squared: with u = L di/dt and torque K i it is the minimum jerk."""
-    v = mbd.Input("v")
-    current = mbd.StateVariable("i", 0.0)
-    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
-    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))
-    mechanism = mbd.Mechanism(
-        bodies=[rotor],
-        joints=[pin],
-        forces=[mbd.Torque("motor", rotor, 0.2 * current)],
-        inputs=[v],
-        states={current: v / 0.1},
-    )
+    v, current = mbd.Input("v"), mbd.StateVariable("i", 0.0)
+    rotor, mechanism = electric_rotor(v, current, 0.2)
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=2.0,
@@ -216,20 +221,12 @@ def test_a_motor_with_a_current(transcription, control):
     assert solution.verify().final_error < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_limits_of_a_state_hold(transcription):
     """A current at its limit: least time of a rotor with |i| <= 2 and a fast voltage is bang-bang in the current."""
-    v = mbd.Input("v", lower=-1000, upper=1000)
-    current = mbd.StateVariable("i", 0.0, lower=-2.0, upper=2.0)
-    rotor = mbd.Body("rotor", mass=1.0, inertia=0.5)
-    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), rotor.at(0, 0))
-    mechanism = mbd.Mechanism(
-        bodies=[rotor],
-        joints=[pin],
-        forces=[mbd.Torque("motor", rotor, 0.5 * current)],
-        inputs=[v],
-        states={current: v / 0.1},
-    )
+    v, current = mbd.Input("v", lower=-1000, upper=1000), mbd.StateVariable("i", 0.0, lower=-2.0, upper=2.0)
+    rotor, mechanism = electric_rotor(v, current, 0.5)
     problem = mbd.OptimalControlProblem(
         mechanism,
         duration=(0.1, 10),
@@ -244,6 +241,7 @@ def test_limits_of_a_state_hold(transcription):
 
 
 # --- friction from reactions ---------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_friction_from_the_reaction_of_a_guide(transcription):
     """A force pressed obliquely on a guide: N = m g - u sin a, friction mu N with the law smooth in N and v."""

@@ -28,6 +28,7 @@ def two_links(driven, duration, **changes):
     return problem.replace(**changes), upper, lower, elbow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("driven", "best"), [("elbow", 77.61), ("shoulder", 172.0)])
 def test_swing_ups(driven, best):
     """Acrobot and pendubot of 2.5 s, from the automatic guess: cost, a mesh that holds, and the forward dynamics."""
@@ -46,6 +47,7 @@ def test_swing_ups(driven, best):
     np.testing.assert_allclose(motion[lower.acceleration], force + gravity, atol=1e-6 * np.abs(force).max())
 
 
+@pytest.mark.slow
 def test_results_of_both_forms_are_the_same():
     """The same optimum in angles and, from it as a trajectory, in all coordinates; reactions with the same labels."""
     problem, *_, elbow = two_links("shoulder", 2.5)
@@ -58,6 +60,7 @@ def test_results_of_both_forms_are_the_same():
         np.testing.assert_allclose(one, other, atol=0.02 * np.abs(other).max())
 
 
+@pytest.mark.slow
 def test_a_solution_in_angles_is_a_guess_and_is_saved(tmp_path):
     """A solve from a solution keeps its form, and takes no iterations."""
     problem, *_ = two_links("shoulder", 2.5)
@@ -69,6 +72,7 @@ def test_a_solution_in_angles_is_a_guess_and_is_saved(tmp_path):
     np.testing.assert_array_equal(back.trajectory.q, solution.trajectory.q)
 
 
+@pytest.mark.slow
 def test_a_number_of_intervals_is_kept():
     """It warns as before if these are too coarse; without a number the mesh is refined."""
     problem, *_ = two_links("elbow", 2.5)

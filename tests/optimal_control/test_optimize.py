@@ -112,6 +112,7 @@ def test_a_periodic_motion_ties_the_end_to_the_start():
     assert solution.cost < 1e-9
 
 
+@pytest.mark.slow
 def test_closed_loop_stays_closed_and_replays():
     """The four-bar: constraints at mesh points to rounding, IDAS gives the motion back."""
     problem, _tau, _ = four_bar()
@@ -150,6 +151,7 @@ def test_another_start_uses_what_was_compiled():
     assert problem.compiled.programs == built
 
 
+@pytest.mark.slow
 def test_an_infeasible_problem_says_which_demand():
     """Too little force for the way: the error names an equation, a time, and keeps the last iterate."""
     u = mbd.Input("u", lower=-0.1, upper=0.1)

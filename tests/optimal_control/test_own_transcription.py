@@ -89,6 +89,7 @@ def test_anything_else_is_refused(turn, wrong):
         mbd.optimize(turn, transcription=wrong)
 
 
+@pytest.mark.slow
 def test_an_object_has_its_own_degree(turn):
     """Of a class of the package and of the user's own."""
     by_object = mbd.optimize(turn, intervals=12, transcription=mbd.GaussLegendre(degree=2))
@@ -106,6 +107,7 @@ def test_an_object_of_a_scheme_of_the_package_is_saved(turn, tmp_path):
     assert back.cost == solution.cost and back.verify().final_error == pytest.approx(solution.verify().final_error)
 
 
+@pytest.mark.slow
 def test_one_object_serves_several_problems(turn):
     """What it knows of the equations of one problem does not reach the next one."""
     scheme = mbd.HermiteSimpson()

@@ -9,6 +9,7 @@ import mbdcasadi as mbd
 SCHEMES = ["gauss-legendre", "hermite-simpson"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limit", [1 / 5, 1 / 8, 1 / 10])
 def test_bryson_and_denham(limit):
     """x <= l with x' = 1, -1 at the ends: the integral of u² is 4 + 12 (1 - 4 l)², or 8 / (9 l) for l <= 1/6."""
@@ -40,6 +41,7 @@ def test_a_limited_speed(transcription):
     assert not any("-1.25" in a.label for a in solution.active_limits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 @pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
 def test_limits_of_an_input_hold(transcription, control):
@@ -91,6 +93,7 @@ def test_two_sided_limits_on_a_position():
     assert finer.cost == pytest.approx(solution.cost, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", SCHEMES)
 def test_a_bearing_force_is_kept(transcription):
     """The reaction at the rocker's pin below 85 % of its free peak costs torque."""

@@ -30,6 +30,7 @@ def least_time():
     return (2 * peak - hit) * first / torque + hit * first / torque
 
 
+@pytest.mark.slow
 def test_switches_of_a_least_time_are_exact_as_phases():
     """Each arc at its limit is a phase of its own: switch, impact and end to rounding."""
     names = model("gripper", "free = fastest")

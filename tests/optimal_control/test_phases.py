@@ -42,6 +42,7 @@ def test_a_phase_says_what_is_wrong_with_it():
         Phase("swing", None, 1)
 
 
+@pytest.mark.slow
 def test_the_solution_of_a_phase():
     """Its mesh, cut into segments by waypoints, its motion, and its limits."""
     f = crank_rocker()

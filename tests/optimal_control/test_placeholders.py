@@ -70,6 +70,7 @@ def test_accelerations_inputs_and_reactions_at_the_ends():
     assert at_end(guide.reaction_on(block).torque) is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_a_crank_that_turns_for_ever(transcription):
     """Periodic motion of a linkage: all rates return, the crank is one turn on, and a second turn follows the first."""
@@ -99,6 +100,7 @@ def test_a_crank_that_turns_for_ever(transcription):
     )
 
 
+@pytest.mark.slow
 def test_a_crank_that_turns_against_friction():
     """Over a period the motor does the work that the damper takes."""
     f = crank_rocker()

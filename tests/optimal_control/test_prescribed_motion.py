@@ -24,6 +24,7 @@ def torque_error(f, expression, value, problem=None, **settings):
     return error, solution
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "limit"),
     [
@@ -41,6 +42,7 @@ def test_a_crank(settings, limit):
     assert solution.verify().final_error < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "limit"),
     [
@@ -57,6 +59,7 @@ def test_an_output_link(settings, limit):
     assert error <= limit
 
 
+@pytest.mark.slow
 def test_a_point_of_the_coupler():
     """One coordinate of a point on the coupler, far from the actuator."""
     f = crank_rocker()
@@ -66,6 +69,7 @@ def test_a_point_of_the_coupler():
     assert error <= 1e-6
 
 
+@pytest.mark.slow
 def test_a_speed():
     """A speed prescribed, linear in velocities: the crank turns evenly from its angle."""
     f = crank_rocker()

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest
+from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
@@ -27,6 +27,7 @@ def sharp():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_the_tolerance_is_met_with_an_uneven_mesh(sharp, transcription):
     """Short intervals in the bump, long ones elsewhere, the local error below the tolerance everywhere."""
@@ -103,6 +104,7 @@ def test_the_local_error_is_that_of_an_integration(sharp):
     assert solution.mesh_error == pytest.approx(worst, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_defects_by_interval():
     """verify() distinguishes displacements and angles, interval by interval."""
     f = crank_rocker()
@@ -134,17 +136,7 @@ def test_an_unstable_motion_may_be_right_and_not_replay():
 
 def test_simulating_with_other_parameters_and_starts():
     """How robust the open loop is: against the closed form of a block with another spring."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 4.0)
-    block, mechanism = guided_block(
-        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
-    )
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=1.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
+    problem, u, k, block = sprung_block(4.0, 1.0)
     solution = mbd.optimize(problem, intervals=12)
     assert solution.simulate().final[block.x] == pytest.approx(1.0, abs=1e-6)
     # with u = A cos 2t + B sin 2t resonant at k = 4; shifted starts ride along freely
@@ -157,6 +149,7 @@ def test_simulating_with_other_parameters_and_starts():
     assert solution.simulate(method="erk").final[block.x] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_solution_as_input_of_a_simulation():
     """An input may be given by a solution: the same as its own replay."""
     f = crank_rocker()
@@ -165,6 +158,7 @@ def test_a_solution_as_input_of_a_simulation():
     assert np.allclose(motion.q, solution.simulate().q, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_trajectory_evaluates_and_interpolates():
     """Positions between mesh points obey the equations of motion; reactions, energies, efforts are expressions."""
     f = crank_rocker()
@@ -284,6 +278,7 @@ def test_errors_of_first_order_states_count():
     assert solution.mesh_error > 0.01
 
 
+@pytest.mark.slow
 def test_a_mesh_is_refined_for_a_state():
     """Until the meter is right, too."""
     for terminal in (False, True):  # the second cost is the meter itself, linear in the voltage

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 
@@ -10,18 +10,7 @@ import mbdcasadi as mbd
 @pytest.fixture
 def sprung():
     """A block on a spring whose stiffness is a parameter."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
-    block, mechanism = guided_block(
-        1.0, u, parameters=[k], extra=lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]
-    )
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
-    return problem, u, k, block
+    return sprung_block(3.0, 2.0)
 
 
 def least_effort(stiffness, start, end, duration, speed=0.0):
@@ -35,6 +24,7 @@ def least_effort(stiffness, start, end, duration, speed=0.0):
     return float(gap @ np.linalg.solve(gramian, gap))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_other_starts_and_parameters_reuse_what_was_compiled(sprung, transcription):
     """Against the Gramian; the compiled program and solver are the same objects, and building takes no time."""
@@ -69,6 +59,7 @@ def test_a_state_as_the_start(sprung):
     assert problem.compiled.programs == built
 
 
+@pytest.mark.slow
 def test_closing_the_loop_on_a_linkage():
     """Horizon after horizon from the simulated state: no new program after the first two solves."""
     f = crank_rocker()
@@ -156,6 +147,7 @@ def test_options_pass_through():
         mbd.optimize(problem, intervals=10, options={"ipopt.max_iter": 1})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "name"),
     [

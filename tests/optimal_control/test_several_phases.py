@@ -103,6 +103,7 @@ def test_least_time_with_an_impact():
     np.testing.assert_allclose(event.after[grip.impulse_on(load).force], change, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_costs_and_relations_of_phases():
     """Integrals over one phase and over all, durations and values between phases, against the running costs."""
     arm, _load, tau, _hinge, _grip, reaching, carrying, start, end, J1, J2 = gripper(limit=40.0)
@@ -203,6 +204,7 @@ def rimless():
     )
 
 
+@pytest.mark.slow
 def test_a_rimless_wheel_and_its_replay():
     wheel, _pins, problem = rimless()
     solution = mbd.optimize(problem, intervals=20)
@@ -217,6 +219,7 @@ def test_a_rimless_wheel_and_its_replay():
     assert refined.mesh_error < 1e-8 and refined.duration == pytest.approx(0.9600174925931, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_an_impulse_may_be_limited():
     """The momentum of the load after the grip is bounded: the optimum goes to that bound."""
     arm, load, _tau, _hinge, grip, reaching, carrying, start, end, _J1, _J2 = gripper()
@@ -298,6 +301,7 @@ def test_phases_say_what_is_wrong():
         mbd.optimize(good, guess=mbd.simulate(reaching, duration=0.1))
 
 
+@pytest.mark.slow
 def test_a_failure_names_the_phase():
     _arm, _load, _tau, _hinge, _grip, reaching, carrying, start, end, _J1, _J2 = gripper(limit=0.1)
     reach = mbd.Phase("reach", reaching, (0.05, 0.3), initial=start)

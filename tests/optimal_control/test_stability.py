@@ -80,6 +80,7 @@ def simplest_walker(x, beta):
     return mbd.optimize(gait, intervals=40, guess=rough), one
 
 
+@pytest.mark.slow
 def test_the_simplest_walker():
     """As the mass of the feet goes to zero, by extrapolation: start, period and multipliers."""
     x = fsolve(lambda x: return_map(x)[0] - x, [0.2003109, -0.1998325], xtol=1e-13)
@@ -100,6 +101,7 @@ def test_the_simplest_walker():
     np.testing.assert_allclose(limit[2:], [return_map(x)[1], x[0]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_no_return_map():
     arm, _load, _tau, _hinge, _grip, reaching, carrying, start, end, *_ = gripper(limit=40.0)
     phases = [

@@ -17,6 +17,7 @@ def stored(tmp_path):
     return solution, path, problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings", [dict(), dict(degree=5), dict(transcription="hermite-simpson"), dict(control="linear")]
 )
@@ -51,6 +52,7 @@ def test_what_was_saved_comes_back(tmp_path, settings):
     assert again.cost == pytest.approx(solution.cost, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_refined_solutions_keep_their_passes_and_starts(tmp_path):
     """The tables of statistics survive."""
     problem = half_turn(crank_rocker())

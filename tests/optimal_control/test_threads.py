@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from motions import crank_rocker, guided_block, half_turn, rest_to_rest
+from motions import crank_rocker, half_turn, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
 from mbdcasadi.numerics.symbolic import LOCK, numeric_work, symbolic
@@ -36,6 +36,7 @@ def impatient():
     sys.setswitchinterval(before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solved", [False, True])
 def test_eight_threads_find_the_same_optimum(solved):
     """12 d² / T³ in each, whether anything was compiled before or not; the program is made once."""
@@ -49,6 +50,7 @@ def test_eight_threads_find_the_same_optimum(solved):
         assert len(problem.compiled.programs) == 1 and len({id(s.program) for s in solutions}) == 1
 
 
+@pytest.mark.slow
 def test_a_linkage_is_evaluated_and_verified_in_threads():
     """Loops, trajectories, local errors and verification."""
     f = crank_rocker()
@@ -64,19 +66,10 @@ def test_a_linkage_is_evaluated_and_verified_in_threads():
     np.testing.assert_allclose(found, np.tile(measures(), (THREADS, 1)), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_each_thread_has_its_own_start_parameters_and_options():
     """As one after the other, with refinement in some and several starts in others."""
-    u, k = mbd.Input("u"), mbd.Parameter("k", 3.0)
-    spring = lambda b: [mbd.GeneralizedForce("spring", [(b.x, -k * b.x)])]  # noqa: E731
-    block, mechanism = guided_block(1.0, u, parameters=[k], extra=spring)
-    problem = mbd.OptimalControlProblem(
-        mechanism,
-        duration=2.0,
-        initial=[block.x == 0, block.vx == 0],
-        final=[block.x == 1, block.vx == 0],
-        running_cost=u**2,
-    )
-
+    problem, _, k, block = sprung_block(3.0, 2.0)
     starts = [[block.x == 0.1 * i, block.vx == 0] for i in range(THREADS)]
 
     def cost(i):
@@ -87,6 +80,7 @@ def test_each_thread_has_its_own_start_parameters_and_options():
     assert found == pytest.approx([cost(i) for i in range(THREADS)], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_failure_in_one_thread_leaves_the_others_alone():
     problem, _u, block = rest_to_rest(3.0, 2.0, lower=-8, upper=8)
 
@@ -103,6 +97,7 @@ def test_a_failure_in_one_thread_leaves_the_others_alone():
     assert all("infeasible" in text for text in found[1::2])
 
 
+@pytest.mark.slow
 def test_problems_are_made_in_threads():
     """Of one mechanism, whose equations are derived once; expressions are made before."""
     f = crank_rocker()
@@ -111,7 +106,7 @@ def test_problems_are_made_in_threads():
         final=[f.o2.angle == 0.5 + np.pi, f.crank.omega == 0],
         running_cost=f.tau**2,
     )
-    for _ in range(5):
+    for _ in range(3):
         problems = together([lambda: mbd.OptimalControlProblem(f.mechanism, 0.6, **arguments)] * THREADS)
         assert len({id(problem.equations) for problem in problems}) == 1
         costs = together([lambda p=p: mbd.optimize(p, intervals=8).cost for p in problems])

@@ -51,6 +51,7 @@ def end_error(solution, simulated):
     return np.max(np.abs(np.r_[last.q - simulated.q[-1], last.v - simulated.v[-1]]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degree", "counts"), [(1, (80, 160)), (2, (20, 40)), (3, (48, 96))])
 def test_order_of_the_states(fine, simulated, degree, counts):
     """Under a given torque the end state converges with order 2 d."""
@@ -60,6 +61,7 @@ def test_order_of_the_states(fine, simulated, degree, counts):
     assert np.log2(errors[0] / errors[1]) >= 2 * degree - 0.3, errors
 
 
+@pytest.mark.slow
 def test_order_of_hermite_and_simpson(fine, simulated):
     """Order four."""
     problem, f, _ = fine
@@ -71,6 +73,7 @@ def test_order_of_hermite_and_simpson(fine, simulated):
     assert 3.7 <= np.log2(errors[0] / errors[1]) <= 4.6, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "counts", "least"),
     [
@@ -87,6 +90,7 @@ def test_order_of_the_cost(fine, settings, counts, least):
     assert np.log2(errors[0] / errors[1]) >= least, errors
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["linear", "constant"])
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_coarser_inputs_cost_more(fine, control, transcription):
@@ -101,6 +105,7 @@ def test_coarser_inputs_cost_more(fine, control, transcription):
     assert np.log2((costs[0] - exact.cost) / (costs[1] - exact.cost)) > power - 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("control", ["polynomial", "linear", "constant"])
 @pytest.mark.parametrize("transcription", ["gauss-legendre", "hermite-simpson"])
 def test_every_kind_replays(fine, control, transcription):
@@ -128,6 +133,7 @@ def test_constant_inputs_are_constant(fine):
             assert np.allclose(values[:, 0], values[:, 2], atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
 def test_loops_are_closed_at_the_mesh_points(fine, degree):
     """|Phi| at the nodes as the solver left them is at rounding."""

@@ -1,5 +1,7 @@
 """The same problem in other units has the same answer."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from motions import crank_rocker, half_turn
@@ -8,9 +10,9 @@ import mbdcasadi as mbd
 
 #: Metres and kilograms in so many of the new units: mm and g, mm and kg, km and t, inches and pounds.
 UNITS = [(1e3, 1e3), (1e3, 1.0), (1e-3, 1e-3), (39.37, 2.2046)]
-QUICK = UNITS[:1]
 
 
+@cache
 def in_units(length, mass, changes=lambda f, length, mass: {}, **settings):
     """Solution, cost and torque in SI, positions of the rocker in m."""
     f = crank_rocker(length, mass)
@@ -29,12 +31,12 @@ def agree(reference, other):
     assert other[0].duration == pytest.approx(reference[0].duration, rel=1e-6)
 
 
-@pytest.mark.parametrize("units", [QUICK, pytest.param(UNITS[1:], marks=pytest.mark.slow)])
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [dict(), dict(transcription="hermite-simpson"), dict(control="linear")])
-def test_least_effort(settings, units):
+def test_least_effort(settings):
     """Cost, torque and motion."""
     reference = in_units(1.0, 1.0, **settings)
-    for length, mass in units:
+    for length, mass in UNITS:
         other = in_units(length, mass, **settings)
         agree(reference, other)
         assert other[0].cost / (mass * length**2) ** 2 == pytest.approx(reference[0].cost, rel=1e-6)
@@ -52,11 +54,11 @@ def fast(f, length, mass):
     return dict(duration=(0.05, 2.0), running_cost=0, terminal_cost=mbd.t, path=[mbd.bounded(-limit, f.tau, limit)])
 
 
-@pytest.mark.parametrize("units", [QUICK, pytest.param(UNITS[1:], marks=pytest.mark.slow)])
-def test_least_time(units):
+@pytest.mark.slow
+def test_least_time():
     """The duration to 1e-6."""
     reference = in_units(1.0, 1.0, fast, intervals=40)
-    for length, mass in units:
+    for length, mass in UNITS:
         other = in_units(length, mass, fast, intervals=40)
         assert other[0].duration == pytest.approx(reference[0].duration, rel=1e-6)
 
@@ -79,6 +81,7 @@ def tuned(f, length, mass):
     return dict(mechanism=mechanism, free_parameters=[stiffness])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changes", [gentle, smooth, tuned])
 def test_other_problems(changes):
     """Limits on reactions, rates of inputs, free parameters."""

@@ -85,6 +85,7 @@ def test_waypoints_in_free_duration():
     assert solution.waypoint_times == pytest.approx([each], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_linkage_goes_through_its_waypoints():
     """Rocker and crank of a four-bar pass the poses that are asked, and IDAS agrees."""
     f = crank_rocker()
@@ -132,6 +133,7 @@ def test_a_waypoint_without_conditions_is_a_mesh_point():
     assert np.min(np.abs(solution.mesh - exact * 2 / 7)) < 1e-5 * exact
     fixed = mbd.optimize(problem.replace(duration=5.0, waypoints=[mbd.Waypoint(0.37, [])]), intervals=5)
     assert np.min(np.abs(fixed.mesh - 0.37)) < 1e-15
+    assert fixed.mesh[0] == 0  # the first segment is much shorter than an interval, and keeps one
 
 
 def test_waypoints_are_a_list_in_the_order_of_time():

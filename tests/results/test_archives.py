@@ -55,6 +55,7 @@ ARRAYS = [
 NAMES = [f"{kind} names" for kind in ("coordinate", "row", "state", "input", "parameter", "event")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*ARRAYS, *NAMES, "t", "parameters", "event t"])
 def test_an_entry_that_is_missing_is_named(content, tmp_path, name):
     said = refusal(tmp_path / "run.npz", {k: v for k, v in content.items() if k != name})
@@ -67,6 +68,7 @@ def test_entries_that_a_motion_can_do_without(content, tmp_path, name):
     assert np.array_equal(mbd.read_trajectory(tmp_path / "run.npz", rod()).q, content["q"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*ARRAYS, "t", "parameters", "event t"])
 def test_arrays_that_are_damaged_are_named(content, tmp_path, name):
     """Cut, of another shape, of texts, with an infinite or an unknown value."""
@@ -99,6 +101,7 @@ def test_statistics_that_cannot_be_read(content, tmp_path):
     assert mbd.read_trajectory(tmp_path / "run.npz", rod()).statistics.method == "idas"
 
 
+@pytest.mark.slow
 def test_bytes_that_were_changed_or_cut(content, tmp_path):
     """Anywhere in the file: refused with its name, or of no consequence for what is read."""
     path = tmp_path / "run.npz"
@@ -171,6 +174,7 @@ def test_a_mechanism_of_another_structure(tmp_path):
         mbd.read_trajectory(path, sled(lambda name, body: mbd.Translational(name, mbd.ground.at(0, 0), body.at(0, 0))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_an_equal_mechanism_built_again_is_not_reported(tmp_path, name):
     """Every kind of element: the file of one model is read with another one of the same numbers."""
@@ -185,6 +189,7 @@ def test_an_equal_mechanism_built_again_is_not_reported(tmp_path, name):
     assert np.array_equal(again.q, motion.q)
 
 
+@pytest.mark.slow
 def test_an_equal_mechanism_in_another_process_is_not_reported(tmp_path):
     """Nothing in the fingerprint depends on where objects lie in memory, nor on the order of a hash."""
     path = tmp_path / "run.npz"

@@ -158,6 +158,7 @@ def test_files_of_other_mechanisms_are_refused(found, tmp_path):
         mbd.read_trajectory(tmp_path / "one.npz", [falling, caught])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("entry", "value"),
     [

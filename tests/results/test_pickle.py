@@ -75,6 +75,7 @@ def runs():
     return mbd.simulate(mbd.library.pendulum_chain(1).mechanism, [0, 0.1])
 
 
+@pytest.mark.slow
 def test_a_process_pool_reports_both():
     """The error of a run as it is; a motion that is returned, by what to do instead."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:

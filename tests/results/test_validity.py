@@ -128,6 +128,7 @@ def test_gas_spring_inside_its_dead_length_is_named():
         mbd.simulate(mbd.Mechanism([block], [rail], forces=[gas]), duration=0.1)
 
 
+@pytest.mark.slow
 def test_empty_chamber_of_a_hydraulic_cylinder_is_named():
     """0.2 litres and what is drawn from them, 1 l/s, last for 0.2 s and the way of the piston."""
     block, rail = rail_and_block(0.5)

@@ -1,33 +1,18 @@
 """Every writer leaves a whole file or what was there before, and names the file that it could not write."""
 
 import os
-import resource
 import shutil
-import signal
 import threading
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from disk import full_disk
 
 import mbdcasadi as mbd
 from mbdcasadi.__main__ import main
 from mbdcasadi.numerics.writing import appended_file, whole_file
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="limits of files as on POSIX")
-
-
-@contextmanager
-def full_disk(size=2048):
-    """No file grows beyond a size; writing more fails as on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, handler)
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +45,7 @@ WRITERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_leaves_what_was_there(crank, tmp_path, name):
     """Nothing for a new file, the old content for an old one; FileError with the name and the reason."""

@@ -49,6 +49,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_all_analyses_agree_with_closed_forms(name):
     """Derivatives contain their jumps, and sweeps the switches of the force."""
@@ -69,6 +70,7 @@ def test_all_analyses_agree_with_closed_forms(name):
     assert swept["v"][:, -1] == pytest.approx([speed(p) for p in values], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_stripes_of_a_coordinate():
     """Pushes in stripes of a width p, each 0.4 m, by their work."""
     on_stripe = lambda body: ca.fmod(body.x, 0.4) < P  # noqa: E731

@@ -78,6 +78,7 @@ def landing_chain():
     return a, b, pin, stiff, drag, heat, push, place, air, [lands], start
 
 
+@pytest.mark.slow
 def test_a_joint_that_closes_where_a_tip_lands():
     """Positions, reactions, a state and a parameter that is reset, by parameters of either mechanism and the start."""
     a, b, pin, stiff, drag, heat, push, place, air, events, start = landing_chain()
@@ -111,6 +112,7 @@ def test_a_joint_that_closes_where_a_tip_lands():
         assert found.events[0].after[b.vy, key] == pytest.approx(after, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_reaction_ends_a_phase_and_bodies_leave():
     """A ball on a turning arm is let go at a given pull of its weld; how far it flies, by the pull and the motor."""
     limit, speed = mbd.Parameter("limit", 1.0), mbd.Parameter("speed", 0.0)
@@ -147,6 +149,7 @@ def test_a_reaction_ends_a_phase_and_bodies_leave():
         assert landing.time(key) == pytest.approx(slope[1], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_what_has_no_derivative_is_refused():
     ball, g, free, event = bounce()
     kick = mbd.Event("kick", ball.y - 0.5, direction=-1, reset={ball.vy: ball.vy - 1})

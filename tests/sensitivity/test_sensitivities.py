@@ -44,6 +44,7 @@ def rod_by_hand(length, gravity, angle, tau, times=TIMES):
     return {"phi": phi, "energy": energy, "force": mass * np.stack([ax, ay + gravity], axis=1)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 def test_positions_energies_and_reactions_against_differences(method):
     rod, pin, swing, symbols = swinging_rod()
@@ -65,6 +66,7 @@ def test_positions_energies_and_reactions_against_differences(method):
     assert found["force"] == pytest.approx(rod_by_hand(*base)["force"], abs=1e-7)
 
 
+@pytest.mark.slow
 def test_reactions_of_a_four_bar_against_differences_of_simulations():
     """A parameter that moves a point of a loop: start, pose and reactions all change with it."""
     reach, stiffness = mbd.Parameter("reach", 0.2), mbd.Parameter("stiffness", 30.0)
@@ -147,6 +149,7 @@ def test_first_order_states_and_their_start():
     assert found[cart.vx, level] == pytest.approx((1 - np.exp(-0.7 * times)) / 0.7, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_each_sample_of_an_input():
     tau = mbd.Input("tau")
     p = pendulum(forces=lambda rod: [mbd.Torque("motor", rod, tau)], inputs=[tau])
@@ -374,6 +377,7 @@ def test_gradient_over_a_road_of_many_knots():
     assert gradients[0] == pytest.approx(gradients[1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_adjoint_through_a_pose_in_which_the_linkage_could_fold_names_it():
     """A parallelogram through its flat pose: the adjoint of IDAS ended after 82 s with the path of a file."""
     torque = mbd.Parameter("torque", 0.7)
@@ -421,6 +425,7 @@ def small_oscillator(origin=0.0):
     return mbd.Mechanism([mass], [slide], forces=[pull], parameters=[stiffness]), mass, stiffness
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("amplitude, error", [(1e-6, 1e-5), (1e-9, 1e-3)])
 @pytest.mark.parametrize("method", ["idas", "erk"])
 def test_motions_of_small_range_are_resolved_by_every_analysis(amplitude, error, method):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from linkages import block_and_rider
 from scipy.integrate import quad
 
 import mbdcasadi as mbd
@@ -41,6 +42,7 @@ def roll(method="idas", t=2.5, **more):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 def test_a_rimless_wheel(method):
     body, pins, on, landings, mu, gain, J = wheel()
@@ -132,6 +134,7 @@ def test_bodies_leave():
     assert motion.statistics.restarts > 0 and motion.statistics.method
 
 
+@pytest.mark.slow
 def test_a_ball_that_bounces_by_restitution_and_comes_to_rest_is_an_error():
     """Bounces at closed-form times; where they accumulate the run ends with the remedy, and what was computed."""
     ball = mbd.Body("ball", mass=0.4, inertia=1e-3, pose=(0, 1.0, 0))
@@ -366,14 +369,7 @@ def test_controllers_samples_and_resets_go_on():
 
 def test_exact_friction_in_every_phase():
     """A block slides to rest by dry friction after a second block has left it."""
-    block = mbd.Body("block", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    rider = mbd.Body("rider", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
-    seat = mbd.Weld("seat", block.at(0, 0), rider.at(0, 0))
-    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.2))
-    both = mbd.Mechanism(bodies=[block, rider], joints=[guide, seat], forces=[mbd.Gravity(), rub])
-    alone = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub])
-    jump = mbd.Event("jump", mbd.t - 0.3 + 0 * rider.x, direction=1, during=both, becomes=alone)
+    block, both, _, jump = block_and_rider()
     motion = mbd.simulate(both, np.linspace(0, 2, 101), initial=[block.vx == 2.0], events=[jump])
     stop = 2.0 / (0.2 * G)
     assert motion.final[block.vx] == pytest.approx(0, abs=1e-9)
@@ -407,3 +403,17 @@ def test_events_say_what_is_wrong():
     with pytest.raises(mbd.ModelError, match="occurs twice"):
         twin = mbd.Mechanism(bodies=[mbd.Body("ball", mass=1, inertia=1)])
         mbd.simulate(free, duration=1.0, events=[mbd.Event("a", ball.y - 1, becomes=twin)])
+
+
+def test_redundant_rows_of_a_later_mechanism_are_named_by_a_method_that_takes_none():
+    bar = mbd.Body("bar", mass=1, inertia=0.1, pose=(0, 1.0, 0))
+    fall = mbd.Mechanism(bodies=[bar], forces=[mbd.Gravity()])
+    feet = [mbd.AbsoluteY(name, bar.at(x, 0), 0.0) for name, x in (("left", -0.5), ("middle", 0), ("right", 0.5))]
+    standing = mbd.Mechanism(bodies=[bar], joints=feet, forces=[mbd.Gravity()])
+    lands = mbd.Event("lands", bar.y, direction=-1, becomes=standing)
+    given = {"initial": [bar.y == 1, bar.vy == 0, bar.x == 0, bar.vx == 1, bar.phi == 0, bar.omega == 0]}
+    motion = mbd.simulate(fall, [0, 1], events=[lands], **given)
+    assert motion[bar.x][-1] == pytest.approx(1, abs=1e-9) and motion[bar.y][-1] == pytest.approx(0, abs=1e-12)
+    with pytest.raises(mbd.SimulationError, match="left, middle, right do") as raised:
+        mbd.simulate(fall, [0, 1], events=[lands], method="dop853", **given)
+    assert raised.value.partial.final.t == pytest.approx(np.sqrt(2 / G), abs=1e-9)

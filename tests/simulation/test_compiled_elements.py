@@ -30,6 +30,7 @@ def heap(count=14):
     return mbd.Mechanism(bodies, forces=forces)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_compiled_forces_and_their_slopes_are_those_of_the_equations():
     mechanism = heap()

@@ -80,6 +80,7 @@ def test_comes_to_rest_without_a_force():
     np.testing.assert_allclose(motion[block.x][motion.t > 0.5], 0, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 def test_a_rod_dropped_flat(restitution, order):
@@ -102,6 +103,7 @@ def test_a_rod_dropped_flat(restitution, order):
     assert after[rod.omega] == pytest.approx(0, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", list(itertools.permutations(range(3))))
 def test_three_bodies_at_once(order):
     """A mass between two that come from both sides: symmetric, and the same whatever the order of the list."""
@@ -181,6 +183,7 @@ def test_an_event_between_two_outputs():
     np.testing.assert_allclose([e.t for e in motion.events], [(np.pi - half) / 3, (np.pi + half) / 3], atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.0, 1e3, 1.7e9, -1.7e9])
 def test_any_start_time(begin):
     """Every output is there, and the motion does not depend on when it starts."""
@@ -193,6 +196,7 @@ def test_any_start_time(begin):
     np.testing.assert_allclose(motions[1][arm.phi], motions[0][arm.phi], atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", [1e-9, 2e-9, 1e-8, 1e-6])
 def test_ends_of_a_nearly_flat_rod_answer_each_other(tilt):
     """One tip after the other and the first again: velocities by the impulses of three impacts, with the free fall."""

@@ -16,6 +16,7 @@ def pendulum(inertia, mass=50.0, length=3.0):
     return bob, pin, mbd.Mechanism(bodies=[bob], joints=[pin], forces=[mbd.Gravity()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("inertia", [1.0, 1e-5, 1e-9, 1e-15, 0.0])
 def test_point_mass_on_a_pin(method, inertia):
@@ -48,6 +49,7 @@ def chain(masses, slenderness):
     return mbd.Mechanism(bodies=bodies, joints=joints, forces=[mbd.Gravity()])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_chains_over_fifteen_orders_of_mass(seed):
     """Three integrators, which take the equations in different forms, find the same motion, and keep the energy."""
@@ -65,6 +67,7 @@ def test_chains_over_fifteen_orders_of_mass(seed):
         np.testing.assert_allclose(motion.q, found[0].q, atol=2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_redundant_rows_and_masses_over_fifteen_orders(method):
     """A parallelogram with three cranks: a pendulum with the mass of all, each at its place."""
@@ -91,6 +94,7 @@ def test_redundant_rows_and_masses_over_fifteen_orders(method):
         np.testing.assert_allclose(motion[crank.phi], reference, atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [1e-9, 1e9])
 def test_motion_without_forces_of_its_own_does_not_depend_on_the_unit_of_mass(factor):
     masses, share = np.array([1.0, 1e-6, 30.0]), np.array([0.05, 0.0, 0.08])

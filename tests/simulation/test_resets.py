@@ -23,6 +23,7 @@ def bounce(body, restitution=0.8, name="bounce"):
     return mbd.Event(name, body.y, direction=-1, reset={body.vy: -restitution * body.vy})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_bounces_of_a_ball(method):
     """Times and speeds of the bounces are those of the geometric series, and the ball never sinks in."""
@@ -69,6 +70,7 @@ def test_resets_survive_a_file(tmp_path):
     np.testing.assert_allclose(read.at([0.5])[body.y], motion.at([0.5])[body.y], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_bounces_that_die_out_are_told():
     """A reset cannot hold the ball; the run ends in words, with what was computed, and not below the floor."""
     body, mechanism = ball()
@@ -158,6 +160,7 @@ def test_a_stiff_contact_meets_the_impulse():
     assert errors[2] < 5e-4 and errors[1] < errors[0] / 5 and errors[2] < errors[1] / 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clearance", [0.0, 1e-4])
 def test_newtons_cradle(clearance):
     """Five pendulums, touching or nearly so: one comes, the last one leaves with its speed; and back."""

@@ -36,6 +36,13 @@ def run(law, **settings):
     return motion[block.x], texts
 
 
+@pytest.fixture(scope="module")
+def exact():
+    """Path of the block by dry friction."""
+    return run(mbd.DryFriction(0.3))[0]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method, settings",
     [
@@ -45,9 +52,8 @@ def run(law, **settings):
         ("rosenbrock", {"options": {"abstol": 1e-3}}),
     ],
 )
-def test_steps_over_the_change_of_sign_are_told(method, settings):
+def test_steps_over_the_change_of_sign_are_told(exact, method, settings):
     """With careless tolerances the motion is wrong and reported; with the chosen ones it is right, and quiet."""
-    exact, _ = run(mbd.DryFriction(0.3))
     right, quiet = run(mbd.Coulomb(0.3, 1e-4), method=method)
     wrong, texts = run(mbd.Coulomb(0.3, 1e-4), method=method, **settings)
     assert np.abs(right - exact).max() < 5e-5 and not quiet
@@ -66,6 +72,7 @@ def test_bristles_have_their_tolerance():
         mbd.simulate(mechanism, [0, 1], initial=[block.vx == 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 @pytest.mark.parametrize("duration", [3.0, 50.0])
 def test_a_short_contact_is_not_jumped_over(method, duration):
@@ -179,6 +186,7 @@ def test_a_stiff_bar_is_not_fallen_through(outputs):
     np.testing.assert_allclose(found[0], found[1], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radius", "stiffness", "speed", "height"), [(1e-3, 1e8, 5.0, 4.0), (5e-3, 3e7, 20.0, 12.0)])
 @pytest.mark.parametrize("outputs", [2, 11, 101])
 def test_undamped_blow_that_the_motion_follows_is_not_warned_of(radius, stiffness, speed, height, outputs):
@@ -198,6 +206,7 @@ def test_undamped_blow_that_the_motion_follows_is_not_warned_of(radius, stiffnes
     assert motion[ball.vy][-1] == pytest.approx(met - 0.1 * g, rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_hard_balls_bounce_off_a_peg_by_dop853(seed):
     """Undamped contacts return the ball as fast as it came, however long the steps of free flight are."""

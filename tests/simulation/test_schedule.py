@@ -21,6 +21,7 @@ def test_watch_points_are_spread_evenly_over_the_time(grid):
     np.testing.assert_array_equal(schedule.times[schedule.wanted], grid[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 @pytest.mark.parametrize("times", [np.r_[0, np.linspace(999, 1000, 6)]])
 def test_drift_over_a_long_time_is_no_jump_of_a_constraint(method, times):

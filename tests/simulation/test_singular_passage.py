@@ -25,6 +25,7 @@ def check_parallel(f, motion, tolerance=2e-5):
     assert np.max(np.abs(energy - energy[0])) < tolerance * np.max(motion.energy.kinetic)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("speed", [1.0, -1.0])
 @pytest.mark.parametrize("count", [1, 5])
@@ -35,6 +36,7 @@ def test_flat_rows(count, speed, method):
     assert any("singular pose" in note for note in motion.statistics.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
 @pytest.mark.parametrize("outputs", [2, 7, 201])
 def test_tolerances_and_outputs(tolerance, outputs):
@@ -43,6 +45,7 @@ def test_tolerances_and_outputs(tolerance, outputs):
     check_parallel(f, motion, max(2e-5, 1e3 * tolerance))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [method for method in METHODS if method != "dop853"])  # it refuses redundant rows
 @pytest.mark.parametrize("cranks", [3, 4])
 def test_redundant_cranks(cranks, method):
@@ -75,6 +78,7 @@ def test_reactions_near_the_pose():
     assert np.max(steps) < 1.0
 
 
+@pytest.mark.slow
 def test_an_event_in_the_pose():
     """An event that takes place at the flat pose itself is found there."""
     f = n_four_bar(2)
@@ -86,6 +90,7 @@ def test_an_event_in_the_pose():
         assert abs(np.sin(event.state[f.first.phi])) < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "dop853"])
 def test_many_loops(method):
     """Near the pose the smallest singular value of a long row is far below that of one loop."""
@@ -93,6 +98,7 @@ def test_many_loops(method):
     check_parallel(f, motion)
 
 
+@pytest.mark.slow
 def test_a_neutral_linkage():
     """Longest and shortest link as long as the other two together: flat once a turn, with unequal links."""
     # 2 + 5 = 3 + 4: crank 2, coupler 5, rocker 4, base 3 (the crank turns past the pose in which all lie on a line)
@@ -130,6 +136,7 @@ def parallelogram(loops=1, forces=(), inputs=(), angle=1.0, gravity=False):
     return bars, mechanism, (loops + 1) / 3 + loops
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loops", [1, 2])
 @pytest.mark.parametrize("low", [-0.1, -0.03, -0.01, -1e-3])
 def test_a_motion_that_turns_back_behind_the_pose(low, loops):
@@ -157,6 +164,7 @@ def right_or_refused(mechanism, bar, wanted, times, **settings):
         assert motion[bar.omega][-1] == pytest.approx(wanted, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("width", [0.01, 0.05])
 @pytest.mark.parametrize("begin", [0.46, 0.495, 0.51])
@@ -167,6 +175,7 @@ def test_a_pulse_while_flat_is_never_lost(begin, width, method):
     right_or_refused(mechanism, bars[0], -2 + 10 / inertia, np.linspace(0, 1, 41), method=method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_force_that_acts_about_the_pose_alone_is_never_lost(method):
     """A torque within 0.03 rad of the flat pose: ``I (omega² - omega_0²)/2 = T 0.06``, against the motion."""
@@ -207,6 +216,7 @@ def test_a_reset_in_the_pose_itself_is_refused():
     assert caught.value.partial.t[-1] == pytest.approx(0.475, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("outputs", [31, 201])
 def test_no_output_is_left_out(method, outputs):

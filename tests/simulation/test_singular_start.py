@@ -61,6 +61,7 @@ def test_a_flat_row_at_rest_is_refused_under_its_weight(method):
         mbd.simulate(model, np.linspace(0, 1, 21), initial=[bars[0].phi == 0, bars[0].omega == 0], method=method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_a_flat_row_starts_with_velocities_along_one_of_its_motions(method):
     """``I phi'' = -W cos(phi)``, by its energy; other velocities meet no motion."""

@@ -52,6 +52,7 @@ def test_does_not_hold_above_the_angle_of_friction():
         assert motion[guide.displacement][-1] == pytest.approx(wanted, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("static", [None, 0.45])
 @pytest.mark.parametrize("sense", [1, -1])
 def test_breaks_away(static, sense):
@@ -90,6 +91,7 @@ def test_oscillator_comes_to_rest_off_centre():
     assert np.diff(energy).max() < 1e-8 * energy[0]
 
 
+@pytest.mark.slow
 def test_stick_slip_on_a_belt():
     """Period, break-away and stop of a spring-held block on a moving belt, in closed form."""
     mass, k, speed, mu, static = 1.2, 150.0, 0.08, 0.25, 0.4
@@ -118,6 +120,7 @@ def test_stick_slip_on_a_belt():
     assert motion[block.x].max() == pytest.approx(mu * mass * G / k + np.hypot(excess, speed / frequency), abs=1e-4)
 
 
+@pytest.mark.slow
 def test_two_frictions():
     """A block on a sledge on the ground: the sledge is dragged or not, as the coefficients say."""
     for lower, wanted in ((0.05, 0.2 * 2 * G / 3 - 0.05 * 5 / 3 * G), (0.2, 0.0)):
@@ -141,6 +144,7 @@ def test_two_frictions():
         assert abs(motion[sled.vx][-1]) < 1e-12
 
 
+@pytest.mark.slow
 def test_dry_pin_is_the_limit_of_smoothed_ones():
     """A pendulum in a rough pin: exact switching, and tanh over an ever narrower speed."""
 
@@ -162,6 +166,7 @@ def test_dry_pin_is_the_limit_of_smoothed_ones():
     assert torque.min() < -0.1 < 0.1 < torque.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "rosenbrock"])
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
 def test_smoothed_laws_meet_the_exact_one(method, tolerance):
@@ -423,6 +428,7 @@ def slider_crank(law, torque=0.0, rubs=("guide",)):
     return crank, frictions, mbd.Mechanism(bodies=[crank, rod, slider], joints=joints, forces=forces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rubs", [("guide",), ("wrist",), ("main", "pin", "wrist", "guide")])
 def test_turns_at_dead_centres(rubs):
     """Where the pose alone makes a joint turn, its friction changes sense and holds nothing: limit of smoothed laws."""
@@ -438,6 +444,7 @@ def test_turns_at_dead_centres(rubs):
     np.testing.assert_allclose(found[0], found[1], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("torque", [2.0, 2.0 * mbd.t])
 def test_leaves_a_dead_centre(torque):
     """At rest in a dead centre the guide neither sticks nor slides; its friction begins as the crank leaves it."""

@@ -87,6 +87,7 @@ def test_a_parameter_moves_a_switch():
         assert np.all(np.abs(motion[body.vx][motion.t < value - 0.02]) < 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_driver_after_rest(method):
     """A base that is moved by 0.1 m in 0.1 s shakes a mass on a spring, as SciPy has it."""
@@ -156,6 +157,7 @@ def driven(expression):
     return mbd.Mechanism(bodies=[body], joints=[guide], drivers=[mbd.Driver("D", body.x, expression)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock"])
 def test_failure_at_a_corner_names_the_driver_and_its_velocity_jump(method):
     saw = driven(ca.acos(mbd.cos(mbd.t + 0.5)))

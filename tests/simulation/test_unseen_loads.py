@@ -47,6 +47,7 @@ def test_work_of_a_force_in_a_short_range(load, way, method):
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("load", "way"), LOADS)
 def test_compiled_analyses_see_the_same_load(load, way):
     mechanism, body = puck(load)

@@ -66,6 +66,7 @@ def test_reactions_of_a_pendulum(way):
     np.testing.assert_allclose(np.abs(motion.lam[:, :2]), np.abs(a), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_drift_of_constraints(way):
     """Every step is projected: outputs meet positions and velocities to rounding, energy hardly drifts."""
     f = four_bar(0.5, forces=[mbd.Gravity()])
@@ -76,6 +77,7 @@ def test_drift_of_constraints(way):
     assert np.ptp(motion.energy.total) < 1e-6 * np.abs(motion.energy.kinetic).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10, 1e-12])
 def test_tolerances_against_scipy(way, tolerance):
     """The error falls with the tolerance as that of SciPy's method on the same equations."""
@@ -99,7 +101,12 @@ def test_tolerances_against_scipy(way, tolerance):
 
 
 # --- in C and without, and IDAS ----------------------------------------------------------------------
-def compare(seed, monkeypatch):
+SEEDS = [s for s in range(200) if s not in LOCKED]
+
+
+@compiled_only
+@pytest.mark.parametrize("seed", [pytest.param(s, marks=() if s < 3 else pytest.mark.slow) for s in SEEDS])
+def test_random_mechanisms(seed, monkeypatch):
     """One random mechanism in C, without a compiler, and by IDAS."""
     mechanism = random_case(seed).mechanism
     start = mbd.assemble(mechanism)
@@ -123,19 +130,7 @@ def compare(seed, monkeypatch):
     assert motion.drift.position < 1e-12 * size
 
 
-@compiled_only
-@pytest.mark.parametrize("seed", [s for s in range(34) if s not in LOCKED])
-def test_random_mechanisms(seed, monkeypatch):
-    compare(seed, monkeypatch)
-
-
-@compiled_only
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [s for s in range(34, 200) if s not in LOCKED])
-def test_more_random_mechanisms(seed, monkeypatch):
-    compare(seed, monkeypatch)
-
-
 @compiled_only
 def test_compiled_and_interpreted_equations_agree(tmp_path, monkeypatch):
     """The compiler must not change the rounding of the interpreter."""
@@ -295,6 +290,7 @@ def test_eight_threads(way):
         np.testing.assert_allclose(one, other, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(__import__("signal"), "setitimer"), reason="no timers")
 def test_interruption(way):
     """Ctrl-C in a long run comes back within a second, with what was computed."""

@@ -149,6 +149,7 @@ def test_feedback_through_a_state_enters_the_stiffness():
     assert mbd.equilibrium(held.replace(forces=[*forces, damper])).stable
 
 
+@pytest.mark.slow
 def test_what_falls_has_no_equilibrium():
     stone = mbd.Body("stone", mass=2.0, inertia=1.0)
     with pytest.raises(mbd.EquilibriumError, match=r"stone\.y \(-19\.62\).*no force holds it back"):
@@ -205,6 +206,7 @@ def test_column_of_ziegler_flutters_under_a_load_that_follows(load, stable):
 
 
 # --- paths ------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_buckling_loads_of_the_column():
     load = mbd.Parameter("load", 0.0)
     lower, upper, joints, forces = column(lambda top: mbd.Force("load", top.at(0.25, 0), (0, -load)))
@@ -220,6 +222,7 @@ def test_buckling_loads_of_the_column():
     assert turn[1] / turn[0] == pytest.approx((1 + np.sqrt(5)) / 2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_imperfect_column_bends_instead():
     load = mbd.Input("load")
     lower, upper, joints, forces = column(lambda top: mbd.Force("load", top.at(0.25, 0), (0.1, -load)))
@@ -231,6 +234,7 @@ def test_an_imperfect_column_bends_instead():
     assert last[upper.phi] == pytest.approx(path[upper.phi][-1], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_truss_snaps_through_at_its_limit_points():
     push = mbd.Parameter("push", 0.0)
     apex, model = truss(push)
@@ -247,7 +251,10 @@ def test_truss_snaps_through_at_its_limit_points():
     assert np.array_equal(path.stable, np.abs(y) > at)
 
 
-@pytest.mark.parametrize(("change", "text"), [({"end": 0.0}, "nothing to follow"), ({"steps": 0}, "nothing to follow")])
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [({"end": 0.0}, "nothing to follow"), ({"steps": 0}, "steps must be a whole number of at least 1")],
+)
 def test_bad_paths(change, text):
     push = mbd.Parameter("push", 0.0)
     _, model = truss(push)
@@ -280,6 +287,7 @@ def loaded_links(follows):
     return push, mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=[*springs, load], parameters=[push])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("follows", [1.0, 0.8, 0.5, 0.4, 0.2, 0.0])
 def test_loads_that_follow_buckle_and_flutter(follows):
     """Against the roots of det K and of the discriminant of det(K - omega^2 M); Ziegler 1952 for follows = 1."""
@@ -295,6 +303,7 @@ def test_loads_that_follow_buckle_and_flutter(follows):
         assert found[0][1] == pytest.approx((3.5 - np.sqrt(2)) * 10, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_flutters_is_not_stable_before_or_at_the_critical_value():
     push, model = loaded_links(1.0)
     path = mbd.equilibrium_path(model, push, 0, 40)
@@ -364,6 +373,7 @@ def ziegler(load, damping, stiffness=20.0, length=1.0, mass=1.0, inputs=()):
     return lower, upper, mbd.Mechanism(bodies=[lower, upper], joints=joints, forces=forces, parameters=inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 0.001, 0.2, 2.0])
 def test_damping_lowers_the_flutter_load(damping):
     """Ziegler 1952: P = 41/28 k/l + c²/(2 m l³) with however little damping, and (7/2 - √2) k/l without any."""
@@ -440,6 +450,7 @@ def test_a_model_without_any_mass_is_judged_by_its_springs():
         assert rest.stable is (stiffness > 0)
 
 
+@pytest.mark.slow
 def test_smoothed_friction_on_an_incline_is_named():
     """It creeps: there is no state at rest, and no body falls."""
     block = mbd.Body("block", mass=1, inertia=0.1)

@@ -15,9 +15,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from disk import full_disk
 from linkages import G, four_bar, pendulum
 
 import mbdcasadi as mbd
+from mbdcasadi.sweeping import jobs, plan
 from mbdcasadi.sweeping import sweep as module
 
 TIMES = np.linspace(0, 1, 21)
@@ -49,6 +51,7 @@ def cases_of(symbols, count=12):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk", "auto"])
 def test_every_case_is_what_simulate_finds(method):
     rod, _, model, symbols, outputs = swing()
@@ -63,6 +66,7 @@ def test_every_case_is_what_simulate_finds(method):
         assert swept[outputs["force"]][k] == pytest.approx(motion[outputs["force"]], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_threads_and_processes_find_the_same():
     rod, _, model, symbols, outputs = swing()
     given = (model, TIMES, cases_of(symbols), outputs, [rod.phi == symbols[1], rod.omega == 0])
@@ -85,6 +89,7 @@ def test_a_dask_cluster_is_one_argument():
     assert np.array_equal(swept["angle"], mbd.sweep(*given)["angle"])
 
 
+@pytest.mark.slow
 def test_four_bar_keeps_its_branch_over_far_starts():
     angle = mbd.Parameter("angle", 0.8)
     f = four_bar(0.8, forces=[mbd.Gravity()])
@@ -107,6 +112,7 @@ def test_a_case_that_fails_is_kept_with_its_message():
     assert "1 failed" in repr(swept)
 
 
+@pytest.mark.slow
 def test_an_integrator_that_stops_spoils_no_other_case():
     """A force that grows without bound in finite time for some of the cases."""
     push = mbd.Parameter("push", 1.0)
@@ -122,6 +128,7 @@ def test_an_integrator_that_stops_spoils_no_other_case():
         assert swept[cart.x][0] == pytest.approx(exact, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 def test_a_long_motion_keeps_its_energy(method):
     """Twenty seconds of an index-1 form drift; brought back onto the constraints now and then, the energy stays."""
@@ -135,6 +142,7 @@ def test_a_long_motion_keeps_its_energy(method):
     assert np.ptp(swept["energy"], axis=1) == pytest.approx(0, abs=2e-5 * np.max(np.abs(swept["energy"])))
 
 
+@pytest.mark.slow
 def test_starts_that_cannot_be_reached_are_told():
     f = four_bar(0.8)
     angle = mbd.Parameter("angle", 1.5)
@@ -177,6 +185,7 @@ def test_an_interrupted_sweep_goes_on_from_its_file(tmp_path, monkeypatch):
     assert np.array_equal(mbd.sweep(*given, file=path)["angle"], swept["angle"])
 
 
+@pytest.mark.slow
 def test_ctrl_c_inside_compiled_code_ends_the_sweep(monkeypatch):
     rod, _, model, symbols, outputs = swing()
     real, calls = module.run_batch, []
@@ -235,6 +244,7 @@ def test_the_file_is_continued_by_another_process(tmp_path):
 
 
 # --- cases and results -----------------------------------------------------------------------
+@pytest.mark.slow
 def test_xarray_knows_the_cases():
     pytest.importorskip("xarray")
     rod, _, model, (length, angle, _), outputs = swing()
@@ -355,6 +365,7 @@ def pushed(force, *parameters):
     return sled, mbd.Mechanism(bodies=[sled], joints=[rail], forces=[push], parameters=parameters)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["idas", "erk"])
 @pytest.mark.parametrize("shape", ["jump", "ramps"])
 def test_a_hundred_cases_of_the_time_of_a_pulse(method, shape):
@@ -424,6 +435,7 @@ def couplers(lengths):
 LENGTHS = [0.5, 1.1, 0.3, 0.9, 0.6, 0.05, 0.45]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pool", [None, ThreadPoolExecutor, ProcessPoolExecutor])
 def test_linkages_that_do_not_close_spoil_no_other_case(pool):
     model, cases, outputs, start, apart = couplers(LENGTHS)
@@ -439,19 +451,21 @@ def test_linkages_that_do_not_close_spoil_no_other_case(pool):
         executor.shutdown()
 
 
+@pytest.mark.slow
 def test_a_complete_file_assembles_nothing(tmp_path, monkeypatch):
     model, cases, outputs, start, _ = couplers(LENGTHS)
     given = (model, [0, 0.02], cases, outputs, start)
     first = mbd.sweep(*given, file=tmp_path / "sweep.bin")
-    monkeypatch.setattr(module, "MotionSetup", None)
-    monkeypatch.setattr(module, "assembled_start", None)
+    monkeypatch.setattr(plan, "MotionSetup", None)
+    monkeypatch.setattr(jobs, "assembled_start", None)
     again = mbd.sweep(*given, file=tmp_path / "sweep.bin")
     assert np.array_equal(again["phi"], first["phi"], equal_nan=True) and again.failures == first.failures
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_starts_are_assembled_keeps_what_was_run(monkeypatch):
     model, cases, outputs, start, _ = couplers(LENGTHS)
-    real, calls = module.assembled_start, []
+    real, calls = jobs.assembled_start, []
 
     def stopped(*arguments):
         calls.append(0)
@@ -459,7 +473,7 @@ def test_ctrl_c_while_starts_are_assembled_keeps_what_was_run(monkeypatch):
             raise KeyboardInterrupt
         return real(*arguments)
 
-    monkeypatch.setattr(module, "assembled_start", stopped)
+    monkeypatch.setattr(jobs, "assembled_start", stopped)
     with pytest.raises(mbd.Interrupted, match="of 7 cases") as caught:
         mbd.sweep(model, [0, 0.02], cases, outputs, start, batch=1)
     assert np.sum(caught.value.partial.done) == 3 and list(caught.value.partial.failures) == [1]
@@ -486,20 +500,14 @@ def test_a_start_on_another_branch_is_reported_with_its_case():
 
 # --- a disk that is full ------------------------------------------------------------------------------
 def test_a_full_disk_keeps_what_was_run(tmp_path):
-    resource = pytest.importorskip("resource")
+    pytest.importorskip("resource")
     g = mbd.Parameter("g", G)
     p = pendulum()
     model = p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g])
     given = (model, TIMES, {g: np.linspace(1, 9, 40)}, [p.rod.phi])
-    path, old = tmp_path / "sweep.bin", resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, old[1]))
-    try:
-        with pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
-            mbd.sweep(*given, file=path, batch=5)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, old)
-        signal.signal(signal.SIGXFSZ, handler)
+    path = tmp_path / "sweep.bin"
+    with full_disk(4000), pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written") as caught:
+        mbd.sweep(*given, file=path, batch=5)
     partial = caught.value.partial
     assert 5 <= np.sum(partial.done) < 40
     swept = mbd.sweep(*given, file=path, batch=5)  # there is room again: what was written is whole

@@ -61,6 +61,7 @@ def test_samples_and_time(way):
                 mbd.sweep(mechanism, times, {g: [1.0, 2.0]}, {"v": stone.vx}, inputs={u: given}, method="dop853")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 60])
 def test_times_of_their_own(way, count):
     """Short pulses at a time that varies: each case has stops of its own, and all their momentum is there."""
@@ -122,6 +123,7 @@ def test_redundant_rows_are_refused_by_name():
         mbd.sweep(mechanism, [0, 1], {g: [1.0, 2.0]}, [body.x], method="dop853")
 
 
+@pytest.mark.slow
 def test_a_parcel_travels():
     """What goes to a worker is pickled without what was compiled."""
     from mbdcasadi.sensitivity.compiled_run import MotionSetup
@@ -142,6 +144,7 @@ def test_a_parcel_travels():
     np.testing.assert_allclose(values[0], [0, -1.0], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no timers")
 def test_interruption(way):
     """Ctrl-C ends the cases that run, and leaves what was finished."""

@@ -1,4 +1,4 @@
-"""A browser for the tests of pages."""
+"""A browser for the tests of pages, and pages opened without a network."""
 
 import shutil
 
@@ -19,3 +19,23 @@ def browser():
             pytest.skip(f"no Chromium that starts: {str(error).splitlines()[0]}")
         yield running
         running.close()
+
+
+@pytest.fixture
+def open_offline(browser):
+    """Opens files with the network off; what goes wrong in a page, or is fetched from anywhere, fails the test."""
+    tabs, wrong, asked = {}, [], []
+
+    def open_file(path, viewport):
+        tab = tabs[path.as_uri()] = browser.new_page(viewport=viewport, color_scheme="light")
+        tab.on("pageerror", lambda error: wrong.append(str(error)))
+        tab.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
+        tab.on("request", lambda request: asked.append(request.url))
+        tab.context.set_offline(True)
+        tab.goto(path.as_uri())
+        return tab
+
+    yield open_file
+    for tab in tabs.values():
+        tab.close()
+    assert wrong == [] and asked == list(tabs)

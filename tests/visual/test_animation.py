@@ -108,6 +108,7 @@ def test_the_page_holds_the_motion(crank):
     assert [line["name"] for line in plot["lines"]] == ["x", "y"] and plot["label"] == "v, m/s"
 
 
+@pytest.mark.slow
 def test_a_page_needs_nothing_from_outside_and_is_small(crank, tmp_path):
     """Ten seconds with forces, traces and plots, in one file without an address."""
     model, _ = crank
@@ -118,6 +119,7 @@ def test_a_page_needs_nothing_from_outside_and_is_small(crank, tmp_path):
     assert len(text) < 120_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_tooltips_of_every_element_follow_the_motion(name):
     """Between the outputs of a simulation, decoded from the page."""
@@ -144,6 +146,7 @@ def test_what_a_motion_does_not_know_is_left_out():
     assert labels["DCMotor"] == [] and "phi, rad" in labels["body"]
 
 
+@pytest.mark.slow
 def test_what_changes_without_end_is_reported(crank):
     """A plot of ten thousand periods: the page says that it is rough between the outputs."""
     with pytest.warns(mbd.MechanismWarning, match="the motion changes so often that the page cannot hold it"):
@@ -151,10 +154,11 @@ def test_what_changes_without_end_is_reported(crank):
     assert len(page) < 2_000_000
 
 
+@pytest.mark.slow
 def test_a_long_chain_is_small_too():
-    """A hundred links that whirl for ten seconds: parts that are alike are kept once, and columns are packed."""
+    """A hundred links that whirl: parts that are alike are kept once, and columns are packed."""
     chain = mbd.library.pendulum_chain(100).mechanism
-    motion = mbd.simulate(chain, np.linspace(0, 10, 301), initial=[body.phi == 0 for body in chain.bodies])
+    motion = mbd.simulate(chain, np.linspace(0, 3, 301), initial=[body.phi == 0 for body in chain.bodies])
     assert len(mbd.animate(motion).html) < 900_000
 
 
@@ -212,6 +216,7 @@ def test_films_show_every_peak_and_what_is_true_at_their_frames():
     np.testing.assert_allclose(film.poses[:, frame, 1], motion.at(film.t)[ball.y], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_gif(crank, tmp_path):
     """As many frames as asked for, that repeat, in the time that they should take; small."""
     from PIL import Image
@@ -228,6 +233,7 @@ def test_gif(crank, tmp_path):
     assert (tmp_path / "motion.gif").stat().st_size < 300_000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="ffmpeg is not on the path")
 def test_mp4(crank, tmp_path):
     """A film of the right length."""
@@ -258,6 +264,7 @@ def test_time_on_the_screen(crank):
     assert len(film.t) == 121 and film.t[-1] == 3.0
 
 
+@pytest.mark.slow
 def test_motions_that_cannot_be_interpolated_and_those_without_reactions(crank):
     """A mode's motion is made of arrays; kinematics knows no reactions."""
     _, motion = crank

@@ -25,22 +25,13 @@ def crank():
 
 
 @pytest.fixture
-def page(browser, crank, tmp_path):
-    """The page, opened with the network off; what goes wrong in it fails the test."""
+def page(open_offline, crank, tmp_path):
+    """The page, opened with the network off."""
     path = tmp_path / "motion.html"
     crank[2].save(path)
-    opened = browser.new_page(viewport=DESKTOP, color_scheme="light")
-    wrong, asked = [], []
-    opened.on("pageerror", lambda error: wrong.append(str(error)))
-    opened.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
-    opened.on("request", lambda request: asked.append(request.url))
-    opened.context.set_offline(True)
-    opened.goto(path.as_uri())
+    opened = open_offline(path, DESKTOP)
     opened.wait_for_function("window.mechanism")
-    yield opened
-    opened.close()
-    assert wrong == []
-    assert asked == [path.as_uri()]  # nothing is fetched from anywhere
+    return opened
 
 
 def drawn(page):
@@ -48,6 +39,7 @@ def drawn(page):
     return page.evaluate("document.getElementById('stage').toDataURL()")
 
 
+@pytest.mark.slow
 def test_numbers_and_poses_are_those_of_the_motion(page, crank):
     """Between frames too; the mark of a pin is drawn where the marker is."""
     model, motion, _ = crank
@@ -74,6 +66,7 @@ def test_numbers_and_poses_are_those_of_the_motion(page, crank):
         np.testing.assert_allclose(where, state[model.pin.a.position], atol=2e-4)
 
 
+@pytest.mark.slow
 def test_pins_stay_together_between_frames(browser, tmp_path):
     """A fast crank, half a radian from frame to frame: on chords the pin would be off by 3 % of the crank."""
     model = mbd.library.slider_crank()
@@ -346,6 +339,7 @@ def whirling():
     return motion, {"slider, m/s": model.slider.vx}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", [bouncing, falling_four_bar, rebounding, kicked, whirling])
 def test_every_number_is_that_of_the_motion(browser, tmp_path, example):
     """At fifty random times: tooltips to the digits that are shown, plots, the drawing; and no peak is missing."""

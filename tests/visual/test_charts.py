@@ -57,6 +57,7 @@ def test_path_of_equilibria():
     assert axes.texts[0].get_text() == "bifurcation at 10" and axes.get_xlabel() == "load"
 
 
+@pytest.mark.slow
 def test_modes_are_headed_by_their_frequency():
     """A double pendulum: two modes, the pictures with the mechanism in three poses."""
     model = mbd.library.pendulum_chain(2)

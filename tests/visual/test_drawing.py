@@ -130,6 +130,7 @@ def test_teeth_mesh():
             assert np.all(inside) if name == "internal Gear" else not np.any(inside), (name, k)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radii", [(0.04, 0.02), (0.03, 0.03), (0.05, 0.015)])
 def test_planets_mesh_with_sun_and_ring(radii):
     """All three, over a turn of the arm, with the ring at rest and with the sun at rest."""
@@ -216,6 +217,7 @@ def test_the_size_of_symbols_does_not_depend_on_the_unit_of_length():
 
 
 # --- every element -----------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_every_element_is_drawn(name):
     """One pose and a motion, with everything on."""
@@ -228,6 +230,7 @@ def test_every_element_is_drawn(name):
     assert axes.get_xlabel() == "x, m" and axes.get_aspect() == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_the_library_is_drawn_whole(name):
     """Nothing lies outside the axes."""
@@ -316,6 +319,7 @@ def test_a_glyph_of_ones_own_brings_loads_and_a_tooltip():
 
 
 # --- what is drawn, and what is not ------------------------------------------------------------
+@pytest.mark.slow
 def test_sources():
     """States, motions, solutions' motions, mechanisms and library models; axes of one's own."""
     model = mbd.library.slider_crank()
@@ -352,6 +356,7 @@ def test_wrong_input_is_named():
         mbd.draw(motion, trace=[mbd.Body("stranger", 1, 1)])
 
 
+@pytest.mark.slow
 def test_global_settings_are_left_alone():
     """Neither rcParams nor the figures of pyplot."""
     before = dict(matplotlib.rcParams)
@@ -428,6 +433,7 @@ def simple_elements():
 BODIES, SIMPLE = simple_elements()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(SIMPLE)), ids=lambda k: f"{type(SIMPLE[k][0]).__name__}-{k}")
 def test_simple_elements_are_drawn(number):
     """A symbol near the element's bodies, of a reasonable size; the whole figure is drawn."""
@@ -474,6 +480,7 @@ def rectangles(axes):
     return {text.get_text(): text.get_window_extent() for text in axes.texts}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", [mbd.library.four_bar, mbd.library.jansen, mbd.library.planetary_gear])
 def test_names_lie_within_the_axes_and_not_on_each_other(model):
     axes = mbd.draw(model(), names=True)

@@ -15,28 +15,18 @@ library = mbd.library
 
 
 @pytest.fixture
-def opened(browser, tmp_path):
-    """Opens the page of a mechanism with the network off; what goes wrong in it fails the test."""
-    tabs, wrong, asked = [], [], []
+def opened(open_offline, tmp_path):
+    """Opens the page of a mechanism with the network off."""
 
     def open_page(mechanism, **options):
-        path = tmp_path / f"page{len(tabs)}.html"
+        path = tmp_path / f"page{len(list(tmp_path.iterdir()))}.html"
         mbd.animate(mechanism, path, live=True, **options)
         assert path.stat().st_size <= 1_000_000
-        tab = browser.new_page(viewport=WINDOW, color_scheme="light")
-        tabs.append(tab)
-        tab.on("pageerror", lambda error: wrong.append(str(error)))
-        tab.on("console", lambda said: wrong.append(said.text) if said.type in ("error", "warning") else None)
-        tab.on("request", lambda request: asked.append(request.url))
-        tab.context.set_offline(True)
-        tab.goto(path.as_uri())
+        tab = open_offline(path, WINDOW)
         tab.wait_for_function("window.mechanism && window.mechanism.live")
         return tab
 
-    yield open_page
-    for tab in tabs:
-        tab.close()
-    assert wrong == [] and len(asked) == len(tabs)  # nothing is fetched from anywhere
+    return open_page
 
 
 def solved(tab, seconds=2.0):
@@ -169,6 +159,7 @@ MECHANISMS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", MECHANISMS, ids=lambda example: example.__name__)
 def test_a_page_moves_as_simulate_says(opened, example):
     """Over two seconds, with accelerations and multipliers, and on the constraints all the time."""
@@ -257,6 +248,7 @@ def test_sliders_change_what_is_solved(opened):
     agree(solved(tab, 1.0), mbd.simulate(mechanism, [0, 1], initial=start, **values, **exact).final)
 
 
+@pytest.mark.slow
 def test_a_length_that_cannot_be_reached_is_shown_and_not_jumped_over(opened):
     """The rocker becomes longer until the linkage is stretched; there it stays, assembled."""
     mechanism, start, (length, _, _) = adjustable()
@@ -394,6 +386,7 @@ def test_it_plays_steps_and_plots(opened):
     assert tab.evaluate("mechanism.time") == 0 and len(tab.evaluate("mechanism.plot('B, N')")[""]["points"]) == 1
 
 
+@pytest.mark.slow
 def test_names_velocities_and_forces_are_switched(opened):
     """Each changes the picture, and back; the scale is that of what is shown."""
     mechanism, start, _ = adjustable()
@@ -410,6 +403,7 @@ def test_names_velocities_and_forces_are_switched(opened):
     assert "coupler" in tab.evaluate("mechanism.svg()") and tab.locator("#scale").is_visible()
 
 
+@pytest.mark.slow
 def test_a_linkage_that_comes_apart_stops_and_says_so(opened):
     """A driver pulls a link beyond its reach."""
     link = mbd.Body("link", 1, 0.1, pose=(0.5, 0, 0))
@@ -485,6 +479,7 @@ def test_an_operation_that_javascript_lacks_is_refused_by_element(tmp_path):
         mbd.animate(mbd.Mechanism([block], joints=[guide], forces=[force]), tmp_path / "erf.html", live=True)
 
 
+@pytest.mark.slow
 def test_data_that_are_too_large_are_refused_by_element(tmp_path):
     """A force from twenty thousand points."""
     block, guide = block_on_guide()

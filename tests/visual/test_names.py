@@ -44,6 +44,7 @@ def model(request):
     return moved(request.param)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Glyph .* missing from font")
 def test_in_figures(model):
     """Names of bodies, joints, inputs, events, parameters and of the mechanism, in drawings, plots and legends."""
@@ -60,6 +61,7 @@ def test_in_figures(model):
         assert set(shown) <= set(texts(figure)), shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES[:1])
 def test_in_films(tmp_path, name):
     """As the title, and as the label of a plot."""
@@ -68,6 +70,7 @@ def test_in_films(tmp_path, name):
     assert (tmp_path / "motion.gif").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_in_the_page(model):
     """In the data as they are; nothing in the page's text begins or ends a script."""
     name, arm, motion = model
@@ -78,6 +81,7 @@ def test_in_the_page(model):
     assert [name] in [label["t"] for label in data["labels"]]
 
 
+@pytest.mark.slow
 def test_of_a_solution():
     """Labels of inputs, limits and the title."""
     name = NAMES[0]
@@ -98,3 +102,21 @@ def test_formulas_in_labels_of_ones_own():
     figure.draw_without_rendering()
     formula, broken = (axes.yaxis.label for axes in figure.axes)
     assert formula.get_parse_math() and not broken.get_parse_math()
+
+
+def test_names_are_placed_at_the_scale_of_the_picture():
+    """After the layout of the figure, no name of a hanging chain lies on its bars."""
+    axes = mbd.draw(mbd.library.pendulum_chain(3), names=True)
+    axes.figure.draw_without_rendering()
+    half = max(patch.get_path().get_extents().x1 for patch in axes.patches[:3])
+    names = [text.get_window_extent().transformed(axes.transData.inverted()) for text in axes.texts]
+    assert len(names) == 6 and all(name.x0 > half or name.x1 < -half for name in names)
+
+
+def test_names_in_a_part_of_a_figure():
+    """Axes of a subfigure are as good as those of a figure."""
+    from matplotlib.figure import Figure
+
+    part = Figure(layout="constrained").subfigures(1, 2)[1]
+    axes = mbd.draw(mbd.library.pendulum_chain(1), part.subplots(), names=True)
+    assert {"rod 1", "pin 1"} <= {text.get_text() for text in axes.texts}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from linkages import block_and_rider
 
 import mbdcasadi as mbd
 
@@ -9,18 +10,12 @@ import mbdcasadi as mbd
 @pytest.fixture(scope="module")
 def found():
     """A block that rubs on its guide and is then let go, with exact friction: its file keeps arrays alone."""
-    block = mbd.Body("block", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    rider = mbd.Body("rider", mass=1.0, inertia=0.1, velocity=(2.0, 0, 0))
-    guide = mbd.Translational("guide", mbd.ground.at(0, 0), block.at(0, 0))
-    seat = mbd.Weld("seat", block.at(0, 0), rider.at(0, 0))
-    rub = mbd.JointFriction("rub", guide, mbd.DryFriction(0.2))
-    both = mbd.Mechanism(bodies=[block, rider], joints=[guide, seat], forces=[mbd.Gravity(), rub])
-    alone = mbd.Mechanism(bodies=[block], joints=[guide], forces=[mbd.Gravity(), rub])
-    jump = mbd.Event("jump", mbd.t - 0.3 + 0 * rider.x, direction=1, during=both, becomes=alone)
+    block, both, alone, jump = block_and_rider()
     motion = mbd.simulate(both, np.linspace(0, 1.5, 31), initial=[block.vx == 2.0], events=[jump])
     return block, both, alone, motion
 
 
+@pytest.mark.slow
 def test_films_and_drawings_of_a_motion_from_a_file(found, tmp_path):
     block, both, alone, motion = found
     motion.save(tmp_path / "run.npz")

@@ -41,6 +41,7 @@ def test_each_expression_has_axes_of_its_own(motion, arm):
     assert first.get_shared_x_axes().joined(first, third)
 
 
+@pytest.mark.slow
 def test_figures_are_written(motion, arm, tmp_path):
     """As any Matplotlib figure."""
     plot(motion, {"angle": arm.phi}).savefig(tmp_path / "plot.png")
@@ -154,7 +155,7 @@ def test_long_labels_do_not_overprint():
     """They go on more lines, and stay within their axes."""
     model = mbd.library.four_bar()
     motion = mbd.simulate(model.mechanism, np.linspace(0, 0.1, 5))
-    long = "horizontal position of the centre of the coupler of the linkage, m"
+    long = "horizontal position of the centre of the coupler of the linkage, m"  # the unit would have a line of its own
     figure = mbd.plot(
         motion,
         {
@@ -165,6 +166,7 @@ def test_long_labels_do_not_overprint():
     )
     figure.draw_without_rendering()
     labels = [axes.yaxis.label for axes in figure.axes]
+    assert labels[0].get_text().endswith("linkage, m")
     assert labels[0].get_text().replace("\n", " ") == long and labels[1].get_text() == "angle, rad"
     assert "\n" not in labels[2].get_text()
     for axes, label in zip(figure.axes[:2], labels, strict=False):

@@ -35,21 +35,20 @@ typedef struct {
   fmi2Real nextEventTime;
 } fmi2EventInfo;
 
-#if defined(_WIN32)
-#define SHOWN __declspec(dllexport)
-#elif defined(__GNUC__)
-#define SHOWN __attribute__((visibility("default")))
-#else
-#define SHOWN
-#endif
-#ifdef FMI2_FUNCTION_PREFIX
+typedef fmi2Status status_t;
+typedef fmi2Component component_t;
+typedef fmi2Boolean boolean_t;
+typedef fmi2String string_t;
+typedef fmi2Byte byte_t;
 #define PASTE(a, b) a##b
 #define PASTED(a, b) PASTE(a, b)
-#define NAMED(name) PASTED(FMI2_FUNCTION_PREFIX, name)
-#else
-#define NAMED(name) name
+#define FMI(name) PASTE(fmi2, name)
+#define FMU_STATE FMUstate
+#define DESERIALIZE DeSerialize
+#define RATES Derivatives
+#ifdef FMI2_FUNCTION_PREFIX
+#define FUNCTION_PREFIX FMI2_FUNCTION_PREFIX
 #endif
-#define STATUS SHOWN fmi2Status
 
 typedef struct {
   instance* s;
@@ -58,8 +57,7 @@ typedef struct {
   fmi2Status last;
 } unit;
 
-static const fmi2Status STATUSES[] = {fmi2OK, fmi2Warning, fmi2Discard, fmi2Error};
-static const char* const CATEGORIES[] = {"logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError"};
+#include "interface.c"
 
 static void report(void* host, int status, const char* message) {
   unit* c = host;
@@ -67,16 +65,9 @@ static void report(void* host, int status, const char* message) {
     c->callbacks.logger(c->callbacks.componentEnvironment, c->name, STATUSES[status], CATEGORIES[status], "%s", message);
 }
 
-static instance* of(fmi2Component c) { return ((unit*)c)->s; }
-
 SHOWN const char* NAMED(fmi2GetTypesPlatform)(void) { return "default"; }
 
 SHOWN const char* NAMED(fmi2GetVersion)(void) { return "2.0"; }
-
-STATUS NAMED(fmi2SetDebugLogging)(fmi2Component c, fmi2Boolean on, size_t count, const fmi2String categories[]) {
-  (void)c; (void)on; (void)count; (void)categories;
-  return fmi2OK;
-}
 
 SHOWN fmi2Component NAMED(fmi2Instantiate)(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                            const fmi2CallbackFunctions* functions, fmi2Boolean visible,
@@ -108,53 +99,22 @@ SHOWN void NAMED(fmi2FreeInstance)(fmi2Component component) {
 
 STATUS NAMED(fmi2SetupExperiment)(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
                                   fmi2Boolean has_stop, fmi2Real stop) {
-  instance* s = of(c);
-  if (has_tolerance && tolerance > 0.0) s->block[RELTOL] = tolerance;
-  s->block[START_TIME] = s->block[TIME] = start;
-  s->block[STOP_TIME] = has_stop ? stop : INFINITY;
-  s->block[IS_UNSETTLED] = 1.0;
+  set_experiment(of(c), has_tolerance, tolerance, start, has_stop, stop);
   return fmi2OK;
 }
 
-STATUS NAMED(fmi2EnterInitializationMode)(fmi2Component c) {
-  of(c)->block[MODE] = INITIALIZING;
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2ExitInitializationMode)(fmi2Component c) {
-  instance* s = of(c);
-  const int status = settle(s);
-  /* co-simulation and model exchange go on from here in different modes, and no call distinguishes them here */
-  if (status == OK_) s->block[MODE] = EVENT_MODE;
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi2Terminate)(fmi2Component c) {
-  of(c)->block[MODE] = TERMINATED;
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2Reset)(fmi2Component c) {
-  reset(of(c));
-  return fmi2OK;
-}
+STATUS NAMED(fmi2EnterInitializationMode)(fmi2Component c) { return enter(c, INITIALIZING); }
 
 STATUS NAMED(fmi2GetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t count, fmi2Real value[]) {
-  int status = OK_;
-  for (size_t i = 0; i < count && status == OK_; ++i) status = get_value(of(c), vr[i], &value[i]);
-  return STATUSES[status];
+  return STATUSES[get_values(of(c), vr, count, value)];
 }
 
 STATUS NAMED(fmi2SetReal)(fmi2Component c, const fmi2ValueReference vr[], size_t count, const fmi2Real value[]) {
-  int status = OK_;
-  for (size_t i = 0; i < count && status == OK_; ++i) status = set_value(of(c), vr[i], value[i]);
-  return STATUSES[status];
+  return STATUSES[set_values(of(c), vr, count, value)];
 }
 
 static fmi2Status no_such(fmi2Component c, size_t count) {
-  if (!count) return fmi2OK;
-  say(of(c), ERROR_, "all variables of this unit are of type Real");
-  return fmi2Error;
+  return count ? refuse(c, "all variables of this unit are of type Real") : fmi2OK;
 }
 
 #define ABSENT(type, kind)                                                                                         \
@@ -170,47 +130,6 @@ ABSENT(Integer, fmi2Integer)
 ABSENT(Boolean, fmi2Boolean)
 ABSENT(String, fmi2String)
 
-STATUS NAMED(fmi2GetFMUstate)(fmi2Component c, fmi2FMUstate* state) {
-  if (!*state) return (*state = save(of(c))) != NULL ? fmi2OK : fmi2Error;
-  memcpy(*state, of(c)->block, SAVED_BYTES);
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2SetFMUstate)(fmi2Component c, fmi2FMUstate state) { return STATUSES[restore(of(c), state)]; }
-
-STATUS NAMED(fmi2FreeFMUstate)(fmi2Component c, fmi2FMUstate* state) {
-  (void)c;
-  if (state) { free(*state); *state = NULL; }
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2SerializedFMUstateSize)(fmi2Component c, fmi2FMUstate state, size_t* size) {
-  (void)c; (void)state;
-  *size = SAVED_BYTES;
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2SerializeFMUstate)(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
-  if (size < SAVED_BYTES || !state) {
-    say(of(c), ERROR_, "a saved state takes %d bytes", (int)SAVED_BYTES);
-    return fmi2Error;
-  }
-  memcpy(bytes, state, SAVED_BYTES);
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2DeSerializeFMUstate)(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate* state) {
-  double identity = 0.0;
-  if (size >= SAVED_BYTES) memcpy(&identity, bytes, sizeof identity);
-  if (identity != MODEL_IDENTITY) {
-    say(of(c), ERROR_, "the serialized state belongs to another model");
-    return fmi2Error;
-  }
-  if (!*state && !(*state = malloc(SAVED_BYTES))) return fmi2Error;
-  memcpy(*state, bytes, SAVED_BYTES);
-  return fmi2OK;
-}
-
 STATUS NAMED(fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
                                            const fmi2ValueReference known[], size_t knowns, const fmi2Real seed[],
                                            fmi2Real result[]) {
@@ -219,71 +138,12 @@ STATUS NAMED(fmi2GetDirectionalDerivative)(fmi2Component c, const fmi2ValueRefer
 
 /* --- model exchange ------------------------------------------------------------------------------------- */
 
-STATUS NAMED(fmi2EnterEventMode)(fmi2Component c) {
-  of(c)->block[MODE] = EVENT_MODE;
-  return fmi2OK;
-}
-
 STATUS NAMED(fmi2NewDiscreteStates)(fmi2Component c, fmi2EventInfo* info) {
   instance* s = of(c);
   const int moves = s->block[IS_UNSETTLED] != 0.0, status = settle(s);
   memset(info, 0, sizeof *info);
   info->valuesOfContinuousStatesChanged = moves;
   return STATUSES[status];
-}
-
-STATUS NAMED(fmi2EnterContinuousTimeMode)(fmi2Component c) {
-  of(c)->block[MODE] = CONTINUOUS;
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2CompletedIntegratorStep)(fmi2Component c, fmi2Boolean no_return, fmi2Boolean* enter_event_mode,
-                                          fmi2Boolean* terminate) {
-  (void)c; (void)no_return;
-  *enter_event_mode = *terminate = 0;
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2SetTime)(fmi2Component c, fmi2Real time) {
-  of(c)->block[TIME] = time;
-  changed(of(c));
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2SetContinuousStates)(fmi2Component c, const fmi2Real x[], size_t count) {
-  if (count != N_X) return fmi2Error;
-  memcpy(of(c)->x, x, sizeof(double) * N_X);
-  changed(of(c));
-  return fmi2OK;
-}
-
-STATUS NAMED(fmi2GetDerivatives)(fmi2Component c, fmi2Real rates[], size_t count) {
-  if (count != N_X) return fmi2Error;
-  const int status = update_derivatives(of(c));
-  memcpy(rates, of(c)->xdot, sizeof(double) * N_X);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi2GetEventIndicators)(fmi2Component c, fmi2Real values[], size_t count) {
-  instance* s = of(c);
-  if (count != N_INDICATORS) return fmi2Error;
-  const int status = settle(s);
-  find_indicators(s, s->block[TIME], s->x, values);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi2GetContinuousStates)(fmi2Component c, fmi2Real x[], size_t count) {
-  if (count != N_X) return fmi2Error;
-  const int status = settle(of(c));
-  memcpy(x, of(c)->x, sizeof(double) * N_X);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi2GetNominalsOfContinuousStates)(fmi2Component c, fmi2Real nominals[], size_t count) {
-  (void)c;
-  if (count != N_X) return fmi2Error;
-  memcpy(nominals, NOMINALS, sizeof(double) * N_X);
-  return fmi2OK;
 }
 
 /* --- co-simulation -------------------------------------------------------------------------------------- */
@@ -295,9 +155,7 @@ static int set_slope(instance* s, unsigned reference, int order, double slope) {
   }
   const int k = INPUT_PLACES[reference - FIRST_INPUT];
   if (s->levels[N_INPUTS + k] == slope) return OK_;
-  const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
-  for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
-  s->levels[2 * N_INPUTS] = s->block[TIME];
+  count_slopes_from_now(s);
   s->levels[N_INPUTS + k] = slope;
   turned(s);
   return OK_;
@@ -313,23 +171,14 @@ STATUS NAMED(fmi2SetRealInputDerivatives)(fmi2Component c, const fmi2ValueRefere
 STATUS NAMED(fmi2GetRealOutputDerivatives)(fmi2Component c, const fmi2ValueReference vr[], size_t count,
                                            const fmi2Integer order[], fmi2Real value[]) {
   (void)vr; (void)order; (void)value;
-  if (!count) return fmi2OK;
-  say(of(c), ERROR_, "derivatives of outputs in time are not available");
-  return fmi2Error;
+  return count ? refuse(c, "derivatives of outputs in time are not available") : fmi2OK;
 }
 
 STATUS NAMED(fmi2DoStep)(fmi2Component component, fmi2Real time, fmi2Real step, fmi2Boolean no_return) {
   unit* c = component;
   instance* s = c->s;
   (void)no_return;
-  if (s->block[MODE] == TERMINATED || s->block[MODE] < EVENT_MODE) {
-    say(s, ERROR_, "a step is possible only between initialization and termination");
-    return c->last = fmi2Error;
-  }
-  if (!(fabs(time - s->block[TIME]) <= 1e-9 * (fabs(time) + fabs(step)))) {
-    say(s, ERROR_, "the step is to begin at t = %.12g s, and the unit is at t = %.12g s", time, s->block[TIME]);
-    return c->last = fmi2Error;
-  }
+  if (!may_step(s, time, step)) return c->last = fmi2Error;
   if (!(step >= 0.0)) {
     say(s, ERROR_, "the communication step must not be negative, got %g s", step);
     return c->last = fmi2Error;
@@ -338,10 +187,7 @@ STATUS NAMED(fmi2DoStep)(fmi2Component component, fmi2Real time, fmi2Real step, 
   return c->last = STATUSES[step_to(s, time + step)];
 }
 
-STATUS NAMED(fmi2CancelStep)(fmi2Component c) {
-  say(of(c), ERROR_, "no step is pending");
-  return fmi2Error;
-}
+STATUS NAMED(fmi2CancelStep)(fmi2Component c) { return refuse(c, "no step is pending"); }
 
 STATUS NAMED(fmi2GetStatus)(fmi2Component c, const fmi2StatusKind kind, fmi2Status* value) {
   if (kind != fmi2DoStepStatus) return fmi2Discard;

@@ -27,21 +27,20 @@ typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, fmi3Floa
 typedef void (*fmi3Callback)(void);
 typedef void (*fmi3ClockUpdateCallback)(fmi3InstanceEnvironment);
 
-#if defined(_WIN32)
-#define SHOWN __declspec(dllexport)
-#elif defined(__GNUC__)
-#define SHOWN __attribute__((visibility("default")))
-#else
-#define SHOWN
-#endif
+typedef fmi3Status status_t;
+typedef fmi3Instance component_t;
+typedef fmi3Boolean boolean_t;
+typedef fmi3String string_t;
+typedef fmi3Byte byte_t;
 #define PASTE(a, b) a##b
 #define PASTED(a, b) PASTE(a, b)
+#define FMI(name) PASTE(fmi3, name)
+#define FMU_STATE FMUState
+#define DESERIALIZE Deserialize
+#define RATES ContinuousStateDerivatives
 #ifdef FMI3_FUNCTION_PREFIX
-#define NAMED(name) PASTED(FMI3_FUNCTION_PREFIX, name)
-#else
-#define NAMED(name) name
+#define FUNCTION_PREFIX FMI3_FUNCTION_PREFIX
 #endif
-#define STATUS SHOWN fmi3Status
 
 typedef struct {
   instance* s;
@@ -50,27 +49,14 @@ typedef struct {
   bool has_event_mode;
 } unit;
 
-static const fmi3Status STATUSES[] = {fmi3OK, fmi3Warning, fmi3Discard, fmi3Error};
-static const char* const CATEGORIES[] = {"logEvents", "logStatusWarning", "logStatusDiscard", "logStatusError"};
+#include "interface.c"
 
 static void report(void* host, int status, const char* message) {
   unit* c = host;
   if (c->log) c->log(c->environment, STATUSES[status], CATEGORIES[status], message);
 }
 
-static instance* of(fmi3Instance c) { return ((unit*)c)->s; }
-
-static fmi3Status refuse(fmi3Instance c, const char* message) {
-  say(of(c), ERROR_, "%s", message);
-  return fmi3Error;
-}
-
 SHOWN const char* NAMED(fmi3GetVersion)(void) { return "3.0"; }
-
-STATUS NAMED(fmi3SetDebugLogging)(fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String categories[]) {
-  (void)c; (void)on; (void)count; (void)categories;
-  return fmi3OK;
-}
 
 static fmi3Instance instantiate(fmi3String token, int is_there, const char* refusal,
                                 fmi3InstanceEnvironment environment, fmi3LogMessageCallback log) {
@@ -121,51 +107,20 @@ SHOWN void NAMED(fmi3FreeInstance)(fmi3Instance component) {
 
 STATUS NAMED(fmi3EnterInitializationMode)(fmi3Instance c, fmi3Boolean has_tolerance, fmi3Float64 tolerance,
                                           fmi3Float64 start, fmi3Boolean has_stop, fmi3Float64 stop) {
-  instance* s = of(c);
-  if (has_tolerance && tolerance > 0.0) s->block[RELTOL] = tolerance;
-  s->block[START_TIME] = s->block[TIME] = start;
-  s->block[STOP_TIME] = has_stop ? stop : INFINITY;
-  s->block[IS_UNSETTLED] = 1.0;
-  s->block[MODE] = INITIALIZING;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3ExitInitializationMode)(fmi3Instance c) {
-  instance* s = of(c);
-  const int status = settle(s);
-  if (status == OK_) s->block[MODE] = EVENT_MODE;
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi3EnterEventMode)(fmi3Instance c) {
-  of(c)->block[MODE] = EVENT_MODE;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3Terminate)(fmi3Instance c) {
-  of(c)->block[MODE] = TERMINATED;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3Reset)(fmi3Instance c) {
-  reset(of(c));
-  return fmi3OK;
+  set_experiment(of(c), has_tolerance, tolerance, start, has_stop, stop);
+  return enter(c, INITIALIZING);
 }
 
 STATUS NAMED(fmi3GetFloat64)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, fmi3Float64 value[],
                              size_t values) {
-  int status = OK_;
   if (values != count) return refuse(c, "every variable of this unit is one number");
-  for (size_t i = 0; i < count && status == OK_; ++i) status = get_value(of(c), vr[i], &value[i]);
-  return STATUSES[status];
+  return STATUSES[get_values(of(c), vr, count, value)];
 }
 
 STATUS NAMED(fmi3SetFloat64)(fmi3Instance c, const fmi3ValueReference vr[], size_t count, const fmi3Float64 value[],
                              size_t values) {
-  int status = OK_;
   if (values != count) return refuse(c, "every variable of this unit is one number");
-  for (size_t i = 0; i < count && status == OK_; ++i) status = set_value(of(c), vr[i], value[i]);
-  return STATUSES[status];
+  return STATUSES[set_values(of(c), vr, count, value)];
 }
 
 static fmi3Status no_such(fmi3Instance c, size_t count) {
@@ -227,41 +182,6 @@ STATUS NAMED(fmi3GetVariableDependencies)(fmi3Instance c, fmi3ValueReference vr,
                                           fmi3DependencyKind kinds[], size_t count) {
   (void)vr; (void)elements; (void)independents; (void)others; (void)kinds; (void)count;
   return refuse(c, "the dependencies are those of the model description");
-}
-
-STATUS NAMED(fmi3GetFMUState)(fmi3Instance c, fmi3FMUState* state) {
-  if (!*state) return (*state = save(of(c))) != NULL ? fmi3OK : fmi3Error;
-  memcpy(*state, of(c)->block, SAVED_BYTES);
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3SetFMUState)(fmi3Instance c, fmi3FMUState state) { return STATUSES[restore(of(c), state)]; }
-
-STATUS NAMED(fmi3FreeFMUState)(fmi3Instance c, fmi3FMUState* state) {
-  (void)c;
-  if (state) { free(*state); *state = NULL; }
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3SerializedFMUStateSize)(fmi3Instance c, fmi3FMUState state, size_t* size) {
-  (void)c; (void)state;
-  *size = SAVED_BYTES;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3SerializeFMUState)(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size) {
-  if (size < SAVED_BYTES || !state) return refuse(c, "the space is too small for a saved state");
-  memcpy(bytes, state, SAVED_BYTES);
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3DeserializeFMUState)(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState* state) {
-  double identity = 0.0;
-  if (size >= SAVED_BYTES) memcpy(&identity, bytes, sizeof identity);
-  if (identity != MODEL_IDENTITY) return refuse(c, "the serialized state belongs to another model");
-  if (!*state && !(*state = malloc(SAVED_BYTES))) return fmi3Error;
-  memcpy(*state, bytes, SAVED_BYTES);
-  return fmi3OK;
 }
 
 STATUS NAMED(fmi3GetDirectionalDerivative)(fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns,
@@ -328,59 +248,6 @@ STATUS NAMED(fmi3UpdateDiscreteStates)(fmi3Instance c, fmi3Boolean* again, fmi3B
 
 /* --- model exchange ------------------------------------------------------------------------------------- */
 
-STATUS NAMED(fmi3EnterContinuousTimeMode)(fmi3Instance c) {
-  of(c)->block[MODE] = CONTINUOUS;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3CompletedIntegratorStep)(fmi3Instance c, fmi3Boolean no_return, fmi3Boolean* enter_event_mode,
-                                          fmi3Boolean* terminate) {
-  (void)c; (void)no_return;
-  *enter_event_mode = *terminate = false;
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3SetTime)(fmi3Instance c, fmi3Float64 time) {
-  of(c)->block[TIME] = time;
-  changed(of(c));
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3SetContinuousStates)(fmi3Instance c, const fmi3Float64 x[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
-  memcpy(of(c)->x, x, sizeof(double) * N_X);
-  changed(of(c));
-  return fmi3OK;
-}
-
-STATUS NAMED(fmi3GetContinuousStateDerivatives)(fmi3Instance c, fmi3Float64 rates[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
-  const int status = update_derivatives(of(c));
-  memcpy(rates, of(c)->xdot, sizeof(double) * N_X);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi3GetEventIndicators)(fmi3Instance c, fmi3Float64 values[], size_t count) {
-  instance* s = of(c);
-  if (count != N_INDICATORS) return refuse(c, "the number of event indicators is wrong");
-  const int status = settle(s);
-  find_indicators(s, s->block[TIME], s->x, values);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi3GetContinuousStates)(fmi3Instance c, fmi3Float64 x[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
-  const int status = settle(of(c));
-  memcpy(x, of(c)->x, sizeof(double) * N_X);
-  return STATUSES[status];
-}
-
-STATUS NAMED(fmi3GetNominalsOfContinuousStates)(fmi3Instance c, fmi3Float64 nominals[], size_t count) {
-  if (count != N_X) return refuse(c, "the number of continuous states is wrong");
-  memcpy(nominals, NOMINALS, sizeof(double) * N_X);
-  return fmi3OK;
-}
-
 STATUS NAMED(fmi3GetNumberOfEventIndicators)(fmi3Instance c, size_t* count) {
   (void)c;
   *count = N_INDICATORS;
@@ -416,12 +283,7 @@ STATUS NAMED(fmi3DoStep)(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi
   if (terminate) *terminate = false;
   if (early_return) *early_return = false;
   if (last_time) *last_time = s->block[TIME];
-  if (s->block[MODE] == TERMINATED || s->block[MODE] < EVENT_MODE)
-    return refuse(c, "a step is possible only between initialization and termination");
-  if (!(fabs(time - s->block[TIME]) <= 1e-9 * (fabs(time) + fabs(step)))) {
-    say(s, ERROR_, "the step is to begin at t = %.12g s, and the unit is at t = %.12g s", time, s->block[TIME]);
-    return fmi3Error;
-  }
+  if (!may_step(s, time, step)) return fmi3Error;
   if (!(step > 0.0)) {
     say(s, ERROR_, "the communication step must be positive, got %g s", step);
     return fmi3Error;

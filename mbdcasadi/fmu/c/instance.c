@@ -144,6 +144,14 @@ static void reset(instance* s) {
   changed(s);
 }
 
+/* Take the tolerance and the times of an experiment. */
+static void set_experiment(instance* s, int has_tolerance, double tolerance, double start, int has_stop, double stop) {
+  if (has_tolerance && tolerance > 0.0) s->block[RELTOL] = tolerance;
+  s->block[START_TIME] = s->block[TIME] = start;
+  s->block[STOP_TIME] = has_stop ? stop : INFINITY;
+  s->block[IS_UNSETTLED] = 1.0;
+}
+
 static void dismiss(instance* s) {
   if (!s) return;
   mbd_free(s->run);
@@ -429,6 +437,19 @@ static int get_value(instance* s, unsigned reference, double* value) {
   return status;
 }
 
+static int get_values(instance* s, const unsigned* references, size_t count, double* values) {
+  int status = OK_;
+  for (size_t i = 0; i < count && status == OK_; ++i) status = get_value(s, references[i], &values[i]);
+  return status;
+}
+
+/* The slopes of all inputs count from one time. */
+static void count_slopes_from_now(instance* s) {
+  const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
+  for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
+  s->levels[2 * N_INPUTS] = s->block[TIME];
+}
+
 static int set_value(instance* s, unsigned reference, double value) {
   if (reference < FIRST_INPUT || reference >= REFERENCES) {
     say(s, ERROR_, "there is no variable with the value reference %u that can be set", reference);
@@ -441,10 +462,7 @@ static int set_value(instance* s, unsigned reference, double value) {
   if (reference < FIRST_PARAMETER) {
     const int k = INPUT_PLACES[reference - FIRST_INPUT];
     if (s->levels[k] == value && s->levels[N_INPUTS + k] == 0.0) return OK_;
-    /* the slopes of all inputs count from one time */
-    const double since = s->block[TIME] - s->levels[2 * N_INPUTS];
-    for (int i = 0; i < N_INPUTS; ++i) s->levels[i] += since * s->levels[N_INPUTS + i];
-    s->levels[2 * N_INPUTS] = s->block[TIME];
+    count_slopes_from_now(s);
     s->levels[k] = value;
     s->levels[N_INPUTS + k] = 0.0;
     turned(s);
@@ -469,6 +487,12 @@ static int set_value(instance* s, unsigned reference, double value) {
   }
   say(s, ERROR_, "%s is calculated and cannot be set", NAMES[reference]);
   return ERROR_;
+}
+
+static int set_values(instance* s, const unsigned* references, size_t count, const double* values) {
+  int status = OK_;
+  for (size_t i = 0; i < count && status == OK_; ++i) status = set_value(s, references[i], values[i]);
+  return status;
 }
 
 /* Seeds by value reference, and the derivatives along them. */
@@ -548,14 +572,7 @@ static double beyond_switch(instance* s, double t) {
 static int state_at(instance* s, double t, double* x) {
   const double begin = s->block[AHEAD_BEGIN], end = s->block[AHEAD_END], h = end - begin;
   if (t >= end) { memcpy(x, s->finish, sizeof(double) * N_X); return 1; }
-  const double part = fmax(0.0, (t - begin) / h), r = 1.0 - part, *f = s->dense;
-  for (int i = 0; i < N_X; ++i)
-    x[i] = s->start[i] +
-           part * (f[i] +
-                   r * (f[N_X + i] +
-                        part * (f[2 * N_X + i] +
-                                r * (f[3 * N_X + i] +
-                                     part * (f[4 * N_X + i] + r * (f[5 * N_X + i] + part * f[6 * N_X + i]))))));
+  dense_output(s->start, s->dense, N_X, fmax(0.0, (t - begin) / h), x);
   return project(s->run, t, x);
 }
 

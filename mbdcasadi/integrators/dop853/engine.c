@@ -316,11 +316,10 @@ static void prepare_dense(run_t* run, double t, double h) {
   combine_dense_6(n, h, k, f + 6 * n);
 }
 
-static void dense_output(const run_t* run, double s, double* y) {
-  const integer n = run->n_y;
-  const double *f = run->dense, r = 1.0 - s;
+static void dense_output(const double* begin, const double* f, integer n, double s, double* y) {
+  const double r = 1.0 - s;
   for (integer i = 0; i < n; ++i)
-    y[i] = run->y[i] +
+    y[i] = begin[i] +
            s * (f[i] +
                 r * (f[n + i] +
                      s * (f[2 * n + i] +
@@ -401,7 +400,7 @@ static int record_step(run_t* run, stretch_t* task, double t, double h, double e
     const int wanted = due <= between;
     const double time = wanted ? due : between;
     if (wanted || (time > last && time < due)) {
-      dense_output(run, (time - t) / h, run->point);
+      dense_output(run->y, run->dense, run->n_y, (time - t) / h, run->point);
       if (!project(run, time, run->point)) return 0;
       record(run, task, time, run->point, wanted ? task->reached : -1);
       last = time;
@@ -489,7 +488,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
     if (s->events) {
       for (integer k = 1; k <= samples + 1; ++k) {
         const double *state = run->next, part = (double)k / (double)(samples + 1);
-        if (k <= samples) { dense_output(run, part, run->point); state = run->point; }
+        if (k <= samples) { dense_output(run->y, run->dense, run->n_y, part, run->point); state = run->point; }
         const double time = k <= samples ? t + part * h : arrival;
         find_events(run, time, state, run->events + 2 * s->events);
         found |= look(run, task, time, looked);

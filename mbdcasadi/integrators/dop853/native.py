@@ -242,23 +242,39 @@ class NativeRun:
 
     def advance(self, s: Stretch, progress: Progress) -> Reached:
         """Integrate over a stretch; `progress` goes on."""
-        system, given = self.system, _Arrays()
-        count, n_x, n_int = s.times.size, system.size, system.integrals
-        capacity = count + 8
+        extra = 0
         if s.every_step or s.keep_samples or self.watched is not None or s.fall:
-            capacity += MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * n_x + 16)), 64)
-        times, x = np.empty(capacity), np.empty((capacity, n_x))
-        integrals, index = np.empty((capacity, n_int)), np.empty(capacity, np.int64)
-        events = 0 if self.watched is None else self.watched.size
-        none = np.zeros(events)
-        task = _Stretch(
+            extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
+        rows, given = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
+        task = self._task(s, progress, rows, given)
+        self.library.mbd_advance(self._run, ctypes.addressof(task))
+        progress.step, progress.regularity = task.step, task.regularity
+        progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
+        r = task.recorded
+        return Reached(
+            rows.times[:r].copy(),
+            rows.x[:r].copy(),
+            rows.integrals[:r].copy(),
+            rows.index[:r].copy(),
+            Status(task.status),
+            task.steps,
+            task.rejected,
+            task.evaluations,
+            task.least_regularity,
+        )
+
+    def _task(self, s: Stretch, progress: Progress, rows: _Rows, given: _Arrays) -> _Stretch:
+        """A stretch for the engine, which reads arrays that are kept in `given` and writes into the rows."""
+        watched = self.watched
+        none = np.zeros(0 if watched is None else watched.size)
+        return _Stretch(
             start=s.start,
             x=given.doubles(s.x),
-            count=count,
+            count=s.times.size,
             times=given.doubles(s.times),
             stops=given.ints(s.stops),
             channels=given.doubles(s.channels),
-            channel=system.channel,
+            channel=self.system.channel,
             p=given.doubles(s.p),
             levels=given.doubles(s.levels),
             weights=given.doubles(s.weights),
@@ -276,34 +292,19 @@ class NativeRun:
             offset=given.doubles(s.offset if s.offset.size else none),
             band=given.doubles(s.band if s.band.size else none),
             side=given.doubles(s.side if s.side.size else none),
-            direction=given.ints(none if self.watched is None else self.watched.direction),
-            decides=given.ints(none if self.watched is None else self.watched.decides),
+            direction=given.ints(none if watched is None else watched.direction),
+            decides=given.ints(none if watched is None else watched.decides),
             fall=s.fall,
             stiff_after=s.stiff_after,
-            capacity=capacity,
+            capacity=rows.times.size,
             step=progress.step,
             regularity=progress.regularity,
             stiff=progress.stiff,
             not_stiff=progress.not_stiff,
-            out_times=times.ctypes.data,
-            out_x=x.ctypes.data,
-            out_integrals=integrals.ctypes.data,
-            out_index=index.ctypes.data,
-        )
-        self.library.mbd_advance(self._run, ctypes.addressof(task))
-        progress.step, progress.regularity = task.step, task.regularity
-        progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
-        r = task.recorded
-        return Reached(
-            times[:r].copy(),
-            x[:r].copy(),
-            integrals[:r].copy(),
-            index[:r].copy(),
-            Status(task.status),
-            task.steps,
-            task.rejected,
-            task.evaluations,
-            task.least_regularity,
+            out_times=rows.times.ctypes.data,
+            out_x=rows.x.ctypes.data,
+            out_integrals=rows.integrals.ctypes.data,
+            out_index=rows.index.ctypes.data,
         )
 
     def complete(
@@ -343,7 +344,7 @@ class NativeRun:
         cases : Cases
             The cases.
         common : Stretch
-            Tolerances and what else all of them share.
+            The first of them: tolerances and what else all of them share.
         output : Code
             Of one function ``(t, q, v, a, z, lam, u, p) -> outputs``.
         values : numpy.ndarray
@@ -356,34 +357,9 @@ class NativeRun:
         reached : numpy.ndarray
             Times up to which they came, s.
         """
-        system, arrays, count = self.system, _Arrays(), cases.times.shape[-1]
-        capacity = count + 8
-        out_times, out_x = np.empty(capacity), np.empty((capacity, system.size))
-        out_integrals, out_index = np.empty((capacity, system.integrals)), np.empty(capacity, np.int64)
-        none = np.zeros(0)
-        task = _Stretch(
-            start=common.start,
-            count=count,
-            channel=system.channel,
-            weights=arrays.doubles(common.weights),
-            reltol=common.reltol,
-            abstol=common.abstol,
-            accuracy=ACCURACY,
-            most_steps=common.most_steps,
-            halt=self._halt.ctypes.data,
-            samples=SAMPLES,
-            spacing=np.inf,
-            offset=arrays.doubles(none),
-            band=arrays.doubles(none),
-            side=arrays.doubles(none),
-            direction=arrays.ints(none),
-            decides=arrays.ints(none),
-            capacity=capacity,
-            out_times=out_times.ctypes.data,
-            out_x=out_x.ctypes.data,
-            out_integrals=out_integrals.ctypes.data,
-            out_index=out_index.ctypes.data,
-        )
+        arrays, count = _Arrays(), cases.times.shape[-1]
+        rows = _Rows(self.system, count + 8)  # lives as long as the call
+        task = self._task(common, Progress(), rows, arrays)
         number = len(cases.starts)
         status, reached = np.zeros(number, np.int32), np.zeros(number)
         entry = _entry(output, 0)
@@ -411,6 +387,14 @@ class NativeRun:
         )
         self.library.mbd_run_cases(self._run, ctypes.addressof(task), ctypes.addressof(asked), 0, number)
         return status, reached
+
+
+class _Rows:
+    """Room for the states that a call returns."""
+
+    def __init__(self, system: ExplicitSystem, capacity: int):
+        self.times, self.x = np.empty(capacity), np.empty((capacity, system.size))
+        self.integrals, self.index = np.empty((capacity, system.integrals)), np.empty(capacity, np.int64)
 
 
 class _Arrays:

@@ -59,7 +59,6 @@ class Runner:
         self.system, self.watched = system, watched
         self._cache, self._compiles = cache, compiles
         self._codes: tuple[Code, ...] = ()
-        self._interpreted = 0.0
         self._borrowed: tuple[tuple[object, ...], _Run] | None = None
         self._using = build.compiler()
         self.said = ""

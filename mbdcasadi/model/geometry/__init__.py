@@ -1,0 +1,1 @@
+"""Geometry: shapes, curves, cam outlines, splines, motion programs, quadrature."""

@@ -72,7 +72,7 @@ def _(shape: Disc, order: int) -> Rule:
 
 @quadrature.register
 def _(shape: Polygon, order: int) -> Rule:
-    rules = [_triangle(corners, order) for corners in triangles(shape._corners())]
+    rules = [_triangle(corners, order) for corners in triangles(shape.outlines()[0].points)]
     return np.vstack([points for points, _ in rules]), np.concatenate([weights for _, weights in rules])
 
 

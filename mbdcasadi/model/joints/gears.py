@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ModelError
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
-from ..quantities import Quantities, known_value, quantity, yes_or_no
+from ..quantities import Limit, Quantities, known_value, quantity, yes_or_no
 from ..symbols import values_of
 from ..validity import ValidityCondition
 from .base import AlongLine, Joint, as_carrier
@@ -81,10 +81,7 @@ class Gear(Joint):
     ):
         a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
-        read = Quantities(what)
-        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
-        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
-        self.limits = read.limits
+        self.radius_a, self.radius_b, self.limits = _two_radii(what, radius_a, radius_b)
         self.internal = yes_or_no(internal, what, "internal")
         self.carrier = as_carrier(carrier, a, b, what)
         sign = -1 if self.internal else 1
@@ -116,6 +113,15 @@ class Gear(Joint):
     def tooth_force(self) -> ca.SX:
         """Tangential force of b on a at the pitch point, N; positive turns a counter-clockwise."""
         return -self.multipliers
+
+
+def _two_radii(what: str, radius_a: Any, radius_b: Any) -> tuple[Any, Any, tuple[Limit, ...]]:
+    """Return two positive radii and their limits."""
+    read = Quantities(what)
+    radii = [
+        read(value, name, above=0.0, fixed=True) for value, name in ((radius_a, "radius_a"), (radius_b, "radius_b"))
+    ]
+    return radii[0], radii[1], read.limits
 
 
 def _pitch_distance(what: str, total: ca.SX) -> ca.SX:
@@ -300,10 +306,7 @@ class Belt(Joint):
     ):
         a, b = self.pair(name, a, b)
         what = f"joint '{name}'"
-        read = Quantities(what)
-        self.radius_a = read(radius_a, "radius_a", above=0.0, fixed=True)
-        self.radius_b = read(radius_b, "radius_b", above=0.0, fixed=True)
-        self.limits = read.limits
+        self.radius_a, self.radius_b, self.limits = _two_radii(what, radius_a, radius_b)
         self.crossed = yes_or_no(crossed, what, "crossed")
         self.carrier = as_carrier(carrier, a, b, what)
         self.leans_on_ground = self.carrier.is_ground

@@ -146,7 +146,8 @@ def _warn_of_free_choices(solution: Solution) -> None:
     problem, program = solution.problem, solution.program
     if any(part.phase.mechanism.inputs for part in solution.phases) or _has_cost(solution):
         return
-    lower, upper = program.bounds(solution.phases[0].trajectory.initial)
+    times = [part.segment_times for part in solution.phases]
+    lower, upper = program.bounds(solution.phases[0].trajectory.initial, solution.meshes, times)
     unknown = int(np.sum(lower < upper))
     free = unknown - sum(row.equality for row in program.rows)
     if free > 0:

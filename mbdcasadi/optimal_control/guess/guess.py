@@ -78,7 +78,7 @@ class PhaseGuess:
                 part = scheme.interval_slice(name)
                 for i in range(lengths.size):
                     x[program.inner_index(i)[part]] = columns[i]
-        x[program.time_index] = self.segment_times[: program.time_count]
+        x[program.time_index] = times[mesh.knots][: program.time_count]
 
     def _inputs(self, program: PhaseProgram, times: np.ndarray) -> np.ndarray:
         """Unknowns of the inputs that belong to the intervals alone (N k, n_u)."""

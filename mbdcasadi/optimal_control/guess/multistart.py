@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -13,10 +14,12 @@ from ...errors import MechanismError, ModelError
 from ...numerics.console import without_warnings
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank
+from ...numerics.symbolic import numeric_work, symbolic
 from ...results.state import State
 from ...results.trajectory import Trajectory
 from ...simulation.simulate import simulate
 from ..checks.failure import OptimizationError
+from ..nlp.ipopt import Elsewhere
 from ..nlp.setup import PhaseSetup
 from ..nlp.solver import Solver
 from ..nlp.statistics import Start
@@ -25,6 +28,8 @@ from ..solution import Shifted, Solution
 from .guess import Guess, PhaseGuess, guess_at_rest, guess_from_motion, guess_from_other, kinematic_guess
 from .kinematic_guess import STEPS, KinematicPath, has_free_path
 
+#: Reports of the solves from a guess, and the solution or the error in which they ended.
+Outcome = tuple[list[Start], Solution | OptimizationError]
 #: Relative difference of costs below which solutions are the same.
 SAME_COST = 1e-6
 
@@ -62,7 +67,7 @@ def read_guess(solver: Solver, guess: Any) -> Guess:
     if isinstance(guess, Trajectory):
         duration = float(np.clip(guess.t[-1] - guess.t[0], *phase.span))
         times = phase.segment_times(duration)
-        if guess.mechanism is phase.mechanism and not guess._missing_multipliers:
+        if guess.mechanism is phase.mechanism and not guess.missing_multipliers:
             return _guess(solver, guess_from_motion(guess, times), "trajectory")
         return _guess(solver, guess_from_other(phase, solver.setups[0].loads, guess, times), "inverse dynamics")
     raise ModelError(f"optimize: guess= takes a Solution or a Trajectory, got {guess!r}")
@@ -207,12 +212,13 @@ def best_of(
     candidates: list[Guess],
     *,
     warm: bool,
+    executor: Executor | None = None,
     settle: Callable[[Solution], tuple[Solution, bool]] | None = None,
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
     A guess that is another solution is tried with the settings of a warm start
-    first, and if these fail once more without them.
+    first, and if these fail at once without them.
 
     Parameters
     ----------
@@ -224,6 +230,8 @@ def best_of(
         Guesses.
     warm : bool
         True if the guesses are solutions of nearly the same problem.
+    executor : concurrent.futures.Executor, optional
+        Threads or processes that solve from several guesses at a time.
     settle : callable, optional
         Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
         is chosen by what it is on a mesh that holds.
@@ -234,27 +242,58 @@ def best_of(
         If none succeeds: that of the last.
     """
     solver.best.new_stage()
-    solutions: list[Solution] = []
-    reports, errors = [], []
-    attempts = [(guess, warm) for guess in candidates]
-    while attempts:
-        guess, is_warm = attempts.pop(0)
-        description = f"{guess.description}, warm" if is_warm else guess.description
-        try:
-            solution = solver.solve(meshes, guess, warm=is_warm)
-            cost, s = solution.cost, solution.statistics
-            solutions.append(solution)
-        except OptimizationError as error:
-            errors.append(error)
-            cost, s = float("nan"), error.partial.statistics
-            attempts += [(guess, False)] if is_warm else []
-        reports.append(Start(description, cost, s.iterations, s.status))
+    tries = partial(_tried, meshes=meshes, warm=warm)
+    if executor is None:
+        outcomes = [tries(solver, guess) for guess in candidates]
+    else:
+        outcomes = _side_by_side(tries, solver, candidates, executor)
+    reports = [report for outcome in outcomes for report in outcome[0]]
+    solutions = [result for _, result in outcomes if isinstance(result, Solution)]
+    errors = [result for _, result in outcomes if isinstance(result, OptimizationError)]
     if not solutions:
         raise errors[-1]
     best = _settled(solutions, settle) if settle else min(solutions, key=lambda solution: solution.cost)
     if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best
+
+
+def _tried(solver: Solver, guess: Guess, meshes: list[Mesh], warm: bool) -> Outcome:
+    """Reports of the solves from a guess, and what the last one ended with."""
+    reports = []
+    for is_warm in (True, False) if warm else (False,):
+        result: Solution | OptimizationError
+        try:
+            result = solver.solve(meshes, guess, warm=is_warm)
+            cost, s = result.cost, result.statistics
+        except OptimizationError as error:
+            result, cost, s = error, float("nan"), error.partial.statistics
+        description = f"{guess.description}, warm" if is_warm else guess.description
+        reports.append(Start(description, cost, s.iterations, s.status))
+        if isinstance(result, Solution):
+            break
+    return reports, result
+
+
+def _side_by_side(
+    tries: Callable[[Solver, Guess], Outcome], solver: Solver, candidates: list[Guess], executor: Executor
+) -> list[Outcome]:
+    """Outcomes of all guesses; the runs of the solver take place on an executor, what leads to them in threads here."""
+    elsewhere = Elsewhere(executor)
+
+    def outcome(guess: Guess) -> Outcome:
+        try:
+            return symbolic(tries)(solver.on(elsewhere), guess)
+        except KeyboardInterrupt:  # it may reach a worker first
+            elsewhere.give_up()
+            raise
+
+    with numeric_work(), ThreadPoolExecutor(len(candidates)) as threads:
+        try:
+            return list(threads.map(outcome, candidates))
+        except KeyboardInterrupt:
+            elsewhere.give_up()
+            raise
 
 
 def _settled(solutions: list[Solution], settle: Callable[[Solution], tuple[Solution, bool]]) -> Solution:

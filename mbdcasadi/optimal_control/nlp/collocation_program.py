@@ -8,6 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import symbols_of
 from ...results.state import State
@@ -16,7 +17,7 @@ from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from .change import Change, ChangeSetup
-from .compiled import SolverPool
+from .compiled import OPTION_SETS, SolverPool
 from .phase_program import Block, Edge, InstantProgram, PhaseProgram, condition_rows
 from .rows import Row, stack, violations
 from .setup import PhaseSetup
@@ -70,12 +71,13 @@ class CollocationProgram:
         placeholders = list(nodes.values())
         integrals = [p for p in placeholders if p.kind == "integral"]
         self.phases: list[PhaseProgram] = []
+        timed = problem.has_free_times or any(mesh.moving for mesh in meshes)
         first, begins = 0, (0.0, 0.0)
         for number, (setup, mesh) in enumerate(zip(setups, meshes, strict=True)):
             kind = InstantProgram if setup.phase.is_instant else PhaseProgram
             here = [x for x in integrals if _accumulates(x, setup.phase, alone=len(setups) == 1)]
             points = [(label, tau) for of, label, tau in held if of == number]
-            phase = kind(problem, setup, mesh, here, number, first, begins, points)
+            phase = kind(problem, setup, mesh, here, number, first, begins, points, timed=timed)
             self.phases.append(phase)
             first += phase.size
             low, high = setup.phase.span
@@ -99,6 +101,8 @@ class CollocationProgram:
         self.blocks: list[Block] = [*blocks, *[b for phase in self.phases for b in phase.time_blocks(p)]]
         self.nlp = SparseProgram(self.size, [block.piece for block in self.blocks], p)
         self.solvers = SolverPool()
+        #: the same functions as they travel to workers
+        self.packed = Cache(OPTION_SETS)
 
     def _size_of_cost(self, terminal: ca.SX) -> float:
         size, last = 0.0, self.phases[-1]
@@ -200,9 +204,22 @@ class CollocationProgram:
         return np.array(found)
 
     # --- what enters a solve --------------------------------------------------------------
-    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
-        sides = zip(*[phase.bounds(start) for phase in self.phases], strict=True)
+    def bounds(
+        self, start: State, meshes: Sequence[Mesh], times: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled.
+
+        Parameters
+        ----------
+        start : State
+            First state if the initial conditions decide it.
+        meshes : sequence of Mesh
+            Meshes by phase.
+        times : sequence of numpy.ndarray
+            Times of start, waypoints and end to begin with by phase, s.
+        """
+        points = (mesh.times(segment_times) for mesh, segment_times in zip(meshes, times, strict=True))
+        sides = zip(*[phase.bounds(start, of) for phase, of in zip(self.phases, points, strict=True)], strict=True)
         scale = self.scale[self.parameter_index]
         limits = np.array([p.lower for p in self._free]) / scale, np.array([p.upper for p in self._free]) / scale
         impulses = np.full(sum(change.index.size for change in self.changes), np.inf)

@@ -7,6 +7,7 @@ they do so most. What is left over is the error of the mesh: the motion passes a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
@@ -60,25 +61,41 @@ def passed_limits(solution: Solution, tolerance: float = LIMIT_TOLERANCE) -> lis
     """Return the limits that the motion of a solution passes by more than a share of their sizes."""
     found = []
     for number, part in enumerate(solution.phases):
-        if not part.mesh.count:  # a phase of no duration
-            continue
-        limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
-        sizes = np.array([part.program.size_of(c) for c in limits])
-        near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
-        if not near.size:
-            continue
-        begin, length = part.mesh_times[near, None], np.diff(part.mesh_times)[near, None]
-        # up to just before the next mesh point, since what jumps there belongs to the interval that ends
-        times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf)).ravel()
-        motion = part.trajectory.at(times)
-        for limit in limits:
-            values = motion[limit.expression]
-            worst = int(np.argmax(values))
+        for limit, _, times, values in _excess_of_motion(part):
+            worst = np.unravel_index(int(np.argmax(values)), values.shape)
             time, amount = float(times[worst]), float(values[worst])
             share = amount / _size(part, limit, time) if amount > 0 else 0.0
             if share > tolerance:
                 found.append(PassedLimit(number, limit.label, amount, share, time))
     return found
+
+
+def shares_by_interval(part: PhaseSolution) -> np.ndarray:
+    """Return the largest shares of their sizes by which limits are passed in each interval (N,)."""
+    shares = np.zeros(part.mesh.count)
+    for limit, intervals, times, values in _excess_of_motion(part):
+        most = np.argmax(values, axis=1)[:, None]
+        amounts, at = (np.take_along_axis(x, most, axis=1).ravel() for x in (values, times))
+        passed = [a / _size(part, limit, float(t)) if a > 0 else 0.0 for a, t in zip(amounts, at, strict=True)]
+        shares[intervals] = np.maximum(shares[intervals], passed)
+    return shares
+
+
+def _excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarray, np.ndarray, np.ndarray]]:
+    """Limits, intervals whose polynomials come near one, times in these, and values there, above zero if passed."""
+    if not part.mesh.count:  # a phase of no duration
+        return
+    limits, excess = part.program.limits_at_points, _excess_of_polynomials(part)
+    sizes = np.array([part.program.size_of(c) for c in limits])
+    near = np.flatnonzero(np.any(~(excess < -NEAR * sizes), axis=(1, 2)))
+    if not near.size:
+        return
+    begin, length = part.mesh_times[near, None], np.diff(part.mesh_times)[near, None]
+    # up to just before the next mesh point, since what jumps there belongs to the interval that ends
+    times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf))
+    motion = part.trajectory.at(times.ravel())
+    for limit in limits:
+        yield limit, near, times, motion[limit.expression].reshape(times.shape)
 
 
 def largest_share(solution: Solution) -> float:

@@ -1,9 +1,10 @@
-"""Runs of IPOPT: its options, a start, and its answer."""
+"""Runs of IPOPT: its options, a start, and its answer; here or on an executor."""
 
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
@@ -12,9 +13,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ...errors import ModelError
+from ...errors import MechanismError, ModelError
 from ...numerics.console import interruptible, quiet
-from ...numerics.symbolic import numeric_work
+from ...numerics.packed import Packed
+from ...numerics.symbolic import LOCK, numeric_work
 from ..guess.guess import Guess, Iterate
 from ..refinement.mesh import Mesh
 from .collocation_program import CollocationProgram
@@ -99,7 +101,7 @@ class Result:
     Attributes
     ----------
     answer : dict
-        Values of the solver by the names of CasADi: ``x, f, g, lam_x, lam_g``, scaled.
+        Arrays by the names of CasADi: ``x, f, g, lam_x, lam_g``, scaled.
     statistics : SolveStatistics
         Iterations, status and times.
     succeeded : bool
@@ -108,10 +110,43 @@ class Result:
         True if the user stopped the run.
     """
 
-    answer: dict[str, Any]
+    answer: dict[str, np.ndarray]
     statistics: SolveStatistics
     succeeded: bool
     interrupted: bool
+
+
+class Elsewhere:
+    """An executor on which IPOPT runs.
+
+    Parameters
+    ----------
+    executor : concurrent.futures.Executor
+        Threads or processes.
+    """
+
+    def __init__(self, executor: Executor):
+        self._executor = executor
+        #: is done when nobody waits for a run any more
+        self._stop: Future = Future()
+
+    def give_up(self) -> None:
+        """Wait for no run any more."""
+        with LOCK:
+            if not self._stop.done():
+                self._stop.set_result(None)
+
+    def run(self, solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Return answer and statistics of a run."""
+        try:
+            run = self._executor.submit(run_packed, solver, arguments)
+            wait([run, self._stop], return_when=FIRST_COMPLETED)
+            if self._stop.done():
+                run.cancel()
+                raise KeyboardInterrupt
+            return run.result()
+        except BrokenExecutor as error:
+            raise MechanismError(f"optimize: a worker of the executor was lost ({error})") from None
 
 
 class Ipopt:
@@ -121,10 +156,12 @@ class Ipopt:
     ----------
     settings : Settings
         Choices of the user.
+    elsewhere : Elsewhere, optional
+        Executor on which programs are solved.
     """
 
-    def __init__(self, settings: Settings):
-        self.settings = settings
+    def __init__(self, settings: Settings, elsewhere: Elsewhere | None = None):
+        self.settings, self._elsewhere = settings, elsewhere
 
     def run(
         self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None, options: dict[str, Any]
@@ -149,10 +186,13 @@ class Ipopt:
             "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
         }  # fmt: skip
         arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-        with self._lent(begin.program, warmth, options) as (solver, callback):
-            result = self._call(begin, solver, callback, arguments)
+        if self._elsewhere is not None:
+            result = self._call_elsewhere(begin, self._elsewhere, warmth, options, arguments)
+        else:
+            with self._lent(begin.program, warmth, options) as (solver, callback):
+                result = self._call(begin, solver, callback, arguments)
         # IPOPT relaxes bounds by the last digits; a mass must not become negative
-        result.answer["x"] = np.clip(result.answer["x"].full().ravel(), bounds.lower, bounds.upper)
+        result.answer["x"] = np.clip(result.answer["x"], bounds.lower, bounds.upper)
         return result
 
     def run_elastic(self, begin: Beginning, limit: int) -> tuple[Result, dict[str, float]]:
@@ -171,10 +211,10 @@ class Ipopt:
             run_options = {"iteration_callback": callback, "ipopt.max_iter": limit}
             solver = elastic.solver(QUIET | DEFAULTS | run_options | self.settings.options)
         result = self._call(begin, solver, callback, arguments)
-        x, slacks = elastic.split(result.answer["x"].full().ravel())
+        x, slacks = elastic.split(result.answer["x"])
         x = np.clip(x, *elastic.limits)
         rows = rows_at(program, x, begin.data)
-        cost = program.nlp.evaluate(x, begin.data)[0]
+        cost = np.array(program.nlp.evaluate(x, begin.data)[0]).ravel()
         answer = {"lam_x": np.zeros(x.size), "lam_g": np.zeros(rows.size), "x": x, "g": rows, "f": cost}
         return Result(answer, result.statistics, result.succeeded, result.interrupted), slacks
 
@@ -184,22 +224,70 @@ class Ipopt:
         built = clock.perf_counter()
         with interruptible(raising=False) as interruption:
             with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
-                answer = solver(**arguments)
+                answer = _answer(solver, arguments)
             stats = solver.stats()
-            seconds = clock.perf_counter() - begin.began
-            # CasADi leaves the count open if IPOPT refuses to begin
-            iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
-        sizes = begin.program.size, begin.program.lower.size
-        statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
-        return Result(answer, statistics, bool(stats["success"]), interruption.requested)
+        return _result(begin, built, answer, stats, interruption.requested)
+
+    def _call_elsewhere(
+        self, begin: Beginning, elsewhere: Elsewhere, warmth: str, more: dict[str, Any], arguments: dict[str, Any]
+    ) -> Result:
+        options = DEFAULTS | WARM_START[warmth] | more | self.settings.options
+        make = partial(_make_packed, begin.program, options)
+        packed = begin.program.packed.get_or_create(_key(warmth, more | self.settings.options), make, bounded=True)
+        built = clock.perf_counter()
+        with numeric_work():
+            answer, stats = elsewhere.run(packed, arguments)
+        return _result(begin, built, answer, stats, interrupted=False)
 
     def _lent(
         self, program: CollocationProgram, warmth: str, more: dict[str, Any]
     ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
         """A compiled solver of a program, and its callback."""
         options = more | self.settings.options
-        key = warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
-        return program.solvers.lent(key, partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options))
+        make = partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options)
+        return program.solvers.lent(_key(warmth, options), make)
+
+
+def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[str, Any], interrupted: bool) -> Result:
+    """Result of a run from its answer as arrays, and its statistics in CasADi."""
+    seconds = clock.perf_counter() - begin.began
+    # CasADi leaves the count open if IPOPT refuses to begin
+    iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+    sizes = begin.program.size, begin.program.lower.size
+    statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+    return Result(answer, statistics, bool(stats["success"]), interrupted)
+
+
+def _key(warmth: str, options: dict[str, Any]) -> Hashable:
+    """Key of a solver of a program."""
+    return warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
+
+
+def run_packed(solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Run a packed solver in a worker: its answer as arrays, and what its statistics say about it."""
+    with LOCK:  # a function is made of expressions
+        function = solver.unpacked()
+    answer, stats = _answer(function, arguments), function.stats()
+    return answer, {name: stats[name] for name in ("iter_count", "return_status", "success")}
+
+
+def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Values of a solver by name."""
+    return {name: value.full().ravel() for name, value in function(**arguments).items()}
+
+
+def _make_packed(program: CollocationProgram, options: dict[str, Any]) -> Packed:
+    """An IPOPT function without callback, which can travel."""
+    return Packed(_made(program, options))
+
+
+def _made(program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
+    """An IPOPT function."""
+    try:
+        with quiet():
+            return program.nlp.solver(QUIET | options)
+    except RuntimeError as error:
+        raise ModelError(f"optimize: the solver refuses the options: {error}") from None
 
 
 def rows_at(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.ndarray:
@@ -213,8 +301,4 @@ def _make_solver(
 ) -> tuple[ca.Function, SolverCallback]:
     """An IPOPT function and its callback; options of the user prevail."""
     callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
-    try:
-        with quiet():
-            return program.nlp.solver(QUIET | settings | {"iteration_callback": callback} | options), callback
-    except RuntimeError as error:
-        raise ModelError(f"optimize: the solver refuses the options: {error}") from None
+    return _made(program, settings | {"iteration_callback": callback} | options), callback

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...model.conditions import stacked
 from ...results.state import State
-from ..phase import with_rates
+from ..phase import BEYOND_STATES, with_rates
 from .held_limits import POINTS
 from .phase_program import PhaseProgram
 from .rows import Row
@@ -142,37 +142,58 @@ def variable_bounds(program: PhaseProgram) -> Iterator[_Bound]:
                 yield _Bound(*limit, int(program.point_index(i)[at_point]), around)
 
 
-def active_limits(solution: Solution) -> list[ActiveLimit]:
-    """Limits that are active, the costliest first.
+def activity(solution: Solution, slack: float = 0.0, *, inside: bool = False) -> dict[tuple[int, str], np.ndarray]:
+    """Shares of the points of each interval at which a limit is active (N,), by phase and label.
 
-    A limit counts if its multiplier outweighs its slack, both scaled.
+    Parameters
+    ----------
+    solution : Solution
+        Motion with its multipliers.
+    slack : float
+        A limit is active if its multiplier outweighs its slack, both scaled, or if the slack is below this one.
+    inside : bool
+        True if mesh points are left out for limits that cannot jump there.
     """
     program, answer = solution.program, solution.answer
-    touched: dict[str, tuple[PhaseSolution, np.ndarray]] = {}
-    limits, places = [], []
+    counts: dict[tuple[int, str], np.ndarray] = {}
 
-    def touch(label: str, part: PhaseSolution, interval: int) -> None:
-        touched.setdefault(label, (part, np.zeros(part.mesh.count, bool)))[1][interval] = True
+    def note(phase: int, label: str, interval: int, active: bool) -> None:
+        seen = counts.setdefault((phase, label), np.zeros((2, solution.phases[phase].mesh.count)))
+        seen[:, interval] += active, 1
 
+    steady = {
+        (k, limit.label)
+        for k, part in enumerate(solution.phases)
+        for limit in part.program.limits_at_points
+        if inside and not limit.depends_on(*BEYOND_STATES)
+    }
     for row, pull, value in zip(program.rows, answer.lam_g, answer.rows, strict=True):
-        if row.equality or not row.condition or not (pull > -value or -pull > value - row.lower):
-            continue
-        label = row.side(pull)
-        if row.repeated:
-            touch(label, solution.phases[row.phase], row.interval)
-        else:
-            time = time_of(row, solution)
-            places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
+        at_mesh_point = row.tau in (0.0, 1.0) and (row.phase, row.label) in steady
+        if row.repeated and row.condition and not row.equality and not at_mesh_point:
+            note(row.phase, row.label, row.interval, max(pull, slack) > -value)
+            if row.opposite:
+                note(row.phase, row.opposite, row.interval, max(-pull, slack) > value - row.lower)
     x = solution.variables / program.scale
-    for part in solution.phases:
+    for number, part in enumerate(solution.phases):
         for bound in variable_bounds(part.program) if part.mesh.count else ():
-            slack = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
-            if bound.sign * answer.lam_x[bound.place] > slack:
-                for i in bound.intervals:
-                    touch(bound.label, part, i)
-    for label, (part, active) in touched.items():
-        spans = _spans(active, part.mesh_times)
-        limits.append(ActiveLimit(label, spans, float(np.max(solution.costates[label]))))
+            left = bound.sign * (bound.value / program.scale[bound.place] - x[bound.place])
+            for i in bound.intervals:
+                note(number, bound.label, i, max(bound.sign * answer.lam_x[bound.place], slack) > left)
+    return {key: active / np.maximum(seen, 1) for key, (active, seen) in counts.items()}
+
+
+def active_limits(solution: Solution) -> list[ActiveLimit]:
+    """Limits that are active, the costliest first, by phase."""
+    program, answer = solution.program, solution.answer
+    limits, places = [], []
+    for row, pull, value in zip(program.rows, answer.lam_g, answer.rows, strict=True):
+        if row.condition and not row.equality and not row.repeated and (pull > -value or -pull > value - row.lower):
+            label, time = row.side(pull), time_of(row, solution)
+            places.append(ActiveLimit(label, ((time, time),), float(solution.costates[label])))
+    for (phase, label), shares in activity(solution).items():
+        if np.any(shares):
+            spans = _spans(shares > 0, solution.phases[phase].mesh_times)
+            limits.append(ActiveLimit(label, spans, float(np.max(solution.costates[label]))))
     return sorted([*limits, *places, *_global_limits(solution)], key=lambda limit: -limit.costate)
 
 
@@ -184,9 +205,9 @@ def _global_limits(solution: Solution) -> list[ActiveLimit]:
         for place, p in zip(program.parameter_index, solution.problem.free_parameters, strict=True)
     ]
     for part in solution.phases:
-        phase, index = part.phase, part.program.time_index
+        phase, index = part.phase, part.program.stated_time_index
         names = [f"the time of waypoint {k}" for k in range(1, len(phase.waypoints) + 1)]
-        if index.size:
+        if index.size > 1:  # a phase of no duration has one time
             bounded += zip(index[1:], [*names, "the duration"], phase.time_spans[1:], strict=True)
     for place, name, (low, high) in bounded:
         pull, size = solution.answer.lam_x[place], program.scale[place]

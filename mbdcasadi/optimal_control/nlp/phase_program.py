@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,6 +26,8 @@ from .sparse_program import MappedBlock
 
 #: Shortest segment between free times, as a fraction of the typical duration.
 SHORTEST_SEGMENT = 1e-3
+#: The same of an interval beside a mesh point that moves: one in which an input switches shrinks to it.
+SHORTEST_SWITCH = 1e-6
 
 
 @dataclass(frozen=True)
@@ -99,9 +102,9 @@ class Edge:
 class PhaseProgram:
     """Variables, rows and cost of a phase on a mesh of N intervals.
 
-    The variables are those of the mesh points and of the intervals in turn, then the times of start, waypoints
-    and end if a time of the problem is free; each divided by its typical size. The mesh fractions are data, so
-    that one compiled program serves every mesh with as many intervals in each segment.
+    The variables are those of the mesh points and of the intervals in turn, then the times of the knots (start,
+    waypoints, mesh points that move, end) if one of them is free; each divided by its typical size. The mesh fractions
+    are data, so that one compiled program serves every mesh with as many intervals in each piece.
 
     Parameters
     ----------
@@ -121,6 +124,13 @@ class PhaseProgram:
         Limits of the time at which the phase begins, s.
     held : sequence of (str, float)
         Labels of path limits, and points of every interval at which these are held besides stages and mesh points.
+    timed : bool
+        True if a time of the program is free: then all phases have their times among the variables.
+
+    Attributes
+    ----------
+    stated_knots : list of int
+        Places of the start, the waypoints and the end among the knots of the mesh.
     """
 
     def __init__(
@@ -133,6 +143,8 @@ class PhaseProgram:
         first: int,
         begins: tuple[float, float] = (0.0, 0.0),
         held: Sequence[tuple[str, float]] = (),
+        *,
+        timed: bool,
     ):
         self.begins = begins
         self.setup, self.phase, self.scheme, self.scales = setup, setup.phase, setup.scheme, setup.scales
@@ -141,7 +153,10 @@ class PhaseProgram:
         reduced = self.scheme.eom
         #: sizes of what the transcription works in
         self.reduced_scales = replace(self.scales.of(reduced.independent, reduced.rows), steps=max(mesh.count, 1))
-        self.number, self.count, self._segment, self._first = number, mesh.count, mesh.segment, first
+        self.number, self.count, self._first = number, mesh.count, first
+        self._knots, self._piece, self._waypoints = mesh.knots, mesh.piece, mesh.waypoints
+        stated = {0, *mesh.waypoints.tolist(), mesh.count}
+        self.stated_knots = [k for k, point in enumerate(mesh.knots.tolist()) if point in stated]
         eom, extra = self.phase.equations, self.extra_parameters
         #: symbols that an expression of the problem may contain
         self.arguments = [eom.t, eom.q, eom.v, eom.a, eom.z, eom.lam, eom.u, self.phase.input_rates, eom.p]
@@ -151,7 +166,7 @@ class PhaseProgram:
         self.point_size = self.scheme.point_size + len(self.integrals)
         point_scale, self.inner_scale = self.scheme.sizes(self.reduced_scales)
         self.point_scale = np.concatenate([point_scale, [self.typical_value(p) for p in self.integrals]])
-        self.time_count = len(self.phase.waypoints) + 2 if problem.has_free_times else 0
+        self.time_count = mesh.knots.size if timed else 0
         self.free_scale = np.array([parameter_size(p.value, p.lower, p.upper) for p in self._free])
         self.size = self.count * self.stride + self.point_size + self.time_count
         #: parameters of the mechanism, of which free ones are not used
@@ -191,9 +206,14 @@ class PhaseProgram:
 
     @property
     def time_index(self) -> np.ndarray:
-        """Places of the times of start, waypoints and end, if a time is free."""
+        """Places of the times of the knots, if a time is free."""
         end = self._first + self.size
         return np.arange(end - self.time_count, end)
+
+    @property
+    def stated_time_index(self) -> np.ndarray:
+        """Places of the times of start, waypoints and end, if a time is free."""
+        return self.time_index[self.stated_knots] if self.time_count else self.time_index
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -203,11 +223,11 @@ class PhaseProgram:
         return np.concatenate([np.tile(one, self.count), self.point_scale, times])
 
     def interval_index(self, intervals: Sequence[int]) -> np.ndarray:
-        """Variables of intervals, each a column: mesh points and interval, and the times of its segment."""
+        """Variables of intervals, each a column: mesh points and interval, and the times of its piece."""
         places = np.arange(self.stride + self.point_size)[:, None] + self.stride * np.asarray(intervals, int)
         if not self.time_count:
             return self._first + places
-        return np.vstack([self._first + places, self.time_index[self._segment[intervals] + np.arange(2)[:, None]]])
+        return np.vstack([self._first + places, self.time_index[self._piece[intervals] + np.arange(2)[:, None]]])
 
     # --- symbols of one interval ----------------------------------------------------------
     def unknowns(self, free: ca.SX | None = None) -> Unknowns:
@@ -312,7 +332,7 @@ class PhaseProgram:
         blocks = [block(*self._interval_rows(), list(range(self.count)), repeated=True)]
         for unknowns, groups, interval in [*self._start_rows(), *self._place_rows()]:
             blocks.append(block(unknowns, groups, ca.SX(0), [interval]))
-        for waypoint, point in zip(self.phase.waypoints, self._waypoints, strict=True):
+        for waypoint, point in zip(self.phase.waypoints, self._waypoints.tolist(), strict=True):
             if not waypoint.cost.is_zero():
                 unknowns = self.unknowns()
                 cost = self.value(waypoint.cost, self.scheme.end(unknowns.interval), unknowns)
@@ -427,16 +447,11 @@ class PhaseProgram:
             groups += self._conditions(self.initial, at, unknowns, 0.0, "initial: ")
         return [(unknowns, groups, 0)] if groups else []
 
-    @property
-    def _waypoints(self) -> list[int]:
-        """Mesh points of the waypoints."""
-        return [int(np.sum(self._segment <= k)) for k in range(len(self.phase.waypoints))]
-
     def _place_rows(self) -> list[tuple[Unknowns, list[Rows], int]]:
         """Conditions at waypoints and at the end, with the intervals that they end."""
-        points = self._waypoints
+        waypoints = zip(self.phase.waypoints, self._waypoints.tolist(), strict=True)
         places: list[tuple[str, Sequence[Condition], int]] = [
-            (f"waypoint {k + 1}", w.conditions, points[k]) for k, w in enumerate(self.phase.waypoints)
+            (f"waypoint {k}", w.conditions, point) for k, (w, point) in enumerate(waypoints, start=1)
         ]
         result = []
         for name, conditions, point in [*places, ("final", self.final, self.count)]:
@@ -447,7 +462,7 @@ class PhaseProgram:
         return result
 
     def time_blocks(self, p: ca.SX) -> list[Block]:
-        """Order of the free times of waypoints."""
+        """Order of the free times of waypoints and of mesh points that move."""
         begins_late = self.time_count > 0 and self.begins[0] < self.begins[1]
         times = ca.SX.sym("m", self.time_count)
 
@@ -459,9 +474,15 @@ class PhaseProgram:
         if self.time_count < 3:
             return durations
         count = self.time_count - 1
-        names = [*[f"the time of waypoint {k}" for k in range(1, count)], "the end"]
-        labels = tuple(f"{name} after {before}" for name, before in zip(names, ["the start", *names], strict=False))
-        gaps = times[:-1] - times[1:] + SHORTEST_SEGMENT
+        names = [f"the time of switch {k}" for k in range(count + 1)]
+        for k, place in enumerate(self.stated_knots):
+            names[place] = f"the time of waypoint {k}"
+        names[0], names[-1] = "the start", "the end"
+        labels = tuple(f"{name} after {before}" for before, name in itertools.pairwise(names))
+        moving = np.setdiff1d(np.arange(count + 1), self.stated_knots)
+        shortest = np.full(count, SHORTEST_SEGMENT)
+        shortest[np.r_[moving - 1, moving]] = SHORTEST_SWITCH
+        gaps = times[:-1] - times[1:] + ca.DM(shortest)
         rows = Rows(gaps, labels, 1.0, np.ones(count), ("durations",) * count, False)
         return [*durations, block([rows])]
 
@@ -471,7 +492,8 @@ class PhaseProgram:
         names = [*(f"waypoint {k}" for k in range(1, len(spans))), "the duration"]
         groups = []
         for k, ((low, high), name) in enumerate(zip(spans, names, strict=True), start=1):
-            since, label, size = times[k] - times[0], f"{name} of phase '{self.phase.name}'", np.ones(1)
+            since, size = times[self.stated_knots[k]] - times[0], np.ones(1)
+            label = f"{name} of phase '{self.phase.name}'"
             low, high = low / self.scales.time, high / self.scales.time
             if low == high:
                 groups.append(Rows(since - low, (label,), 1.0, size, ("durations",)))
@@ -482,8 +504,16 @@ class PhaseProgram:
         return groups
 
     # --- bounds of the variables ----------------------------------------------------------
-    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled; `start` is the first state if the initial conditions decide it."""
+    def bounds(self, start: State, mesh_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Limits of the variables, scaled.
+
+        Parameters
+        ----------
+        start : State
+            First state if the initial conditions decide it.
+        mesh_times : numpy.ndarray
+            Mesh points to begin with, s: those that move stay between their neighbours.
+        """
         scheme, mechanism = self.scheme, self.phase.mechanism
         n, bounds = scheme.eom.q.numel(), []
         for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
@@ -492,7 +522,9 @@ class PhaseProgram:
             point = np.r_[point, np.full(self.point_size - point.size, infinite)]
             inner = np.full(scheme.interval_size, infinite)
             inner[scheme.interval_slice("u")] = np.tile(u, len(scheme.inputs.inner))
-            times = [self.begins[side] + span[side] for span in self.phase.time_spans][: self.time_count]
+            times = mesh_times[np.clip(self._knots + (2 * side - 1), 0, self.count)][: self.time_count]
+            if self.time_count:
+                times[self.stated_knots] = [self.begins[side] + span[side] for span in self.phase.time_spans]
             bound = np.r_[np.tile(np.r_[point, inner], self.count), point, times] / self.scale
             if self.initial is None and not self.follows:
                 state = np.r_[start.q[scheme.eom.independent], start.v[scheme.eom.independent], start.z]
@@ -504,26 +536,6 @@ class PhaseProgram:
 
 class InstantProgram(PhaseProgram):
     """Variables of a phase of no duration: the state just after a change, and its time if a time is free."""
-
-    def __init__(
-        self,
-        problem: OptimalControlProblem,
-        setup: PhaseSetup,
-        mesh: Mesh,
-        integrals: Sequence[Placeholder],
-        number: int,
-        first: int,
-        begins: tuple[float, float] = (0.0, 0.0),
-        held: Sequence[tuple[str, float]] = (),
-    ):
-        super().__init__(problem, setup, mesh, (), number, first, begins, held)
-        self.time_count = 1 if problem.has_free_times else 0
-        self.size = self.point_size + self.time_count
-
-    @cached_property
-    def scale(self) -> np.ndarray:
-        """Size of every variable."""
-        return np.r_[self.point_scale, np.full(self.time_count, self.scales.time)]
 
     def unknowns(self, free: ca.SX | None = None) -> Unknowns:
         """New symbols; `free` are scaled parameters to be shared."""
@@ -561,7 +573,7 @@ class InstantProgram(PhaseProgram):
         """Nothing: the time is that of the end of the phase before."""
         return []
 
-    def bounds(self, start: State) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, start: State, mesh_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Limits of the variables, scaled."""
         n, mechanism = self.scheme.eom.q.numel(), self.phase.mechanism
         sides = []

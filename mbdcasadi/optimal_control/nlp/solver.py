@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import time as clock
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -33,7 +34,7 @@ from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
-from .ipopt import Beginning, Ipopt, Result, rows_at
+from .ipopt import Beginning, Elsewhere, Ipopt, Result, rows_at
 from .limit_sides import Bounds, LimitSides
 from .setup import PhaseSetup, Settings, typical_duration
 from .start import check_start, first_state
@@ -84,6 +85,8 @@ class Solver:
         self.problem, self.settings, self._ipopt = problem, settings, Ipopt(settings)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
+        #: share of its size by which a path limit may be passed between them
+        self.limit_tolerance = LIMIT_TOLERANCE
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
@@ -107,6 +110,12 @@ class Solver:
             self.setups = [self._setup(first, numerics[0], path)]
         else:
             self._set_up_phases(numerics)
+
+    def on(self, elsewhere: Elsewhere) -> Solver:
+        """Return the same solver with runs of IPOPT on an executor; several of these work beside each other."""
+        other = copy(self)
+        other._ipopt = Ipopt(self.settings, elsewhere)
+        return other
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
         """First state; with other values of free parameters, which the equations then have, if it needs them."""
@@ -215,7 +224,7 @@ class Solver:
     def transcribe(self, meshes: Sequence[Mesh]) -> CollocationProgram:
         """Return the program for a number of intervals, made once and kept."""
         parts = (*(setup.key for setup in self.setups), *(change.key for change in self.changes))
-        key = tuple(mesh.counts for mesh in meshes), self.settings.key, parts, self.held
+        key = tuple(mesh.structure for mesh in meshes), self.settings.key, parts, self.held
         make = partial(CollocationProgram, self.problem, self.setups, meshes, self.changes, self.held)
         return self.problem.compiled.programs.get_or_create(key, make, bounded=True)
 
@@ -245,7 +254,7 @@ class Solver:
         solution = self._solve(meshes, guess, warm=warm, limit=limit)
         passed = largest_share(solution)
         for _ in range(ROUNDS):
-            more = points_to_hold(solution) if passed > LIMIT_TOLERANCE else set()
+            more = points_to_hold(solution, self.limit_tolerance) if passed > self.limit_tolerance else set()
             if not more:
                 break
             before, self.held = self.held, tuple(sorted({*self.held, *more}))
@@ -372,7 +381,7 @@ class Solver:
         program = self.transcribe(meshes)
         iterate = guess.iterate if guess.iterate is not None and guess.iterate.belongs_to(program, meshes) else None
         x = iterate.x if iterate else guess.variables(program, meshes)
-        lower, upper = program.bounds(self.start)
+        lower, upper = program.bounds(self.start, meshes, guess.segment_times)
         data = program.data([setup.numeric.p for setup in self.setups], meshes, guess.segment_times)
         if program.has_integrals and not iterate:
             x = program.with_integrals(x, rows_at(program, np.clip(x, lower, upper), data))
@@ -380,7 +389,7 @@ class Solver:
         return Beginning(program, meshes, guess, iterate, x, data, bounds, began)
 
     def _solution(self, begin: Beginning, result: Result) -> Solution:
-        x, *rest = (np.array(result.answer[name]).ravel() for name in ("x", "lam_x", "lam_g", "g"))
+        x, f, *rest = (result.answer[name] for name in ("x", "f", "lam_x", "lam_g", "g"))
         return Solution(
             self.problem,
             begin.program,
@@ -390,7 +399,7 @@ class Solver:
             begin.meshes,
             begin.guess.segment_times,
             x * begin.program.scale,
-            float(result.answer["f"]) * begin.program.cost_scale,
+            float(f[0]) * begin.program.cost_scale,
             result.statistics,
             Answer(*rest),
         )

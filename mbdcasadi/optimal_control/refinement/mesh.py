@@ -1,8 +1,9 @@
-"""The mesh of a phase: intervals in segments between its waypoints."""
+"""The mesh of a phase: intervals in segments between its waypoints, and mesh points that move."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection, Hashable, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +17,12 @@ class Mesh:
     ----------
     segments : tuple of numpy.ndarray
         Mesh fractions of each segment, from 0 to 1.
+    moving : tuple of int
+        Mesh points whose times the solver finds, in order; their fractions are those to begin with.
     """
 
     segments: tuple[np.ndarray, ...]
+    moving: tuple[int, ...] = ()
 
     @classmethod
     def equal(cls, intervals: int, segment_times: np.ndarray) -> Mesh:
@@ -26,7 +30,7 @@ class Mesh:
         lengths = np.diff(segment_times)
         counts = np.maximum(np.round(intervals * lengths / lengths.sum()).astype(int), 1)
         while counts.sum() > intervals and counts.max() > 1:
-            counts[np.argmax(counts / lengths)] -= 1
+            counts[np.argmax(np.where(counts > 1, counts / lengths, 0.0))] -= 1  # every segment keeps an interval
         while counts.sum() < intervals:
             counts[np.argmin(counts / lengths)] += 1
         return cls(tuple(np.linspace(0, 1, n + 1) for n in counts))
@@ -36,42 +40,93 @@ class Mesh:
         """The mesh of a phase of no duration: one point, and no interval."""
         return cls((np.zeros(1),))
 
+    @classmethod
+    def through(cls, positions: np.ndarray, moving: Collection[float]) -> Mesh:
+        """The mesh through points given as number of the segment plus fraction, some of which move."""
+        segments = []
+        for k in range(round(float(positions[-1]))):
+            inside = positions[(positions > k) & (positions < k + 1)] - k
+            segments.append(np.r_[0.0, inside, 1.0])
+        return cls(tuple(segments), tuple(np.searchsorted(positions, sorted(moving)).tolist()))
+
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of intervals of each segment."""
         return tuple(fractions.size - 1 for fractions in self.segments)
 
     @property
+    def structure(self) -> Hashable:
+        """What decides a program: the number of intervals of each segment, and the mesh points that move."""
+        return self.counts, self.moving
+
+    @property
     def count(self) -> int:
         """Number of intervals."""
         return sum(self.counts)
 
+    @property
+    def waypoints(self) -> np.ndarray:
+        """Mesh points at which a segment ends and another one begins."""
+        return np.cumsum(self.counts)[:-1]
+
     @cached_property
-    def segment(self) -> np.ndarray:
-        """Segment of each interval (N,)."""
-        return np.repeat(np.arange(len(self.segments)), self.counts)
+    def positions(self) -> np.ndarray:
+        """Mesh points as number of the segment plus fraction (N + 1,)."""
+        return np.concatenate([[0.0], *(k + fractions[1:] for k, fractions in enumerate(self.segments))])
+
+    # --- pieces between the mesh points with times of their own -----------------------------
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """Start, waypoints, moving mesh points and end, as indices of mesh points."""
+        return np.unique(np.r_[0, self.waypoints, np.array(self.moving, int), self.count])
+
+    @cached_property
+    def piece(self) -> np.ndarray:
+        """Piece between two knots in which each interval lies (N,)."""
+        return np.repeat(np.arange(self.knots.size - 1), np.diff(self.knots))
 
     @cached_property
     def begin(self) -> np.ndarray:
-        """Fraction of its segment at which each interval begins (N,)."""
-        return np.concatenate([fractions[:-1] for fractions in self.segments])
+        """Fraction of its piece at which each interval begins (N,)."""
+        return (self.positions[:-1] - self._piece_begin) / self._piece_length
 
     @cached_property
     def length(self) -> np.ndarray:
-        """Fraction of its segment that each interval takes (N,)."""
-        return np.concatenate([np.diff(fractions) for fractions in self.segments])
+        """Fraction of its piece that each interval takes (N,)."""
+        return np.diff(self.positions) / self._piece_length
 
+    @property
+    def _piece_begin(self) -> np.ndarray:
+        return self.positions[self.knots[self.piece]]
+
+    @property
+    def _piece_length(self) -> np.ndarray:
+        return self.positions[self.knots[self.piece + 1]] - self._piece_begin
+
+    # --- times --------------------------------------------------------------------------------
     def is_same(self, other: Mesh) -> bool:
         """Return True if another mesh has the same points."""
-        return self.counts == other.counts and all(map(np.array_equal, self.segments, other.segments))
+        return self.structure == other.structure and np.array_equal(self.positions, other.positions)
 
     def times(self, segment_times: np.ndarray) -> np.ndarray:
         """Mesh points (N + 1,), s, for segments that begin and end at given times."""
-        lengths = np.diff(segment_times)
-        return np.r_[segment_times[self.segment] + self.begin * lengths[self.segment], segment_times[-1]]
+        segment = self.positions[:-1].astype(int)
+        fraction = self.positions[:-1] - segment
+        return np.r_[segment_times[segment] + fraction * np.diff(segment_times)[segment], segment_times[-1]]
+
+    def moved(self, times: np.ndarray) -> Mesh:
+        """Return the mesh with its moving points at the times that were found, those of all knots (k,), s."""
+        if not self.moving:
+            return self
+        points = times[self.piece] + self.begin * np.diff(times)[self.piece]
+        ends = times[np.searchsorted(self.knots, np.r_[0, self.waypoints, self.count])]
+        segment = self.positions[:-1].astype(int)
+        positions = segment + (points - ends[segment]) / np.diff(ends)[segment]
+        positions = np.r_[positions, self.positions[-1]]
+        return Mesh.through(positions, positions[list(self.moving)])
 
     def refined(self, pieces: np.ndarray, merge: np.ndarray) -> Mesh:
-        """Mesh with intervals split into pieces, or merged with the next one of their segment.
+        """Mesh with intervals split into pieces, or merged with the next one of their piece.
 
         Parameters
         ----------
@@ -80,14 +135,17 @@ class Mesh:
         merge : numpy.ndarray of bool
             True if an interval is joined with the next one (N,).
         """
-        segments, first = [], 0
-        for fractions in self.segments:
-            count, points = fractions.size - 1, [0.0]
-            for k in range(count):
-                i = first + k
-                if merge[i] and k + 1 < count:
-                    continue
-                points += np.linspace(fractions[k], fractions[k + 1], pieces[i] + 1)[1:].tolist()
-            segments.append(np.array(points))
-            first += count
-        return Mesh(tuple(segments))
+        if not self.count:
+            return self
+        points, begin = [self.positions[:1]], 0.0
+        for k, end in enumerate(self.positions[1:]):
+            if merge[k] and k + 1 not in self.knots:
+                continue
+            points.append(np.linspace(begin, end, pieces[k] + 1)[1:])
+            begin = end
+        return Mesh.through(np.concatenate(points), self.positions[list(self.moving)])
+
+    def with_moving(self, points: Iterable[int]) -> Mesh:
+        """Return the mesh with further mesh points that move; start, waypoints and end do not."""
+        fixed = {0, *self.waypoints.tolist(), self.count}
+        return replace(self, moving=tuple(sorted({*self.moving, *points} - fixed)))

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from ...errors import warn
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
-from ..nlp.held_limits import passed_limits
+from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
 from .local_error import COARSE_ERROR, coarseness, scaled_errors
 from .mesh import Mesh
+from .switches import unresolved_switches
 
 #: Largest number of passes, of pieces into which an interval is split, and of intervals of a mesh.
 PASSES, PIECES, INTERVALS = 12, 6, 2000
+#: Passes in which mesh points around switches move; after these their intervals are split.
+MOVES = 3
 #: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
 COARSE_PASSES = 3
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
@@ -25,11 +30,12 @@ MERGING_SHARE = 0.05
 
 
 def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
-    """Solve on other meshes until the local error of every interval is below a tolerance.
+    """Solve on other meshes until states, limits and switches meet a tolerance.
 
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
     pieces, r the order of the scheme; neighbours whose common interval is
-    foreseen to stay far below the tolerance are merged. Each pass starts from
+    foreseen to stay far below the tolerance are merged. Then the mesh points around switches move, see
+    :mod:`switches`, and intervals in which the motion passes limits are split. Each pass starts from
     the last solution.
 
     Raises
@@ -37,46 +43,127 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     OptimizationError
         If a pass fails, with the last solution in ``.reached``, or if no mesh was found that meets the tolerance,
         with the last solution in ``.partial``.
+
+    Warns
+    -----
+    MechanismWarning
+        If local errors meet the tolerance, but limits or switches do not.
     """
-    passes: list[Pass] = []
-    merging = True
-    reason = f"{PASSES} passes are made"
-    for _ in range(PASSES):
-        errors = _errors(solution)
-        error, s = float(np.max(np.concatenate(errors))), solution.statistics
-        passes.append(Pass(_count(solution.meshes), error, solution.cost, s.iterations, s.seconds))
-        solution.statistics = replace(s, passes=list(passes))
-        if error <= tolerance:
-            return solution
-        before = [p.error for p in passes[:-1]][-2:]
-        if len(before) == 2 and error > max(before) / 2 and not merging:
-            reason = "the local error does not fall any further"
-            break
-        merging = merging and error <= min(before, default=np.inf) / 2
-        order = solution.phases[0].program.scheme.order
-        meshes = [
-            adapted(mesh, e, tolerance, order, merging=merging) for mesh, e in zip(solution.meshes, errors, strict=True)
-        ]
-        if _count(meshes) > INTERVALS:
-            reason = f"the next mesh would have {_count(meshes)} intervals"
-            break
-        guess = solution.as_guess(solver.problem)
+    return _Refinement(solver, solution, tolerance).run()
+
+
+class _Refinement:
+    """Passes of a refinement: the last solution and its errors."""
+
+    def __init__(self, solver: Solver, solution: Solution, tolerance: float):
+        self.solver, self.solution, self.tolerance = solver, solution, tolerance
+        self.passes: list[Pass] = []
+        self.merging, self.moves = True, MOVES
+        #: True if the last pass had more mesh points for switches, or more that move
+        self.resolves = False
+        #: the last solution with small local errors, and what it does not meet
+        self.reached: tuple[Solution, str] | None = None
+        solver.limit_tolerance = tolerance
+
+    def run(self) -> Solution:
+        """Return the solution that meets the tolerance."""
+        reason = f"{PASSES} passes are made"
+        for _ in range(PASSES):
+            self._measure()
+            if self.error <= self.tolerance and not self._missed():
+                return self.solution
+            meshes = self._meshes()
+            if meshes is None:
+                reason = "the local error does not fall any further"
+                break
+            if _count(meshes) > INTERVALS:
+                reason = f"the next mesh would have {_count(meshes)} intervals"
+                break
+            self._solve(meshes)
+        return self._given_up(reason)
+
+    def _measure(self) -> None:
+        """Errors of the intervals of the last solution, and its entry in the table of passes."""
+        solution, s = self.solution, self.solution.statistics
+        self.errors = _errors(solution)
+        self.error = float(np.max(np.concatenate(self.errors)))
+        self.passes.append(Pass(_count(solution.meshes), self.error, solution.cost, s.iterations, s.seconds))
+        solution.statistics = replace(s, passes=list(self.passes))
+
+    def _missed(self) -> str:
+        """What a solution with small local errors does not meet, in words; nothing if it meets all."""
+        solution, tolerance = self.solution, self.tolerance
+        self.switches = unresolved_switches(solution, tolerance)
+        self.shares = [shares_by_interval(part) for part in solution.phases]
+        missed = [f"the limits that change at t = {switch.time:.6g} s" for of in self.switches for switch in of][:1]
+        if self.resolves and self._cost_change() <= tolerance * abs(solution.cost):
+            missed = []  # what was done about them did not change the cost
+        passed = [limit for limit in passed_limits(solution, tolerance)][:1]
+        missed += [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]
+        self.reached = solution, " and ".join(missed)
+        return self.reached[1]
+
+    def _meshes(self) -> list[Mesh] | None:
+        """Meshes of the next pass; None if there is none that is better."""
+        meshes, order = self.solution.meshes, self.solution.phases[0].program.scheme.order
+        if self.error > self.tolerance:
+            before = [p.error for p in self.passes[:-1]][-2:]
+            if len(before) == 2 and self.error > max(before) / 2 and not self.merging:
+                return None
+            self.merging = self.merging and self.error <= min(before, default=np.inf) / 2
+            adapt = partial(adapted, tolerance=self.tolerance, order=order, merging=self.merging)
+            return [adapt(mesh, errors) for mesh, errors in zip(meshes, self.errors, strict=True)]
+        if self.moves and any(self.switches):
+            pairs = zip(meshes, self.switches, strict=True)
+            moving = [mesh.with_moving(k for switch in own for k in switch.points) for mesh, own in pairs]
+            grows = any(new.moving != mesh.moving for new, mesh in zip(moving, meshes, strict=True))
+            if grows or self._cost_change() > self.tolerance * abs(self.solution.cost):
+                self.moves -= 1
+                return moving
+        split = []
+        for mesh, own, shares in zip(meshes, self.switches, self.shares, strict=True):
+            pieces = np.ceil((2 * shares / self.tolerance) ** (1 / order))
+            pieces[[k for switch in own for k in switch.intervals]] = PIECES
+            split.append(mesh.refined(np.clip(pieces, 1, PIECES).astype(int), np.zeros(mesh.count, bool)))
+        return split
+
+    def _cost_change(self) -> float:
+        """Change of the cost in the last pass."""
+        return abs(self.passes[-1].cost - self.passes[-2].cost) if len(self.passes) > 1 else np.inf
+
+    def _solve(self, meshes: list[Mesh]) -> None:
+        """Solve on other meshes from the last solution; mesh points that do not move well move no more."""
+        solver, guess = self.solver, self.solution.as_guess(self.solver.problem)
         solver.best.new_stage()
+        structures = [mesh.structure for mesh in self.solution.meshes]
+        changed = structures != [mesh.structure for mesh in meshes]
+        self.resolves = changed and self.error <= self.tolerance
         try:
-            solution = solver.solve(meshes, guess, warm=True)
-        except OptimizationError:  # a guess that is near on one mesh may be far on another
-            try:
-                solution = solver.solve(meshes, guess)
+            self.solution = solver.solve(meshes, guess, warm=True)
+        except OptimizationError:
+            if self.error <= self.tolerance and any(mesh.moving for mesh in meshes):
+                self.moves = 0
+                return
+            try:  # a guess that is near on one mesh may be far on another
+                self.solution = solver.solve(meshes, guess)
             except OptimizationError as failure:
-                failure.reached = solution
+                failure.reached = self.solution
                 raise
-    raise OptimizationError(
-        f"the mesh was refined to {_count(solution.meshes)} intervals and the local error is still "
-        f"{error:.2g}, above the tolerance {tolerance:g}: {reason}; the last solution is in .partial",
-        largest_violations=[],
-        partial=solution,
-        time=None,
-    )
+
+    def _given_up(self, reason: str) -> Solution:
+        """The last solution with small local errors, with a warning of what it does not meet."""
+        if self.reached is not None:
+            solution, missed = self.reached
+            solution.statistics = replace(solution.statistics, passes=list(self.passes))
+            warn(f"the local errors meet the tolerance {self.tolerance:g}, but not {missed}: {reason}")
+            return solution
+        raise OptimizationError(
+            f"the mesh was refined to {_count(self.solution.meshes)} intervals and the local error is still "
+            f"{self.error:.2g}, above the tolerance {self.tolerance:g}: {reason}; the last solution is in .partial",
+            largest_violations=[],
+            partial=self.solution,
+            time=None,
+        )
 
 
 def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:
@@ -155,7 +242,7 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, mer
     while merging and k + 1 < errors.size:
         together = (mesh.length[k] + mesh.length[k + 1]) / np.minimum(mesh.length[k], mesh.length[k + 1])
         foreseen = max(errors[k], errors[k + 1]) * together ** (order + 1)
-        if mesh.segment[k] == mesh.segment[k + 1] and foreseen <= MERGING_SHARE * tolerance:
+        if mesh.piece[k] == mesh.piece[k + 1] and foreseen <= MERGING_SHARE * tolerance:
             merge[k] = True
             k += 1
         k += 1

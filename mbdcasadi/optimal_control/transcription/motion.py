@@ -64,7 +64,7 @@ class OptimalMotion(Trajectory):
         function = ca.Function("expression", [*eom.symbols, rates], [ca.densify(expression)])
         return function, (*arguments, self._polynomials.input_rates(self.t))
 
-    def _between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
+    def between(self, wanted: np.ndarray) -> tuple[np.ndarray, ...]:
         return self._polynomials.states(wanted)
 
     def _at(self, t: np.ndarray, *arrays: np.ndarray) -> OptimalMotion:

@@ -16,18 +16,16 @@ from __future__ import annotations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import Integrator
-from ..uniqueness import Uniqueness
+from ..uniqueness import loaded_by_reactions
 from .base import Formulation
 from .explicit import Explicit
 from .kkt import KKT
 from .regularised import Regularised
 
-__all__ = ["EXPLICIT_BODIES", "FORMULATIONS", "KKT", "Explicit", "Formulation", "Regularised", "choose_formulation"]
+__all__ = ["FORMULATIONS", "KKT", "Explicit", "Formulation", "Regularised", "choose_formulation"]
 
-#: Every form; a further one is a class in a file of its own.
+#: Every form, of which the first that suits is taken; a further one is a class in a file of its own.
 FORMULATIONS: tuple[type[Formulation], ...] = (Explicit, KKT, Regularised)
-#: With a method that takes algebraic unknowns the explicit form pays up to this number of bodies.
-EXPLICIT_BODIES = 10
 
 
 def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> Formulation:
@@ -52,18 +50,11 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
         if not integrator.solves_algebraic:
             raise SimulationError(
                 f'method="{integrator.name}" needs forces that do not depend on reactions, and '
-                f'{Uniqueness(numeric).frictions} does; use method="idas"'
+                f'{", ".join(loaded_by_reactions(eom))} does; use method="idas"'
             )
         if redundant:
             raise SimulationError(
                 "a force depends on reactions, and with redundant constraints these are not unique: "
                 "remove the redundant rows (see check) or the friction"
             )
-        return KKT()
-    if redundant:
-        return Regularised()
-    if not integrator.solves_algebraic:
-        return Explicit()
-    # without constraints nothing is eliminated, and algebraic unknowns would only make the system larger
-    many = len(eom.mechanism.bodies) > EXPLICIT_BODIES and eom.lam.numel() > 0
-    return KKT() if numeric.massless or many else Explicit()
+    return next(form() for form in FORMULATIONS if form.suits(numeric, integrator, redundant=redundant))

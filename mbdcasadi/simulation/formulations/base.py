@@ -10,9 +10,9 @@ import casadi as ca
 
 from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
+from ...integrators import Integrator
 from ...integrators.compiled import Clock, Dae
 from ..compiled_elements import CompiledElements
-from ..explicit_system import input_of
 
 #: Arguments of the equations of a piece: ``t, q, v, z, u, p`` and the rate at which drift decays.
 Arguments = tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]
@@ -35,6 +35,17 @@ class Formulation(ABC):
     name: ClassVar[str]
     is_algebraic: ClassVar[bool] = False
     tolerates_redundancy: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
+        """Return True if an integrator should take the equations in this form.
+
+        Parameters
+        ----------
+        redundant : bool
+            True if rows are dependent.
+        """
 
     @abstractmethod
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -98,7 +109,7 @@ class Formulation(ABC):
         levels, channel = MX.sym("levels", signals.levels.numel()), MX.sym("channel", signals.channel.numel())
         rate, force = MX.sym("rate"), ca.SX.sym("Q", eom.q.numel())
         unknown = [MX.sym(name, getattr(eom, name).numel()) for name in ("a", "lam")] if self.is_algebraic else None
-        u = input_of(eom, signals)(clock.t, q, v, z, p, levels, channel)
+        u = signals.function(eom)(clock.t, q, v, z, p, levels, channel)
         none = [MX.zeros(symbols.numel()) for symbols in (eom.a, eom.lam, eom.z)]
         values = elements.values
         column = values.column(clock.t, q, v, none[0], z, none[1], u, p, z_rate=none[2])

@@ -8,13 +8,26 @@ import casadi as ca
 
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import SaddlePoint
+from ...integrators import Integrator
 from .base import Arguments, Formulation
+
+#: With a method that takes algebraic unknowns the explicit form pays up to this number of bodies.
+EXPLICIT_BODIES = 10
 
 
 class Explicit(Formulation):
     """``a = M⁻¹ (Q - Phi_q^T lam)`` with ``lam`` eliminated by a sparse symbolic LDL factorisation: an ODE."""
 
     name: ClassVar[str] = "explicit"
+
+    @classmethod
+    def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
+        eom = numeric.eom
+        if redundant or eom.Q_depends_on_lam:
+            return False
+        # without constraints nothing is eliminated, and algebraic unknowns would only make the system larger
+        many = len(eom.mechanism.bodies) > EXPLICIT_BODIES and eom.lam.numel() > 0
+        return not integrator.solves_algebraic or not (numeric.massless or many)
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = numeric.forward_dynamics(redundant=False)(*arguments[:-1])

@@ -7,6 +7,7 @@ from typing import ClassVar
 import casadi as ca
 
 from ...equations.numeric import NumericEquations
+from ...integrators import Integrator
 from .base import Arguments, Formulation
 
 
@@ -15,6 +16,10 @@ class KKT(Formulation):
 
     name: ClassVar[str] = "KKT"
     is_algebraic: ClassVar[bool] = True
+
+    @classmethod
+    def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
+        return integrator.solves_algebraic and not redundant
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         eom = numeric.eom

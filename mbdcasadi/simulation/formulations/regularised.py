@@ -8,6 +8,7 @@ import casadi as ca
 
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import stabilised_solution
+from ...integrators import Integrator
 from .base import Arguments, Formulation
 
 
@@ -16,6 +17,10 @@ class Regularised(Formulation):
 
     name: ClassVar[str] = "regularised"
     tolerates_redundancy: ClassVar[bool] = True
+
+    @classmethod
+    def suits(cls, numeric: NumericEquations, integrator: Integrator, *, redundant: bool) -> bool:
+        return redundant and not numeric.eom.Q_depends_on_lam
 
     def accelerations(self, numeric: NumericEquations, arguments: Arguments) -> tuple[ca.SX, ca.SX, ca.SX]:
         a, lam = numeric.stabilised_dynamics()(*arguments)

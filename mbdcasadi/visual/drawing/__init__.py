@@ -1,0 +1,1 @@
+"""Drawings: mechanisms as scenes, and scenes in Matplotlib."""

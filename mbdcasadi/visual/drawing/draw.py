@@ -133,9 +133,13 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
 
 def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:
     """The scene with its names placed in the axes."""
+    figure = axes.figure.canvas.figure
+    layout = figure.get_layout_engine()
+    if scene.labels and layout is not None:
+        layout.execute(figure)  # it sets the place of the axes
     box = np.array([axes.get_xlim(), axes.get_ylim()]).T
-    place = axes.get_position()
-    size = 72 * axes.figure.get_size_inches() * [place.width, place.height]  # type: ignore[union-attr]
+    place = axes.get_position().transformed(axes.figure.transSubfigure)
+    size = 72 / figure.dpi * np.array([place.width, place.height])
     return with_placed_names(scene, poses, box, float(np.min(size / (box[1] - box[0]))))
 
 

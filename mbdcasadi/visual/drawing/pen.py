@@ -278,7 +278,7 @@ class Pen:
         return float(np.sign(height)) if abs(height) > HIDES else usual
 
     def replaces(self, body: Body, radius: float) -> None:
-        """Say that a symbol draws the outline of a body, up to a radius."""
+        """Declare that a symbol draws the outline of a body, up to a radius."""
         if not body.is_ground:
             self.replaced[body] = max(self.replaced.get(body, 0.0), radius)
 

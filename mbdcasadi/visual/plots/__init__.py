@@ -1,0 +1,1 @@
+"""Plots of motions, equilibria, modes, identifications and optimal solutions."""

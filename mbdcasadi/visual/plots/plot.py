@@ -1,4 +1,4 @@
-"""Plots over time, as Matplotlib figures that belong to nobody but the caller."""
+"""Plots over time, as Matplotlib figures that belong to the caller."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def plot(motion: Any, expressions: Mapping[str, Any]) -> Figure:
 
 
 def overview(motion: Trajectory) -> Figure:
-    """Draw what a motion looks like at one glance.
+    """Plot an overview of a motion.
 
     Coordinates of all bodies on the left; on the right the sizes of the joint
     reactions, the efforts of drivers, the inputs, and the energy.
@@ -153,7 +153,7 @@ def reaction_sizes(motion: Trajectory) -> tuple[dict[str, ca.SX], dict[str, np.n
 def lines_over(
     axes: Axes, motion: Trajectory, lines: Mapping[str, np.ndarray], label: str, names: bool = False
 ) -> None:
-    """Draw named lines into axes; `names` says that label and legend hold names of the model."""
+    """Draw named lines into axes; if `names`, label and legend hold names of the model."""
     marker, drawn = "o" if len(motion) == 1 else "", {}
     for k, (name, values) in enumerate(lines.items()):
         colour, style = SERIES_LIGHT[k % len(SERIES_LIGHT)], _STYLES[(k // len(SERIES_LIGHT)) % len(_STYLES)]

@@ -1,0 +1,134 @@
+"""States that a stretch returns: the ends of steps, and outputs inside them, which are evaluated all at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .step_functions import Steps, interpolated
+from .stretch import ACCURACY, LOOSE, PROJECTIONS, ExplicitSystem, Stretch
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The end of a step, or outputs inside it that are still to be evaluated.
+
+    Attributes
+    ----------
+    times, index : numpy.ndarray
+        Times and their places among those of the stretch, or -1 (k,).
+    y : numpy.ndarray
+        The end; or the start, from which the dense output counts (n_y,).
+    coefficients, parts : numpy.ndarray or None
+        Of the dense output (7, n_y), and at which parts of the step (k,).
+    """
+
+    times: np.ndarray
+    index: np.ndarray
+    y: np.ndarray
+    coefficients: np.ndarray | None = None
+    parts: np.ndarray | None = None
+
+
+class Recording:
+    """States of a stretch, step by step.
+
+    Parameters
+    ----------
+    steps : Steps
+        The present step.
+    system : ExplicitSystem
+        The equations.
+    s : Stretch
+        The stretch.
+
+    Attributes
+    ----------
+    times : list of float
+        Times of the stretch.
+    reached : int
+        Number of them that were reached.
+    """
+
+    def __init__(self, steps: Steps, system: ExplicitSystem, s: Stretch):
+        self._f, self._system, self._s = steps, system, s
+        self.times, self.reached = s.times.tolist(), 0
+        self._parts: list[_Part] = []
+
+    @property
+    def is_complete(self) -> bool:
+        """True if the last time was reached."""
+        return self.reached == len(self.times)
+
+    @property
+    def last_time(self) -> float:
+        """Last time that is kept; that of the start if none is."""
+        return float(self._parts[-1].times[-1]) if self._parts else self._s.start
+
+    def add(self, t: float, y: np.ndarray, index: int) -> None:
+        """Keep the end of a step."""
+        self._parts.append(_Part(np.array([t]), np.array([index]), y.copy()))
+
+    def add_inside(self, t: float, h: float, end: float, samples: int) -> None:
+        """Keep outputs inside the present step, and evenly spread samples, in order of time."""
+        times, first = self.times, self.reached
+        while self.reached < len(times) and times[self.reached] < end:
+            self.reached += 1
+        inside, index = self._s.times[first : self.reached], np.arange(first, self.reached)
+        if samples:
+            between = t + h * np.arange(1, samples + 1) / (samples + 1)
+            between = between[(between > t) & (between < end) & ~np.isin(between, inside)]
+            inside, index = np.r_[inside, between], np.r_[index, np.full(between.size, -1)]
+            order = np.argsort(inside, kind="stable")
+            inside, index = inside[order], index[order]
+        f = self._f
+        self._parts.append(_Part(inside, index, f.y.copy(), f.coefficients.copy(), (inside - t) / h))
+
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+        """Return times, their places among those of the stretch, states on the constraints, and if these are all.
+
+        They end before the first state that cannot be brought onto the constraints.
+        """
+        times, index, rows, inside = self._rows()
+        count = self._brought_onto_constraints(times, rows, inside)
+        return times[:count], index[:count], rows[:count], count == len(rows)
+
+    def _rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times, places among the times of the stretch, states, and which are inside steps, not on the constraints."""
+        kept = self._parts
+        if not kept:
+            return np.zeros(0), np.zeros(0, np.int64), np.zeros((0, self._f.functions.n_y)), np.zeros(0, bool)
+        counts = [part.times.size for part in kept]
+        owner, inner = np.repeat(np.arange(len(kept)), counts), [part.coefficients is not None for part in kept]
+        rows = np.array([part.y for part in kept])[owner]
+        inside = np.array(inner)[owner]
+        if np.any(inside):
+            place = (np.cumsum(inner) - 1)[owner[inside]]
+            coefficients = np.array([part.coefficients for part in kept if part.coefficients is not None])[place]
+            parts = np.concatenate([part.parts for part in kept if part.parts is not None])[:, None]
+            rows[inside] = interpolated(rows[inside], coefficients.transpose(1, 0, 2), parts)
+        times, index = (np.concatenate([getattr(part, name) for part in kept]) for name in ("times", "index"))
+        return times, index.astype(np.int64), rows, inside
+
+    def _brought_onto_constraints(self, times: np.ndarray, rows: np.ndarray, inside: np.ndarray) -> int:
+        """Project the outputs inside steps, in place; the number of rows up to the first that cannot be."""
+        n, s, most = self._system.coordinates, self._s, len(rows)
+        waiting = np.flatnonzero(inside) if self._system.multipliers else np.zeros(0, int)
+        before = np.full(most, np.inf)
+        for _ in range(PROJECTIONS):
+            if not waiting.size:
+                break
+            given = times[waiting, None], rows[waiting, :n], rows[waiting, n : 2 * n]
+            q, v, left = self._f.functions.projection_rows.rows(*given, s.p, s.weights)
+            rest = np.where(np.isfinite(left[:, 0]), left[:, 0], np.inf)
+            finite = np.isfinite(rest)
+            rows[waiting[finite], :n], rows[waiting[finite], n : 2 * n] = q[finite], v[finite]
+            size = 1.0 + np.max(np.abs(rows[waiting, :n]), axis=1, initial=0.0)
+            done = rest <= ACCURACY * size
+            stuck = ~done & (rest >= before[waiting] / 2)
+            failed = ~finite | (stuck & (rest > LOOSE * size))
+            most = min([most, *waiting[failed].tolist()])
+            before[waiting] = rest
+            waiting = waiting[~(done | stuck | failed)]
+        return min([most, *waiting[before[waiting] > LOOSE].tolist()])

@@ -1,0 +1,74 @@
+"""Switches: times from which on other limits hold a motion back, enclosed by mesh points that move.
+
+An interval in which an input jumps from one limit to the other has a polynomial with the right mean; its motion is
+that of no input with a jump, and takes a little longer. If both ends of it may move, it shrinks to almost nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..nlp.limits import activity
+
+if TYPE_CHECKING:
+    from ..solution import PhaseSolution, Solution
+
+#: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
+SLACK = 3e-4
+
+
+class Switch(NamedTuple):
+    """A stretch of a mesh in which limits begin or cease to be active.
+
+    Attributes
+    ----------
+    points : tuple of int
+        Mesh points that enclose it.
+    intervals : tuple of int
+        Intervals in which it lies.
+    time : float
+        Time at which it begins, s.
+    """
+
+    points: tuple[int, ...]
+    intervals: tuple[int, ...]
+    time: float
+
+
+def unresolved_switches(solution: Solution, tolerance: float) -> list[list[Switch]]:
+    """Return the switches that the mesh does not resolve, by phase.
+
+    The cost is wrong by about the square of the length of an interval in which an input jumps, as a share of the
+    duration: above the tolerance it is not resolved. Inputs that are constant on intervals, those of a digital
+    controller, jump when it lets them.
+    """
+    if solution.settings.control == "constant":
+        return [[] for _ in solution.phases]
+    shares = activity(solution, SLACK, inside=True)
+    found = []
+    for number, part in enumerate(solution.phases):
+        own = [x for (phase, _), x in shares.items() if phase == number]
+        switches = _switches(part, np.array(own).reshape(len(own), part.mesh.count)) if part.mesh.count else []
+        longest = part.duration * np.sqrt(tolerance)
+        lengths = np.diff(part.mesh_times)
+        found.append([switch for switch in switches if np.sum(lengths[list(switch.intervals)]) > longest])
+    return found
+
+
+def _switches(part: PhaseSolution, shares: np.ndarray) -> list[Switch]:
+    """Switches of a phase from the shares of the points of each interval at which limits are active (limits, N)."""
+    mesh, times = part.mesh, part.mesh_times
+    mixed = np.any((shares > 0) & (shares < 1), axis=0)
+    found = []
+    for (is_mixed, _), group in itertools.groupby(range(mesh.count), key=lambda k: (mixed[k], mesh.piece[k])):
+        run = list(group)
+        if is_mixed:
+            found.append(Switch((run[0], run[-1] + 1), tuple(run), float(times[run[0]])))
+    for k in range(1, mesh.count):
+        plain = not (mixed[k - 1] or mixed[k] or k in mesh.knots)
+        if plain and not np.array_equal(shares[:, k - 1], shares[:, k]):
+            found.append(Switch((k,), (k - 1, k), float(times[k])))
+    return found

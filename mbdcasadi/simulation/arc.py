@@ -1,0 +1,201 @@
+"""One mode of a run: what advances it over a piece, and what is looked for on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..integrators.compiled import IntegrationFailure
+from ..model.events import Event
+from ..numerics.console import Interruption
+from ..results.state import State
+from .events import Crossing, EventWatch
+from .failure_diagnosis import singular_stop
+from .path import Path
+from .piece_projection import PieceProjection
+from .regularity import Regularity
+from .resolution import Resolution
+from .schedule import Piece
+from .singular_passage import Passage, SingularPassage, Trail
+from .stepper import SteppedSystem, Stepper
+from .stepping import CompiledStepper
+from .uniqueness import Uniqueness
+from .unseen_loads import UnseenLoad, UnseenLoads
+from .whole_stepping import WholeStepper
+
+if TYPE_CHECKING:
+    from .loop import Run
+
+#: Smallest pivot, relative to that at the entry of a passage, below which a pose is singular and not only near to one.
+REALLY_SINGULAR = 0.02
+
+
+def ends_run(event: Event) -> bool:
+    """Return True for an event at which a run in one mechanism ends."""
+    return event.terminal or event.becomes is not None
+
+
+def resets_or_ends(event: Event) -> bool:
+    """Return True for an event that decides how a run goes on."""
+    return bool(event.reset) or ends_run(event)
+
+
+class Arc:
+    """One mode of a run.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    mode : hashable
+        The mode.
+    state : State
+        The first state in it.
+
+    Attributes
+    ----------
+    stepper : Stepper
+        Advances it.
+    watch : EventWatch
+        Looks for events.
+    passage : SingularPassage
+        Looks for singular poses.
+    projection : PieceProjection
+        Brings states onto the constraints.
+    resolution : Resolution
+        Looks for what the steps did not follow.
+    uniqueness : Uniqueness
+        Looks for reactions that are not unique.
+    trail : Trail
+        States since the motion last began smoothly.
+    """
+
+    def __init__(self, run: Run, mode: Any, state: State):
+        modes, signals, self._integrator = run.modes, run.setup.signals, run.integrator
+        self.mode, self.numeric = mode, modes.numeric(mode)
+        self.resolution = Resolution(self.numeric)
+        self.uniqueness = Uniqueness(self.numeric)
+        self._unseen_loads = UnseenLoads(self.numeric, signals)
+        self._own_events = modes.events(mode)
+        self.watch = EventWatch(self.numeric.eom, (*self._own_events, *run.events), run.instant, run.resting)
+        regularity = Regularity(self.numeric, state.t, state.q)
+        system = SteppedSystem(
+            self.numeric,
+            signals,
+            modes.levels,
+            run.integrator,
+            self.resolution,
+            run.span,
+            run.redundant,
+            run.max_step,
+        )
+        self.stepper: Stepper
+        if run.integrator.runs_whole:
+            self.stepper = WholeStepper(system, watch=self.watch, decides=self.decides, may_fold=regularity.is_needed)
+        else:
+            self.stepper = CompiledStepper(system)
+        self.passage = SingularPassage(regularity, self.stepper.outputs)
+        self.projection = PieceProjection(self.stepper, run.integrator.reltol, only_wanted=not self.watch.events)
+        self.trail = Trail()
+
+    def is_own(self, event: Event) -> bool:
+        """Return True for an event of the mode itself."""
+        return any(event is own for own in self._own_events)
+
+    def decides(self, event: Event) -> bool:
+        """Return True if the run ends, or changes its mode or velocities, at an event."""
+        return resets_or_ends(event) or self.is_own(event)
+
+    def integrated(
+        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
+    ) -> tuple[Piece, Path, IntegrationFailure | None]:
+        """Return the path of the integrator over a piece, or up to where it fails or has something to be decided.
+
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True for a path to a singular pose, at which the integrator may end.
+        """
+        try:
+            path = self.stepper.advance(piece, x, interruption, comes_near)
+        except IntegrationFailure as stopped:
+            times = piece.times[: len(stopped.x)]
+            nothing = np.zeros((times.size, self.resolution.terms.size))
+            return piece, Path(np.r_[piece.start, times], np.vstack([x, stopped.x]), nothing), stopped
+        return piece.refined(path.times[1:]) if self._integrator.runs_whole else piece, path, None
+
+    def first_touch(self, path: Path) -> tuple[float, np.ndarray] | None:
+        """First time at which a piece is to end, as a contact closes that its steps did not follow; and stops."""
+        guided = self._integrator.runs_whole
+        return self.resolution.first_touch(path, self.stepper.outputs.accelerations, guides_steps=guided)
+
+    def first_unseen_load(self, path: Path) -> UnseenLoad | None:
+        """First load that the steps of a path passed over."""
+        stepper, tolerances = self.stepper, (self._integrator.reltol, self._integrator.abstol)
+        return self._unseen_loads.first(path, stepper.outputs, stepper.way_from, *tolerances)
+
+    def shortest_load(self, path: Path) -> float:
+        """Duration of the shortest load on a path, s; infinite if there is none."""
+        tolerances = self._integrator.reltol, self._integrator.abstol
+        return self._unseen_loads.shortest(path, self.stepper.outputs, *tolerances)
+
+    def shortest_contact(self, path: Path) -> float:
+        """Shortest time in which a path would pass through what it meets, s; infinite if it meets nothing."""
+        return self.resolution.shortest_contact(path, self.stepper.outputs.accelerations)
+
+    def note(self, path: Path) -> None:
+        """Take note of a path that counts."""
+        self.resolution.note(path, self.stepper.way_from, self._integrator.reltol, self._integrator.abstol)
+
+    def crossings(self, path: Path, passage: Passage | None) -> list[Crossing]:
+        """Events on a path, up to the instant of the first that decides how the run goes on.
+
+        Parameters
+        ----------
+        passage : Passage or None
+            Continues the motion across a singular pose, instead of the integrator.
+        """
+        if not self.watch.events or path.times.size < 2:
+            return []
+        way_from = self.stepper.way_from if passage is None else lambda _time, _x: passage.states
+        return self.watch.crossings(self.stepper.outputs, path.times, path.x, way_from, self.decides)
+
+    def passage_from(self, path: Path, smooth_until: Callable[[float], float]) -> Passage | None:
+        """Return the motion across a singular pose, if a path comes near to one and is not regular enough there.
+
+        Parameters
+        ----------
+        smooth_until : callable
+            ``time -> time`` up to which nothing changes after it.
+
+        Raises
+        ------
+        SimulationError
+            If the pose is singular and the motion cannot be continued.
+        """
+        if path.is_regular:
+            self.passage.note_regular(path)
+            return None
+        entry = self.passage.entry(path)
+        if entry is None:
+            return None
+        trail = self.trail.with_path(path, entry)
+
+        def way(times: np.ndarray) -> np.ndarray:
+            time, x = trail.before(float(times[0]))
+            x = self.stepper.outputs.projected(np.array([time]), x[None, :])[0]
+            return self.stepper.precise_way_from(time, x)(times)
+
+        try:
+            passage = self.passage.across(entry, trail.start, way, smooth_until(entry))
+        except IntegrationFailure:
+            passage = None
+        if passage is None and self.passage.smallest(path) < REALLY_SINGULAR:
+            raise singular_stop(self.numeric, entry, *trail.before(entry))
+        return passage
+
+    def sentences(self) -> list[str]:
+        """Sentences on what the steps of the integrator did not resolve."""
+        return self.resolution.sentences(self._integrator.reltol, self._integrator.abstol)

@@ -1,0 +1,155 @@
+"""The state of one set of equations, and what advances it: the base class of steppers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arguments.inputs import Signals
+from ..equations.numeric import NumericEquations
+from ..integrators import Integrator
+from ..numerics.console import Interruption
+from .formulations import choose_formulation
+from .outputs import Outputs
+from .path import Path, Way
+from .resolution import Resolution
+from .schedule import Piece
+
+#: Tolerances of what is integrated to rounding.
+PRECISE = (1e-12, 1e-13)
+
+
+@dataclass(frozen=True, eq=False)
+class SteppedSystem:
+    """One set of equations in a run, with the method that advances it.
+
+    Attributes
+    ----------
+    numeric : NumericEquations
+        Equations at the parameters of the run.
+    signals : Signals
+        Inputs.
+    levels : numpy.ndarray
+        Values of the inputs that are numbers; whoever calls a controller changes them in place.
+    integrator : Integrator
+        Method and tolerances.
+    resolution : Resolution
+        Has some rates integrated along.
+    span : float
+        Duration of the run, s.
+    redundant : bool
+        True if rows are dependent.
+    max_step : float or None
+        Longest step, s.
+    """
+
+    numeric: NumericEquations
+    signals: Signals
+    levels: np.ndarray
+    integrator: Integrator
+    resolution: Resolution
+    span: float
+    redundant: bool
+    max_step: float | None = None
+
+
+class Stepper(ABC):
+    """Advances the state of one set of equations.
+
+    Parameters
+    ----------
+    system : SteppedSystem
+        Equations and method.
+
+    Attributes
+    ----------
+    formulation : Formulation
+        Form of the equations.
+    outputs : Outputs
+        Outputs in this form.
+    tolerant_outputs : Outputs
+        Outputs also in singular poses: multipliers are those of least norm.
+    """
+
+    def __init__(self, system: SteppedSystem):
+        self.numeric, self.signals, self.levels = system.numeric, system.signals, system.levels
+        self.integrator, self.max_step = system.integrator, system.max_step
+        self.formulation = choose_formulation(self.numeric, self.integrator, redundant=system.redundant)
+        known = self.numeric, self.signals, self.levels
+        self.tolerant_outputs = Outputs(*known, redundant=True)
+        tolerant = self.formulation.tolerates_redundancy
+        self.outputs = self.tolerant_outputs if tolerant else Outputs(*known, redundant=False)
+
+    # --- how it ran ---------------------------------------------------------------------------
+    @property
+    @abstractmethod
+    def notes(self) -> list[str]:
+        """Sentences on how it ran."""
+
+    @property
+    @abstractmethod
+    def starts(self) -> int:
+        """Number of starts of the method."""
+
+    @property
+    @abstractmethod
+    def steps(self) -> int:
+        """Steps of the last piece."""
+
+    @property
+    @abstractmethod
+    def all_steps(self) -> int:
+        """Steps of all pieces."""
+
+    @abstractmethod
+    def release(self) -> None:
+        """Give back what is kept for later runs of the mechanism, at the end of a run."""
+
+    def note_turning(self, x: np.ndarray) -> None:
+        """Take note of states that were reached (k, n_x), whose largest angular velocity matters to some methods."""
+        return None
+
+    # --- integrating --------------------------------------------------------------------------
+    @abstractmethod
+    def advance(
+        self,
+        piece: Piece,
+        x: np.ndarray,
+        interruption: Interruption,
+        comes_near: Callable[[Path], bool] | None = None,
+    ) -> Path:
+        """Integrate over a piece from a consistent state, or up to where something must be decided.
+
+        Parameters
+        ----------
+        comes_near : callable, optional
+            ``path -> bool``: True if a path comes near to a singular pose, at which the integration may end.
+
+        Raises
+        ------
+        IntegrationFailure
+            With the outputs that were reached.
+        KeyboardInterrupt
+            On Ctrl-C in compiled code.
+        """
+
+    @abstractmethod
+    def way_from(self, start: float, x: np.ndarray) -> Way:
+        """Return the function from later times (k,) to projected states (k, n_x), by short integrations."""
+
+    @abstractmethod
+    def precise_way_from(self, start: float, x: np.ndarray) -> Way:
+        """Return the same function, integrated to rounding."""
+
+    @abstractmethod
+    def unprojected(self, start: float, x: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """States at times after a consistent state as the integrator finds them (k, n_x).
+
+        Raises
+        ------
+        IntegrationFailure
+            If it does not get there.
+        """

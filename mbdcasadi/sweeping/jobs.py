@@ -1,0 +1,215 @@
+"""Batches of cases, with what is compiled for them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ..errors import MechanismError, ModelError
+from ..sensitivity.compiled_run import MotionSetup
+from ..sensitivity.cuts import Cuts
+from ..sensitivity.differentiable_motion import channel_over
+from ..sensitivity.load_limit import LoadLimit
+from ..simulation.time_dependence import timed_equations
+from .cases import farthest
+from .plan import Plan
+from .starts import StartPath, assembled_start, out_of_limits
+from .whole_runs import WholeParcel, refuse_unsuited, times_of
+from .worker import Parcel
+
+#: Batches into which the cases are cut, and the largest of them, if the user does not say.
+BATCHES, LARGEST_BATCH = 64, 250
+#: The same for threads of this process, which share a batch.
+WHOLE_BATCHES = 16, 1000
+#: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
+#: short loads are looked for.
+RANGES, PROBED = 8, 16
+
+
+class Jobs:
+    """Batches of cases with what is compiled for them.
+
+    Attributes
+    ----------
+    batching : tuple of int
+        Batches into which the cases are cut, and the largest of them, if the user does not say.
+
+    Parameters
+    ----------
+    setup : MotionSetup
+        The mechanism at the first of the cases that can be assembled.
+    plan : Plan
+        The cases.
+    named : list of (str, casadi.SX)
+        Outputs.
+    """
+
+    batching = BATCHES, LARGEST_BATCH
+
+    def __init__(self, setup: MotionSetup, plan: Plan, named: list[tuple[Any, ca.SX]]):
+        self._plan, self.setup = plan, setup
+        self._path = StartPath(setup)
+        self._prepare(named)
+        #: numbers that are kept of a case
+        self.width = setup.grid.size * sum(e.numel() for _, e in named)
+
+    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
+        """Make what the cases share."""
+        plan = self._plan
+        parameters = self.setup.mechanism.parameters
+        varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
+        self._motion = self.setup.motion(varied, in_state=False)
+        channel = self._motion.channel()
+        spread = self._spread()
+        poses = []
+        for x0, p, levels in spread[:RANGES]:
+            try:
+                poses.append(self._motion.poses_from(x0, p, levels, channel))
+            except MechanismError:  # the case itself says why
+                continue
+        if self.setup.resolve_all(poses):
+            self._motion = self.setup.motion(varied, in_state=False)
+        for x0, p, levels in spread:
+            self._motion.load_limit.look(x0, p, levels, channel)
+        self._outputs = self._motion.outputs([e for _, e in named])
+        self._parcels: dict[tuple[Any, ...], Parcel] = {}
+
+    def _spread(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Starts, parameters and numbers of the inputs of the cases whose values are farthest from each other."""
+        plan = self._plan
+        chosen = farthest(np.hstack([plan.p, plan.levels]), PROBED)
+        starts, reached = self._path.starts(plan.p[chosen])
+        usable = reached & np.all(np.isfinite(starts), axis=1)
+        return [(x0, plan.p[k], plan.levels[k]) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
+
+    def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
+        """Cuts of the motions of cases, and the reasons why some have none."""
+        courses, failures = {}, out_of_limits(self.setup, self._plan.p, cases)
+        channel = self._motion.channel()
+        shared: Cuts | None = None
+        for k in cases:
+            if int(k) in failures:
+                continue
+            if shared is not None:
+                courses[int(k)] = shared
+                continue
+            try:
+                courses[int(k)] = self._motion.course(None, self._plan.p[k], self._plan.levels[k], channel)
+            except MechanismError as error:
+                failures[int(k)] = str(error)
+                continue
+            if not self._motion.course_varies:
+                shared = courses[int(k)]
+        return courses, failures
+
+    def parcel(self, course: Any) -> Parcel | WholeParcel:
+        """The compiled batch for a course and others of its pattern."""
+        if course.pattern not in self._parcels:
+            setup, motion = self.setup, self._motion
+            n_x, n_p = setup.differentiable_start.function.size1_out(0), setup.p.size
+            x0, p = ca.MX.sym("x0", n_x), ca.MX.sym("p", n_p)
+            levels, cuts = ca.MX.sym("levels", setup.signals.levels.numel()), course.symbols
+            channel = motion.channel()
+            states, _ = motion.motion(course)(x0, p, levels, channel, *cuts)
+            values = self._outputs(states, p, levels, channel)
+            run = ca.Function("run", [x0, p, levels, *cuts], [values, states[-1, -1]])
+            self._parcels[course.pattern] = Parcel(run, self._path, float(setup.grid[-1] - setup.grid[0]))
+        return self._parcels[course.pattern]
+
+    def batches(self, courses: dict[int, Any], size: int | None) -> Iterator[tuple[Any, ...]]:
+        """Batches of cases with the same pattern: indices, and arguments of :func:`run_batch`."""
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for k, course in courses.items():
+            groups.setdefault(course.pattern, []).append(k)
+        length = batch_size(size, len(courses), *self.batching)
+        for members in groups.values():
+            for first in range(0, len(members), length):
+                yield self.batch(np.array(members[first : first + length]), courses)
+
+    def batch(self, cases: np.ndarray, courses: dict[int, Any], starts: np.ndarray | None = None) -> tuple[Any, ...]:
+        """One batch."""
+        plan, own = self._plan, [courses[int(k)] for k in cases]
+        if all(course is own[0] for course in own):
+            arguments = tuple(np.broadcast_to(part, (len(own), *part.shape)) for part in own[0].arguments)
+        else:
+            arguments = tuple(np.stack(parts) for parts in zip(*[c.arguments for c in own], strict=True))
+        return cases, self.parcel(own[0]), plan.p[cases], plan.levels[cases], arguments, starts
+
+    def assembled(self, cases: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Starts of cases to which no way leads from the first: which have one, these, and messages of others."""
+        starts, messages = [], []
+        for k in cases:
+            try:
+                starts.append(assembled_start(self.setup, self._plan.p[k], int(k)))
+                messages.append("")
+            except MechanismError as error:
+                messages.append(str(error))
+        good = np.array([not message for message in messages], bool)
+        return good, np.array(starts), messages
+
+
+class WholeJobs(Jobs):
+    """Batches of cases that run in C, by threads if they run here."""
+
+    threads = 1
+
+    def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
+        refuse_unsuited(self.setup)
+        self._named = [e for _, e in named]
+        self._whole: WholeParcel | None = None
+        spread, setup = self._spread(), self.setup
+        parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread), 1)
+        poses = []
+        for x0, p, levels in spread[:RANGES]:
+            try:
+                course = [part[None, ...] for part in times_of(setup, p).arguments]
+            except MechanismError:  # the case itself says why
+                continue
+            values = parcel.results(x0[None, :], p[None, :], levels[None, :], tuple(course))[0][0]
+            poses.append(values.reshape(setup.grid.size, -1))
+        setup.resolve_all(poses)
+        limit = LoadLimit(setup, setup.integrator)
+        channel = channel_over(setup.signals, setup.grid)
+        for x0, p, levels in spread:
+            limit.look(x0, p, levels, channel)
+        self._load_step = limit.max_step
+
+    def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
+        setup, failures = self.setup, out_of_limits(self.setup, self._plan.p, cases)
+        found: dict[int, Any] = {}
+        same = None if timed_equations(setup).depends else times_of(setup, setup.p, self._load_step)
+        for k in (int(k) for k in cases if int(k) not in failures):
+            try:
+                found[k] = same or times_of(setup, self._plan.p[k], self._load_step)
+            except MechanismError as error:
+                failures[k] = str(error)
+        return found, failures
+
+    def parcel(self, course: Any) -> WholeParcel:
+        if self._whole is None:
+            self._whole = WholeParcel(self.setup, self._path, self._named, self._plan.count, self.threads)
+        return self._whole
+
+
+def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]], *, here: bool) -> Jobs:
+    """Batches by the method of a sweep."""
+    setup = plan.first_assembled()
+    if not setup.integrator.runs_whole:
+        return Jobs(setup, plan, named)
+    jobs = WholeJobs(setup, plan, named)
+    if here:
+        jobs.threads, jobs.batching = os.cpu_count() or 1, WHOLE_BATCHES
+    return jobs
+
+
+def batch_size(size: int | None, count: int, batches: int = BATCHES, largest: int = LARGEST_BATCH) -> int:
+    """Return the number of cases in a batch: what the user asks for, or what cuts the cases into some batches."""
+    if size is None:
+        return max(1, min(largest, -(-count // batches)))
+    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+        raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
+    return size
