@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -96,6 +96,14 @@ class Signals:
         if not self.samples and not parts:
             return np.zeros(0)
         return distinct(np.concatenate([self.grid if self.samples else np.zeros(0), *parts]))
+
+    def at_values(self, grid: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> Signals:
+        """Return the inputs with other numbers, and with samples from the values of the channel over a grid."""
+        samples = {}
+        for row, k in enumerate(self.samples):
+            values, slopes = channel[2 * row], channel[2 * row + 1]
+            samples[k] = np.append(values, values[-1] + slopes[-1] * (grid[-1] - grid[-2]))
+        return replace(self, level_values=levels, samples=samples, grid=grid if samples else self.grid)
 
     def channel_from(self, begins: np.ndarray) -> np.ndarray | None:
         """Values of the channel that hold from some times on (rows, k); None if nothing changes by interval."""

@@ -121,6 +121,22 @@ class Setup:
                 "simulate alone, whose motion gives samples of its answers"
             )
 
+    def at_values(self, grid: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> Setup:
+        """Return a setup for runs from states that are known, at other values.
+
+        Parameters
+        ----------
+        grid : numpy.ndarray
+            Output times, s.
+        p, levels, channel : numpy.ndarray
+            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the intervals of the
+            grid.
+        """
+        other = Setup.__new__(Setup)
+        other.mechanism, other.eom, other.initial = self.mechanism, self.eom, ()
+        other.grid, other.p, other.signals = grid, p, self.signals.at_values(grid, levels, channel)
+        return other
+
     @property
     def time(self) -> float:
         """The first time, s."""

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+#: What CasADi says of a failure without a reason, and what it then is.
+_UNSAID = "Evaluation failed", "the step size became too small, or a value was not finite"
 _REASONS = {
     "IDA_TOO_MUCH_WORK": "the integrator took as many steps as it may between two outputs",
     "IDA_ERR_FAIL": "the error test failed again and again at the smallest step",
     "IDA_CONV_FAIL": "Newton's method did not converge at the smallest step",
     "IDA_LSETUP_FAIL": "the linear system of a step is singular",
+    "IDA_LSOLVE_FAIL": "the linear system of a step cannot be solved",
+    "IDA_LINESEARCH_FAIL": "the search for consistent accelerations did not converge",
+    "IDA_FIRST_RES_FAIL": "the equations gave a value that is not finite at the start",
+    "IDA_BAD_EWT": "a state grew beyond all bounds",
     "IDA_RES_FAIL": "the equations gave a value that is not finite",
     "IDA_REP_RES_ERR": "the equations gave values that are not finite",
     "IDA_NO_RECOVERY": "no consistent accelerations were found",
@@ -30,7 +36,7 @@ def flag_of(error: Exception) -> str:
 
 def in_words(flag: str) -> str:
     """Return the meaning of a flag; any other text as it is."""
-    return _REASONS.get(flag, flag)
+    return _UNSAID[1] if flag.endswith(_UNSAID[0]) else _REASONS.get(flag, flag)
 
 
 def reason_of(error: Exception) -> str:

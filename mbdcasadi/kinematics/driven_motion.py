@@ -10,6 +10,7 @@ import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..errors import Interrupted, SingularityError
+from .mobility import mobility
 from .singular import describe_singularity
 
 
@@ -51,7 +52,7 @@ class MotionFollower:
         self._wrap = wrap or (lambda motion: motion)
 
     def _singular(self, t: float, q: np.ndarray, motion: DrivenMotion) -> SingularityError:
-        pose = describe_singularity(self.numeric, t, q)
+        pose = describe_singularity(self.numeric, t, q, shaky=bool(mobility(self.numeric, t, q).shaky))
         return SingularityError(
             f"the motion cannot be continued beyond t = {t:.9g} s: the pose is singular, {pose.text}; "
             "what was computed is in .partial",

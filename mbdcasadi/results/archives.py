@@ -68,6 +68,13 @@ class Archive(dict[str, np.ndarray]):
             raise self.refuse(f"the entry '{name}' is {values[place]} at {list(place)}")
         return values
 
+    def rows(self, name: str) -> np.ndarray:
+        """Return a table of numbers, which need not be finite."""
+        values = self[name]
+        if values.dtype.kind not in "fiub" or values.ndim != 2:
+            raise self.refuse(f"the entry '{name}' is not a table of numbers")
+        return values
+
     def names(self, name: str, count: int | None = None) -> list[str]:
         """Return a list of texts."""
         values = self[name]

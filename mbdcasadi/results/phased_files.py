@@ -195,7 +195,7 @@ class _Matching:
             p = _own_parameters(eom, labels, values)
             first = [x[:count] for x in columns]
             here = fingerprint(eom, (t[:count, None], *first, p[None]))
-            other = difference(eom, self._archive[f"mechanism {number} fingerprint"], here)
+            other = difference(eom, self._archive.rows(f"mechanism {number} fingerprint"), here)
             candidates.append((bool(other), mechanism in self._taken, mechanism, columns, other))
         _, _, mechanism, columns, other = min(candidates, key=lambda one: one[:2])
         self._taken.add(mechanism)

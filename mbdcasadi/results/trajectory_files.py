@@ -122,7 +122,7 @@ def _read_one(archive: Archive, eom: Equations) -> Trajectory:
             raise archive.refuse(f"the entry '{name}' is not a number at any time")
     if "fingerprint" in archive:
         here = fingerprint(eom, (t[:, None], *arrays, parameters[None]))
-        other = difference(eom, archive["fingerprint"], here)
+        other = difference(eom, archive.rows("fingerprint"), here)
         if other:
             warn(
                 f"{archive.path}: the mechanism has the names of the one that was saved, but differs from it in "

@@ -24,6 +24,7 @@ from ..simulation.modes import SingleMode
 from ..simulation.path import Path, hermite_states
 from ..simulation.regularity import singular_time
 from ..simulation.simulate import chosen_integrator, suited_to_friction
+from ..simulation.watched_terms import has_gaps
 from .cuts import Cuts
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion
@@ -132,6 +133,31 @@ class MotionSetup(Setup):
         self.integrator = self.integrator.replace(abstol=finer)
         return resolving
 
+    def resolve_all(self, motions: Sequence[np.ndarray]) -> bool:
+        """Take an absolute tolerance that resolves the range of each of some motions; True if it is another one.
+
+        Parameters
+        ----------
+        motions : sequence of numpy.ndarray
+            Coordinates by output (n_t, n); without outputs, or with NaN, one does not count.
+
+        Warns
+        -----
+        MechanismWarning
+            If the tolerance was given, and does not resolve the smallest one.
+        """
+        abstol = self.integrator.abstol
+        known = [(q, tolerance_for(q, abstol)) for q in motions if len(q) and np.all(np.isfinite(q))]
+        small = [(finer, q) for q, finer in known if finer is not None]
+        if not small:
+            return False
+        finer, q = min(small, key=lambda entry: entry[0])
+        if self._keeps_abstol:
+            warn(f"{self._analysis}: {unresolved_range(q, abstol)}")
+            return False
+        self.integrator = self.integrator.replace(abstol=finer)
+        return True
+
 
 class CompiledRun:
     """Outputs as a function of a design vector, with derivatives forward and adjoint.
@@ -162,6 +188,12 @@ class CompiledRun:
         start = setup.differentiable_start
         self.setup = setup
         self.design = DesignVariables(wrt, setup, start)
+        if has_gaps(setup.mechanism) and not setup.integrator.is_multistep:
+            warn(
+                f'derivatives by method="{setup.integrator.name}" through contacts are those of its steps, which the '
+                "error test does not control: through hard ones they may be off by tens of a per cent while the motion "
+                'is right; use method="idas"'
+            )
         self.motion = setup.motion(self.design.varied, integrands=integrands, reversible=reversible)
         self.guess = start.guess
         self._expressions = list(expressions)
@@ -232,7 +264,7 @@ class CompiledRun:
         """The cuts of the motion."""
         p, right, z, levels, channel = (part.full() for part in self._given(d))
         start = None
-        if self.motion.follows_state:
+        if self.motion.needs_start:
             x, _, residual = self._call(self.setup.differentiable_start.function, p, right, z, self.guess)
             self._refuse_no_start(float(residual), d)
             start = x.full().ravel()

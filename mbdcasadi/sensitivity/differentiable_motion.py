@@ -38,13 +38,13 @@ from ..integrators.reversible import ReversibleIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
 from ..simulation.formulations import choose_formulation
-from ..simulation.loop import shortest_unseen_load
 from ..simulation.schedule import PIECES, WATCH_POINTS
 from ..simulation.stepping import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
 from ..simulation.watched_terms import has_gaps
 from .cuts import Cuts
 from .held_system import HeldMotion, HeldSystem, SwitchesInTime, parts_of_motion
+from .load_limit import LoadLimit
 from .motion_function import motion_function, projected
 from .one_sided import OneSidedWarnings
 from .switching import BorderPassage
@@ -52,8 +52,6 @@ from .switching import BorderPassage
 #: Drift of the positions that is left, in tolerances: it is gone at the outputs, and what it does to the motion is
 #: then of the size of the integrator's own error.
 ACCEPTED = 10.0
-#: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
-STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
 #: Courses that are kept.
 COURSES = 64
 
@@ -101,15 +99,15 @@ class DifferentiableMotion:
         self._integrator, self._given = integrator, frozenset(varied)
         self._is_reversible = reversible and integrator.is_multistep
         self._courses: OrderedDict[tuple[Any, ...], Cuts] = OrderedDict()
-        self._has_gaps = integrator.is_multistep and has_gaps(numeric.eom.mechanism)
-        self._shortest_load = shortest_unseen_load(setup, integrator)
+        self._has_gaps = has_gaps(numeric.eom.mechanism)
+        self.load_limit = LoadLimit(setup, integrator)
         start = setup.start
         self._timed = timed_equations(setup, self._integrands)
         self._parts = parts_of_motion(numeric, signals, self._integrands)
         self._in_time = SwitchesInTime(numeric, signals, self._parts)
         self._varied = self._in_time.depend_on(varied)
         unmoved = [node for node, moves in zip(self._in_time.nodes, self._varied, strict=True) if not moves]
-        self._one_sided = OneSidedWarnings(unmoved)
+        self._one_sided = OneSidedWarnings(unmoved, differentiates=in_state)
         #: whether the course depends on the parameters that change
         self.course_varies = bool(self._timed.parameters & frozenset(varied))
         self._in_state = in_state
@@ -124,7 +122,8 @@ class DifferentiableMotion:
             # more steps than the motion it ended the process. Each interval is an integration of its own.
             self.pieces = grid.size - 1
         #: coordinates at the outputs at the typical parameters (n_t, n); none if that run fails
-        self.poses = self._first_poses(np.r_[start.q, start.v, start.z])
+        typical = numeric.p, signals.level_values, self.channel()
+        self.poses = self.poses_from(np.r_[start.q, start.v, start.z], *typical)
         self._cut_where_it_drifts()
 
     def _hold(self, active: frozenset[int]) -> None:
@@ -168,6 +167,11 @@ class DifferentiableMotion:
         return not np.all(self.held.system.in_time)
 
     @property
+    def needs_start(self) -> bool:
+        """True if a course depends on the start, or its steps on what the motion meets."""
+        return self.follows_state or self.load_limit.is_needed
+
+    @property
     def channel_size(self) -> tuple[int, int]:
         """Rows and columns of the channel of sampled inputs."""
         rows = self.signals.channel.numel()
@@ -185,9 +189,8 @@ class DifferentiableMotion:
         """Longest step; free flight has steps that jump over short contacts, and over what passes quickly."""
         span = float(self.grid[-1] - self.grid[0])
         watched = span / WATCH_POINTS if self._has_gaps else None
-        load = max(self._shortest_load / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
-        seen = load if np.isfinite(self._shortest_load) else None
-        return min([limit for limit in (timed.max_step, watched, seen) if limit is not None], default=None)
+        limits = timed.max_step, watched, self.load_limit.max_step
+        return min([limit for limit in limits if limit is not None], default=None)
 
     # --- the course at values of the parameters -----------------------------------------------
     def course(
@@ -204,7 +207,7 @@ class DifferentiableMotion:
         Parameters
         ----------
         x0 : numpy.ndarray or None
-            Start ``(q, v, z)``; not needed unless the course :attr:`follows_state`.
+            Start ``(q, v, z)``; not needed unless the motion :attr:`needs_start`.
         p, levels, channel : numpy.ndarray
             Values of the parameters, of the inputs that are numbers, and of sampled inputs in the stretch.
         first, last : int
@@ -225,6 +228,8 @@ class DifferentiableMotion:
     def _found_course(
         self, x0: np.ndarray | None, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int, last: int
     ) -> Cuts:
+        if x0 is not None:
+            self.load_limit.look(x0, p, levels, channel, first, last)
         grid, whole = self._stretch(first, last), self.grid
         timed = dependence_at(self._timed, p, float(whole[0]), float(whole[-1]))
         obstacle = timed.obstacle()
@@ -309,9 +314,8 @@ class DifferentiableMotion:
         """
         return motion_function(self, course, self._stretch(first, last))
 
-    def _first_poses(self, x0: np.ndarray) -> np.ndarray:
-        """Coordinates at the outputs of one run from `x0` (n_t, n); none if it fails, which a later one reports."""
-        p, levels, channel = self.numeric.p, self.signals.level_values, self.channel()
+    def poses_from(self, x0: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray) -> np.ndarray:
+        """Coordinates at the outputs of one run (n_t, n); none if it fails, which a later one reports."""
         n = self.numeric.eom.q.numel()
         course = self.course(x0, p, levels, channel)
         try:

@@ -16,10 +16,13 @@ class OneSidedWarnings:
     ----------
     unmoved : collection of int
         Switches in time whose instants no parameter moves: these have no derivative of their own.
+    differentiates : bool, default True
+        False if nothing is differentiated, and nothing is to be said.
     """
 
-    def __init__(self, unmoved: Collection[int]):
+    def __init__(self, unmoved: Collection[int], *, differentiates: bool = True):
         self._unmoved, self._warned = frozenset(unmoved), set[str]()
+        self._differentiates = differentiates
 
     def report(self, cuts: Sequence[Cut], switches: Sequence[Switch]) -> None:
         """Warn of the cuts of a motion by some switches."""
@@ -47,6 +50,6 @@ class OneSidedWarnings:
         )
 
     def _warn_once(self, sentence: str) -> None:
-        if sentence not in self._warned:
+        if self._differentiates and sentence not in self._warned:
             self._warned.add(sentence)
             warn(sentence)

@@ -136,6 +136,15 @@ class Arc:
         stepper, tolerances = self.stepper, (self._integrator.reltol, self._integrator.abstol)
         return self._unseen_loads.first(path, stepper.outputs, stepper.way_from, *tolerances)
 
+    def shortest_load(self, path: Path) -> float:
+        """Duration of the shortest load on a path, s; infinite if there is none."""
+        tolerances = self._integrator.reltol, self._integrator.abstol
+        return self._unseen_loads.shortest(path, self.stepper.outputs, *tolerances)
+
+    def shortest_contact(self, path: Path) -> float:
+        """Shortest time in which a path would pass through what it meets, s; infinite if it meets nothing."""
+        return self.resolution.shortest_contact(path, self.stepper.outputs.accelerations)
+
     def note(self, path: Path) -> None:
         """Take note of a path that counts."""
         self.resolution.note(path, self.stepper.way_from, self._integrator.reltol, self._integrator.abstol)

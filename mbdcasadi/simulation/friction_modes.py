@@ -32,6 +32,8 @@ FRICTION_TOLERANCE = 1e-7
 #: Sliding for each motion that the joints leave free, relative to the largest there could be, below which the pose
 #: alone makes a joint turn: the guide of a crank at its dead centre.
 TURNS = 1e-6
+#: Roundings of a time by which the instant of a stop may be off.
+TIME_ROUNDINGS = 8
 #: Modes of the frictions at rest that are tried at one instant, at most.
 TRIALS = 729
 
@@ -115,7 +117,8 @@ class FrictionModes(Modes):
     def check(self, mode: FrictionMode, motion: Trajectory) -> None:
         for friction, one in zip(self.frictions, mode.senses, strict=True):
             speed = SENSE[one] * motion[friction.sliding_speed]
-            if np.min(speed, initial=0.0) < -1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)):
+            allowed = 1e-6 * (1e-6 + np.max(np.abs(speed), initial=0.0)) + _speed_by_rounding(motion.t, motion.a)
+            if np.min(speed, initial=0.0) < -allowed:
                 k = int(np.argmin(speed))
                 raise SimulationError(
                     f"{friction.description} stopped and turned between two outputs before t = {motion.t[k]:.6g} s; "
@@ -182,7 +185,7 @@ class FrictionModes(Modes):
             Frictions that break away just there, and the sense in which they were pulled.
         """
         speeds = np.atleast_1d(state[ca.vertcat(*[f.sliding_speed for f in self.frictions])])
-        limit = AT_REST * (1 + float(np.max(np.abs(state.v))))
+        limit = AT_REST * (1 + float(np.max(np.abs(state.v)))) + _speed_by_rounding(state.t, state.a)
         resting = [i for i, speed in enumerate(speeds) if abs(speed) <= limit]
         if 3 ** len(resting) > TRIALS:
             raise SimulationError(
@@ -311,3 +314,9 @@ def start_with_friction(setup: Setup) -> State:
 
 
 decide_friction_by(start_with_friction)
+
+
+def _speed_by_rounding(t: float | np.ndarray, a: np.ndarray) -> float:
+    """Speed that is gathered in the time by which the instant of a stop may be off, m/s."""
+    time = TIME_ROUNDINGS * float(np.spacing(np.max(np.abs(t), initial=0.0)))
+    return time * float(np.max(np.abs(a), initial=0.0))

@@ -37,7 +37,7 @@ from .singular_start import refuse_singular_start
 from .stepping import NearSingularPose
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
-from .unseen_loads import UnseenLoads
+from .unseen_loads import meets_loads
 from .whole_stepping import refuse_redundant_rows
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
@@ -47,6 +47,8 @@ NEAR_CORNER = 1e-5
 STEPS_PER_PIECE = 1000
 #: Fraction of a piece after whose start a new start at a touch makes sense.
 NEW_START = 1e-6
+#: Looks at the path across one load, at most.
+LOOKS = 4
 #: Switches between modes in one run, at most.
 SWITCHES = 20_000
 
@@ -103,7 +105,7 @@ class Run:
         self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
         #: shortest of the loads that the steps passed over, s
-        self.shortest_load = np.inf
+        self.looks_for_loads, self.shortest_load = False, np.inf
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
         self.reached: State | None = None
@@ -122,11 +124,7 @@ class Run:
         drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
         if self.events or conditions or smoothed or switching(mechanism) or has_loops(eom):
             return True
-        return drifts or self._has_loads()
-
-    def _has_loads(self) -> bool:
-        """True if the motion may meet loads that steps pass over."""
-        return bool(UnseenLoads(self.modes.numeric(self.modes.free), self.setup.signals).watched)
+        return drifts or meets_loads(eom, self.setup.signals)
 
     # --- the loop ------------------------------------------------------------------------
     def run(self, entry: State | None = None, passed: Sequence[Event] = ()) -> Trajectory:
@@ -295,7 +293,7 @@ class Run:
         if touch is not None and touch[0] - piece.start >= NEW_START * piece.length:
             piece, path, failure = self._integrated(piece.until(touch[0]))
             self._extra_stops = touch[1]
-        elif failure is None and not stops.size:
+        elif failure is None:
             piece, path, failure = self._with_unseen_loads(piece, path)
         return self._finish(piece, path, failure)
 
@@ -305,17 +303,27 @@ class Run:
         return self._arc.integrated(piece, self._x, self._interruption, comes_near)
 
     def _with_unseen_loads(self, piece: Piece, path: Path) -> tuple[Piece, Path, IntegrationFailure | None]:
-        """A piece and its path up to a load that the steps of the integrator passed over, or across it."""
-        load = self._arc.first_unseen_load(path)
-        if load is None:
-            return piece, path, None
-        self.shortest_load = min(self.shortest_load, load.duration)
-        if load.interval == 0:
-            across = piece.until(float(path.times[1])).through(load.stops)
-            return self._integrated(across)
-        self._extra_stops = load.stops
-        end = float(path.times[load.interval])
-        return piece.until(end), path.until(end), None
+        """A piece and its path up to a load that the steps of the integrator passed over, or across it.
+
+        A load changes the motion, and so the instants at which it ends: the path across it is looked at again.
+        """
+        failure = None
+        for _ in range(LOOKS):
+            load = self._arc.first_unseen_load(path)
+            if self.looks_for_loads:
+                found = self._arc.shortest_load(path)
+                self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
+            if load is None:
+                break
+            if load.interval:
+                self._extra_stops = load.stops
+                end = float(path.times[load.interval])
+                return piece.until(end), path.until(end), None
+            piece = piece.until(float(path.times[1])).through(load.stops)
+            piece, path, failure = self._integrated(piece)
+            if failure is not None:
+                break
+        return piece, path, failure
 
     def _finish(
         self,
@@ -348,7 +356,10 @@ class Run:
             count = int(np.searchsorted(times, deciding[0].time + self.instant, side="right"))
             x = np.where((times > deciding[0].time)[:, None], deciding[0].x, x)
         if failure is None and passage is None and times.size:
-            arc.note(path.until(deciding[0].time if deciding else float(times[-1])))
+            counted = path.until(deciding[0].time if deciding else float(times[-1]))
+            arc.note(counted)
+            if self.looks_for_loads:
+                self.shortest_load = min(self.shortest_load, arc.shortest_contact(counted))
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:
@@ -592,18 +603,23 @@ class Run:
         return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
 
 
-def shortest_unseen_load(setup: Setup, integrator: Integrator) -> float:
-    """Duration of the shortest load that the steps of an integrator would pass over in a simulation, s.
+def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
+    """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
 
-    Infinite if there is none. A simulation stops around such loads; analyses whose steps are compiled beforehand limit
-    these by it. Where the simulation stops early, what came before counts.
+    Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
+    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
+
+    Parameters
+    ----------
+    start : numpy.ndarray
+        State ``(q, v, z)`` at the first time.
     """
     modes = SingleMode(setup)
-    if not UnseenLoads(modes.numeric(modes.free), setup.signals).watched:
-        return float("inf")
+    n, time = setup.eom.q.numel(), float(setup.grid[0])
     run = Run(setup, modes, (), integrator)
+    run.looks_for_loads = True
     try:
-        run.run()
-    except SimulationError:  # the analysis itself says why
+        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
+    except MechanismError:  # the analysis itself says why
         pass
     return run.shortest_load

@@ -31,6 +31,8 @@ SMOOTH = 0.1
 #: Suspicions that are verified in a run, at most; stops of the integration that does so; and the difference from it,
 #: in relative tolerances, that confirms the motion.
 VERIFICATIONS, CAREFUL, CONFIRMED = 10, 64, 30.0
+#: Contacts of a path at which it is looked for how long passing through would take.
+MOST_CONTACTS = 100
 #: Share of the way to a contact after which the integrator is started again where its steps went too deep.
 BEFORE = 0.95
 
@@ -212,24 +214,41 @@ class Resolution:
         rows = np.flatnonzero(np.any(suspected, axis=1))
         # one long step spoils all the intervals that it spans
         for stretch in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if rows.size else []:
-            free = self._without_contact(path, int(stretch[0]), int(stretch[-1]) + 1, accelerations)
-            known = self.terms.gaps(self.terms.table(free.times, free.x, self._numeric.p))
-            closings = self._closings.unseen(free, known, np.zeros((1, len(self._owner))))
+            length = float(path.times[stretch[-1] + 1] - path.times[stretch[0]])
+            free, closings = self._without_contact(path, int(stretch[0]), length, accelerations)
             closings = [closing for closing in closings if np.any(suspected[stretch, closing.owner])]
             if closings:
                 return free, min(closings, key=lambda closing: closing.time)
         return None
 
     def _without_contact(
-        self, path: Path, first: int, last: int, accelerations: Callable[[Path, np.ndarray], np.ndarray]
-    ) -> Path:
-        """Motion between two times of a path with the acceleration at the first one."""
+        self, path: Path, first: int, length: float, accelerations: Callable[[Path, np.ndarray], np.ndarray]
+    ) -> tuple[Path, list[Closing]]:
+        """Motion over some time from a time of a path on, with the acceleration there, and gaps that close on it."""
         n = self._numeric.eom.q.numel()
-        times, x = path.times[[first, last]], path.x[first]
-        h, a, end = float(times[1] - times[0]), accelerations(path, times[:1])[0], x.copy()
-        end[:n] += h * x[n : 2 * n] + h**2 / 2 * a
-        end[n : 2 * n] += h * a
-        return Path(times, np.vstack([x, end]), np.zeros((1, 0)))
+        time, x = path.times[first], path.x[first]
+        a, end = accelerations(path, path.times[first : first + 1])[0], x.copy()
+        end[:n] += length * x[n : 2 * n] + length**2 / 2 * a
+        end[n : 2 * n] += length * a
+        free = Path(np.array([time, time + length]), np.vstack([x, end]), np.zeros((1, 0)))
+        known = self.terms.gaps(self.terms.table(free.times, free.x, self._numeric.p))
+        return free, self._closings.unseen(free, known, np.zeros((1, len(self._owner))))
+
+    def shortest_contact(self, path: Path, accelerations: Callable[[Path, np.ndarray], np.ndarray]) -> float:
+        """Time that it takes to pass through what a path meets, if nothing stopped it, s: the shortest one.
+
+        A step that is longer may go through unawares. Infinite if nothing is met, or would not be left again within
+        an output interval.
+        """
+        if not self._owner or path.times.size < 2:
+            return np.inf
+        met = (self._closed(path) > 0) & (self._course(path).gaps[:-1] > 0)
+        found, length = np.inf, float(np.max(np.diff(path.times)))
+        for k in np.flatnonzero(np.any(met, axis=1))[:MOST_CONTACTS]:
+            closings = self._without_contact(path, int(k), 2 * length, accelerations)[1]
+            spells = [c.spell for c in closings if met[k, c.owner] and c.spell < length]
+            found = min([found, *spells])
+        return found
 
     def note(
         self,

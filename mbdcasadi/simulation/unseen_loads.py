@@ -35,6 +35,10 @@ LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
 #: its dense output, and of the path between outputs are below it.
 MISSED = 30.0
+#: Largest factor on it where suspicions turned out wrong.
+MOST_DOUBT = 1e3
+#: Points over a load by which its duration is found, and loads of a path that are looked at, the shortest ones first.
+SAMPLES, MOST_LOADS = 33, 500
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
 #: Nodes and weights of Gauss's quadrature over [0, 1].
@@ -76,12 +80,11 @@ class UnseenLoads:
     def __init__(self, numeric: NumericEquations, signals: Signals):
         self._numeric = numeric
         eom = numeric.eom
-        found = eom.mechanism.cache.get_or_create(
-            ("state quantities", signals.structure), lambda: _Quantities(eom, signals), bounded=True
-        )
+        found = _quantities(eom, signals)
         self._count, self.watched, self._quantities = found.switches, found.number, found.function
         self._z_rate = eom.function(eom.z_rate) if eom.z.numel() else None
-        self._threshold = MISSED
+        # by how much more than these limits something must be missed to be looked at
+        self._doubt = 1.0
 
     def first(
         self,
@@ -110,25 +113,59 @@ class UnseenLoads:
         if not instants.size:
             return None
         n = self._numeric.eom.q.numel()
-        for load in self._suspects(path, outputs, instants, durations, reltol, abstol):
+        limits = self._limits(path, reltol, abstol)
+        for load in self._suspects(path, outputs, instants, durations, self._doubt * limits):
             k = load.interval
             try:
                 found = way_from(float(path.times[k]), path.x[k])(load.stops)[-1]
             except IntegrationFailure:  # the run itself will say why
                 return load
             missed = np.abs(found - path.x[k + 1])[n:]
-            if np.any(missed > self._limits(path, reltol, abstol)):
+            if np.any(missed > limits):
                 return load
             # the path between outputs was not what the integrator followed
-            self._threshold *= 2
+            self._doubt = min(2 * self._doubt, MOST_DOUBT)
         return None
+
+    def shortest(self, path: Path, outputs: Outputs, reltol: float, abstol: float) -> float:
+        """Duration of the shortest load on a path, whether steps missed it or not, s; infinite if there is none.
+
+        Parameters are those of :meth:`first`. What lasts for several output intervals does not count.
+        """
+        if not self.watched or path.times.size < 2:
+            return np.inf
+        instants, durations = self._instants(path)
+        smooth = np.isfinite(durations)
+        switches = np.unique(instants[~smooth])
+        gaps = np.diff(switches)
+        close = gaps < LONG * float(np.max(np.diff(path.times)))
+        centres = np.r_[instants[smooth], (switches[:-1] + gaps / 2)[close]]
+        halves = np.r_[AROUND[-1] * durations[smooth], 1.5 * gaps[close]]
+        shortest_first = np.argsort(halves)[:MOST_LOADS]
+        low = np.maximum((centres - halves)[shortest_first], path.times[0])
+        high = np.minimum((centres + halves)[shortest_first], path.times[-1])
+        low, high = (part[high > low] for part in (low, high))
+        if not low.size:
+            return np.inf
+        share = np.linspace(0, 1, SAMPLES)
+        rates = self._rates(path, outputs, (low[:, None] + (high - low)[:, None] * share).ravel())
+        rates = rates.reshape(low.size, SAMPLES, -1)
+        # what comes and goes, over what is there before and after
+        loads = np.abs(rates - rates[:, :1] - share[:, None] * (rates[:, -1:] - rates[:, :1]))
+        weight = (high - low) / (SAMPLES - 1)
+        counts = np.sum(loads, axis=1) * weight[:, None] / self._limits(path, reltol, abstol)
+        found = np.inf
+        for k in np.flatnonzero(np.max(counts, axis=1) > 1):
+            load = loads[k, :, int(np.argmax(counts[k]))]
+            found = min(found, _duration(load, np.full(SAMPLES, weight[k])))
+        return found
 
     def _limits(self, path: Path, reltol: float, abstol: float) -> np.ndarray:
         """Errors of velocities and first-order states that do not count (n_x - n,)."""
         n, bodies = self._numeric.eom.q.numel(), len(self._numeric.eom.mechanism.bodies)
         size = np.max(np.abs(path.x[:, n:]), axis=0, initial=0.0)
         size[: 3 * bodies] = np.max(size[: 3 * bodies], initial=0.0)
-        limits: np.ndarray = self._threshold * (reltol * size + abstol)
+        limits: np.ndarray = MISSED * (reltol * size + abstol)
         return limits
 
     # --- where something may happen -------------------------------------------------------
@@ -142,8 +179,11 @@ class UnseenLoads:
     def _instants(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
         """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches."""
         lengths = np.diff(path.times)
+        # a load about an end of the path has its peak beyond it
+        low, high = self._reach(path)
         share = np.arange(POINTS - 1) / (POINTS - 1)
-        times = np.r_[(path.times[:-1, None] + lengths[:, None] * share).ravel(), path.times[-1]]
+        begins, lasts = np.r_[low, path.times], np.r_[lengths[0], lengths, lengths[-1]]
+        times = np.r_[(begins[:, None] + lasts[:, None] * share).ravel(), high]
         values = self._at(path, times)
         longest = LONG * float(np.max(lengths))
         with np.errstate(all="ignore"):
@@ -158,6 +198,12 @@ class UnseenLoads:
         lasts = np.concatenate([np.full(int(np.sum(switching)), np.inf), passing, durations])
         counts = np.isfinite(instants) & (np.isinf(lasts) | (lasts < longest))
         return instants[counts], lasts[counts]
+
+    @staticmethod
+    def _reach(path: Path) -> tuple[float, float]:
+        """Times up to which a path is looked at: by an interval beyond its ends."""
+        times = path.times
+        return float(2 * times[0] - times[1]), float(2 * times[-1] - times[-2])
 
     def _zeros(self, path: Path, times: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Quantities and instants at which their values, at points of a path, pass zero or are zero (k,)."""
@@ -200,7 +246,7 @@ class UnseenLoads:
         """One quantity at each of some times (k,)."""
         if not times.size:
             return np.zeros(0)
-        times = np.clip(times, path.times[0], path.times[-1])
+        times = np.clip(times, *self._reach(path))
         found: np.ndarray = self._at(path, times)[rows, np.arange(times.size)]
         return found
 
@@ -241,8 +287,7 @@ class UnseenLoads:
         outputs: Outputs,
         instants: np.ndarray,
         durations: np.ndarray,
-        reltol: float,
-        abstol: float,
+        limits: np.ndarray,
     ) -> list[UnseenLoad]:
         """Intervals in which the change of the state is not the integral of its rates on the path."""
         smooth = np.isfinite(durations)
@@ -271,7 +316,7 @@ class UnseenLoads:
         integral = np.zeros((intervals.size, rates.shape[1]))
         np.add.at(integral, places, rates * weights[:, None])
         change = np.diff(path.x[:, n:], axis=0)[intervals]
-        share = np.abs(change - integral) / self._limits(path, reltol, abstol)
+        share = np.abs(change - integral) / limits
         found = []
         for row in np.flatnonzero(~np.all(share <= 1, axis=1)):
             k, worst = int(intervals[row]), int(np.argmax(share[row]))
@@ -288,6 +333,19 @@ class UnseenLoads:
             return a
         z_rate = self._z_rate(t[None, :], q.T, v.T, a.T, z.T, lam.T, u.T, self._numeric.p).full().T
         return np.hstack([a, z_rate])
+
+
+def meets_loads(eom: Equations, signals: Signals) -> bool:
+    """Return True if a motion may meet loads that steps pass over."""
+    return bool(_quantities(eom, signals).number)
+
+
+def _quantities(eom: Equations, signals: Signals) -> _Quantities:
+    """Quantities of a motion that are watched; kept for a mechanism."""
+    found: _Quantities = eom.mechanism.cache.get_or_create(
+        ("state quantities", signals.structure), lambda: _Quantities(eom, signals), bounded=True
+    )
+    return found
 
 
 def _duration(load: np.ndarray, weights: np.ndarray) -> float:

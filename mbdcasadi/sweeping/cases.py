@@ -128,3 +128,23 @@ def latin_hypercube(ranges: Any, count: int, seed: int | None = None) -> dict[Sy
     box = np.array(limits)
     scaled = qmc.scale(sample, box[:, 0], box[:, 1])
     return {key: scaled[:, k] for k, (key, _) in enumerate(pairs)}
+
+
+def farthest(values: np.ndarray, count: int) -> np.ndarray:
+    """Places of the cases, at most `count`, each as far as can be from those before, by the ranks of their values.
+
+    Parameters
+    ----------
+    values : numpy.ndarray
+        By case (k, n).
+    """
+    ranks = np.array([np.unique(column, return_inverse=True)[1] for column in values.T], float).reshape(-1, len(values))
+    size = np.max(ranks, axis=1, initial=0.0, keepdims=True)
+    places = ranks / np.where(size > 0, size, 1.0)
+    chosen, distance = [0], np.full(len(values), np.inf)
+    while len(chosen) < min(count, len(values)):
+        distance = np.minimum(distance, np.sum((places - places[:, chosen[-1:]]) ** 2, axis=0))
+        if not np.max(distance) > 0:
+            break
+        chosen.append(int(np.argmax(distance)))
+    return np.array(chosen)

@@ -12,7 +12,10 @@ import numpy as np
 from ..errors import MechanismError, ModelError
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.cuts import Cuts
+from ..sensitivity.differentiable_motion import channel_over
+from ..sensitivity.load_limit import LoadLimit
 from ..simulation.time_dependence import timed_equations
+from .cases import farthest
 from .plan import Plan
 from .starts import StartPath, assembled_start, out_of_limits
 from .whole_runs import WholeParcel, refuse_unsuited, times_of
@@ -22,6 +25,9 @@ from .worker import Parcel
 BATCHES, LARGEST_BATCH = 64, 250
 #: The same for threads of this process, which share a batch.
 WHOLE_BATCHES = 16, 1000
+#: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
+#: short loads are looked for.
+RANGES, PROBED = 8, 16
 
 
 class Jobs:
@@ -46,8 +52,8 @@ class Jobs:
 
     def __init__(self, setup: MotionSetup, plan: Plan, named: list[tuple[Any, ca.SX]]):
         self._plan, self.setup = plan, setup
-        self._prepare(named)
         self._path = StartPath(setup)
+        self._prepare(named)
         #: numbers that are kept of a case
         self.width = setup.grid.size * sum(e.numel() for _, e in named)
 
@@ -57,8 +63,28 @@ class Jobs:
         parameters = self.setup.mechanism.parameters
         varied = [k for k, own in enumerate(parameters) if np.ptp(plan.p[:, k]) > 0]
         self._motion = self.setup.motion(varied, in_state=False)
+        channel = self._motion.channel()
+        spread = self._spread()
+        poses = []
+        for x0, p, levels in spread[:RANGES]:
+            try:
+                poses.append(self._motion.poses_from(x0, p, levels, channel))
+            except MechanismError:  # the case itself says why
+                continue
+        if self.setup.resolve_all(poses):
+            self._motion = self.setup.motion(varied, in_state=False)
+        for x0, p, levels in spread:
+            self._motion.load_limit.look(x0, p, levels, channel)
         self._outputs = self._motion.outputs([e for _, e in named])
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
+
+    def _spread(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Starts, parameters and numbers of the inputs of the cases whose values are farthest from each other."""
+        plan = self._plan
+        chosen = farthest(np.hstack([plan.p, plan.levels]), PROBED)
+        starts, reached = self._path.starts(plan.p[chosen])
+        usable = reached & np.all(np.isfinite(starts), axis=1)
+        return [(x0, plan.p[k], plan.levels[k]) for x0, k in zip(starts[usable], chosen[usable], strict=True)]
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         """Cuts of the motions of cases, and the reasons why some have none."""
@@ -135,14 +161,30 @@ class WholeJobs(Jobs):
         refuse_unsuited(self.setup)
         self._named = [e for _, e in named]
         self._whole: WholeParcel | None = None
+        spread, setup = self._spread(), self.setup
+        parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread), 1)
+        poses = []
+        for x0, p, levels in spread[:RANGES]:
+            try:
+                course = [part[None, ...] for part in times_of(setup, p).arguments]
+            except MechanismError:  # the case itself says why
+                continue
+            values = parcel.results(x0[None, :], p[None, :], levels[None, :], tuple(course))[0][0]
+            poses.append(values.reshape(setup.grid.size, -1))
+        setup.resolve_all(poses)
+        limit = LoadLimit(setup, setup.integrator)
+        channel = channel_over(setup.signals, setup.grid)
+        for x0, p, levels in spread:
+            limit.look(x0, p, levels, channel)
+        self._load_step = limit.max_step
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:
         setup, failures = self.setup, out_of_limits(self.setup, self._plan.p, cases)
         found: dict[int, Any] = {}
-        same = None if timed_equations(setup).depends else times_of(setup, setup.p)
+        same = None if timed_equations(setup).depends else times_of(setup, setup.p, self._load_step)
         for k in (int(k) for k in cases if int(k) not in failures):
             try:
-                found[k] = same or times_of(setup, self._plan.p[k])
+                found[k] = same or times_of(setup, self._plan.p[k], self._load_step)
             except MechanismError as error:
                 failures[k] = str(error)
         return found, failures

@@ -77,8 +77,8 @@ def sweep(
         Integrator, for all cases; "auto" decides by the first. :class:`DOP853` is much the fastest where forces are
         smooth and not stiff; without an executor its cases are shared by a thread for each processor.
     reltol, abstol : float, default 1e-8
-        Of the integrator, for all cases. If `abstol` is left out and the first case stays within a range that the
-        default does not resolve, it is one that does; give it if other cases move much less than the first.
+        Of the integrator, for all cases. If `abstol` is left out and one of the cases that are spread farthest stays
+        within a range that the default does not resolve, it is one that does.
     batch : int, optional
         Cases in a batch: what a worker takes at a time.
     file : str or Path, optional
@@ -133,7 +133,10 @@ def sweep(
                 if store is not None:
                     store.append(*block)
                 bar.update(len(block[0]))
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # inside the conversions of NumPy and CasADi Ctrl-C becomes the cause of a SystemError
+        if not isinstance(error, KeyboardInterrupt) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         raise Interrupted(
             f"stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
             + (f", and so does {file}" if file else ""),

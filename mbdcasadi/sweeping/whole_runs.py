@@ -80,8 +80,15 @@ def refuse_unsuited(setup: MotionSetup) -> None:
         )
 
 
-def times_of(setup: MotionSetup, p: np.ndarray) -> Times:
+def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) -> Times:
     """Find the times of a case.
+
+    Parameters
+    ----------
+    p : numpy.ndarray
+        Its parameters.
+    load_step : float, optional
+        Longest step over loads that come and go with the motion, s.
 
     Raises
     ------
@@ -94,7 +101,7 @@ def times_of(setup: MotionSetup, p: np.ndarray) -> Times:
         raise SimulationError(
             f'a prescribed motion jumps; method="{setup.integrator.name}" does not take that in sweeps'
         )
-    limits = [limit for limit in (found.max_step, setup.integrator.max_step) if limit is not None]
+    limits = [limit for limit in (found.max_step, setup.integrator.max_step, load_step) if limit is not None]
     schedule = Schedule(grid, stops=np.r_[signals.breaks, found.stops, found.jumps], watch_points=0)
     piece = schedule.piece(float(grid[0]), 0, schedule.size - 1)
     columns = signals.columns_from(piece.begins)

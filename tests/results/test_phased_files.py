@@ -171,6 +171,7 @@ def test_files_of_other_mechanisms_are_refused(found, tmp_path):
         ("mechanism 1 event impulses", "[1]"),
         ("mechanism 1 q", np.zeros((2, 6))),
         ("parameters", np.zeros((3, 4))),
+        ("mechanism 0 fingerprint", np.array([["1.0"]])),
     ],
 )
 def test_damaged_entries_are_named(found, tmp_path, entry, value):

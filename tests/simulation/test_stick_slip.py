@@ -458,3 +458,18 @@ def test_leaves_a_dead_centre(torque):
         found.append(motion[crank.phi])
         assert motion[rub.power].max() < 1e-9 and motion[rub.power].min() < -0.1
     np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[1]).max())
+
+
+@pytest.mark.parametrize("begin", [0.0, 1e7, 1.7e9])
+@pytest.mark.parametrize("late", [1e-9, 1e-7, 8e-6])
+def test_a_stop_at_a_late_time(begin, late):
+    """At large times an instant is known to some roundings of the time, and the speed of a stop no better."""
+    block = mbd.Body("block", mass=2.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), block.at(0, 0))
+    rub = mbd.JointFriction("rub", rail, mbd.DryFriction(0.3))
+    model = mbd.Mechanism(bodies=[block], joints=[rail], forces=[rub, mbd.Gravity()])
+    stop = 1.5 / (0.3 * 9.81)
+    times = begin + np.linspace(0, stop + late, 5)
+    motion = mbd.simulate(model, times, initial=[block.x == 0, block.vx == 1.5])
+    assert np.array_equal(motion.t, times)
+    assert motion.final[block.x] == pytest.approx(1.5 * stop / 2, abs=1e-6)

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import warnings
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -389,7 +390,9 @@ def test_jumps_of_cases_in_threads_and_in_one_go():
     begin, size = mbd.Parameter("begin", 0.5), mbd.Parameter("size", 1.0)
     sled, model = pushed(mbd.if_else(mbd.t < begin, 1.0, -size), begin, size)
     cases = mbd.full_factorial({begin: [0.1, 0.25, 0.5, 0.77], size: [0.0, 2.0]})
-    alone = mbd.sweep(model, TIMES, cases, {"x": sled.x}, method="erk")
+    with warnings.catch_warnings():  # what is told of derivatives does not concern a sweep
+        warnings.simplefilter("error")
+        alone = mbd.sweep(model, TIMES, cases, {"x": sled.x}, method="erk")
     with ThreadPoolExecutor(2) as executor:
         together = mbd.sweep(model, TIMES, cases, {"x": sled.x}, method="erk", executor=executor)
     assert np.array_equal(alone["x"], together["x"])

@@ -1,0 +1,83 @@
+"""Longest step of analyses whose steps are compiled beforehand: it must not pass over loads that come and go.
+
+A simulation finds such loads on its path (see :mod:`~mbdcasadi.simulation.unseen_loads`). It is repeated here for all
+values of the parameters that are not near to earlier ones, since a body may reach a bump at some values alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..assembly.setup import Setup
+from ..integrators import Integrator
+from ..simulation.loop import shortest_unseen_load
+from ..simulation.unseen_loads import meets_loads
+from ..simulation.watched_terms import has_gaps
+
+#: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
+STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
+#: Relative difference of values from earlier ones that is small, and what counts as zero beside it.
+NEAR, ZERO = 1e-2, 1e-9
+
+
+class LoadLimit:
+    """Longest step over the loads that were found at all values so far.
+
+    Parameters
+    ----------
+    setup : Setup
+        Mechanism, inputs and output times.
+    integrator : Integrator
+        Method and tolerances.
+
+    Attributes
+    ----------
+    is_needed : bool
+        True if loads may come and go with the motion, or outlines meet.
+    """
+
+    def __init__(self, setup: Setup, integrator: Integrator):
+        self._setup, self._integrator = setup, integrator
+        self.is_needed = meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
+        self._shortest = np.inf
+        self._known: dict[tuple[int, int], list[np.ndarray]] = {}
+
+    def look(
+        self,
+        start: np.ndarray,
+        p: np.ndarray,
+        levels: np.ndarray,
+        channel: np.ndarray,
+        first: int = 0,
+        last: int = -1,
+    ) -> None:
+        """Look for loads on the motion from a start over a stretch of the grid, unless one near to it is known.
+
+        Parameters
+        ----------
+        start : numpy.ndarray
+            State ``(q, v, z)``.
+        p, levels, channel : numpy.ndarray
+            Values of the parameters, of the inputs that are numbers, and of sampled inputs in the stretch.
+        first, last : int
+            The stretch.
+        """
+        if not self.is_needed:
+            return
+        values = np.concatenate([start, p, levels, channel.ravel()])
+        known = self._known.setdefault((first, last), [])
+        if any(np.all(np.abs(values - other) <= NEAR * np.abs(other) + ZERO) for other in known):
+            return
+        known.append(values)
+        grid = self._setup.grid[first:] if last == -1 else self._setup.grid[first : last + 1]
+        found = shortest_unseen_load(self._setup.at_values(grid, p, levels, channel), self._integrator, start)
+        if found < self._shortest:  # a power of two, so that nearly equal loads share what is compiled
+            self._shortest = float(2.0 ** np.floor(np.log2(found)))
+
+    @property
+    def max_step(self) -> float | None:
+        """Longest step, s; None if no load was found."""
+        if not np.isfinite(self._shortest):
+            return None
+        span = float(self._setup.grid[-1] - self._setup.grid[0])
+        return max(self._shortest / STEPS_PER_LOAD, span / MOST_LOAD_STEPS)
