@@ -501,6 +501,7 @@ def test_flat_parallelogram_keeps_its_branch():
     [
         (10, 101),
         (40, 41),
+        pytest.param(40, 401, marks=pytest.mark.slow),
     ],
 )
 def test_flat_chain_on_coarse_outputs(end, count):
