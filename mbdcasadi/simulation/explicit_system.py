@@ -8,13 +8,13 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..equations.batches import Values
 from ..equations.derivation import Equations
+from ..equations.loops import has_loops
 from ..equations.numeric import NumericEquations
 from ..equations.saddle import SaddlePoint, shifted
 from ..integrators.dop853.code import Written
 from ..integrators.dop853.stretch import ExplicitSystem
 from ..numerics.c_code import SIGNATURE, simplified, tape_of
 from .compiled_elements import RepeatedElements, repeated_elements
-from .regularity import has_loops
 from .watched_terms import WatchedTerms
 
 

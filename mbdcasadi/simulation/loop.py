@@ -13,6 +13,7 @@ from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.impact_law import by_element, jump
+from ..equations.loops import has_loops
 from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
@@ -30,7 +31,6 @@ from .impacts import INSTANT, Impacts
 from .modes import Modes, SingleMode
 from .outputs import Outputs
 from .path import Path
-from .regularity import has_loops
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
 from .singular_passage import Passage
 from .singular_start import refuse_singular_start

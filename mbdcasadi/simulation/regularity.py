@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ..equations.derivation import Equations
+from ..equations.loops import has_loops
 from ..equations.numeric import NumericEquations
 from ..numerics.evaluation import Evaluator
 from ..numerics.rank import dependent_rows
@@ -16,33 +17,6 @@ from .path import Path, hermite_states
 ENTRY = 0.01
 #: Turn of a body between two poses at which the pivot is looked at, rad.
 PIVOT_TURN = 0.05
-
-
-def has_loops(eom: Equations) -> bool:
-    """True if constraints close loops: only then they can become dependent in particular poses.
-
-    A tree of pins, slides and welds is regular in every pose.
-    """
-    return eom.mechanism.cache.get_or_create("has loops", lambda: _closes_loops(eom))
-
-
-def _closes_loops(eom: Equations) -> bool:
-    parent: dict[int, int] = {}
-
-    def root(key: int) -> int:
-        while parent.setdefault(key, key) != key:
-            key = parent[key]
-        return key
-
-    for element in eom.mechanism.constraints:
-        if getattr(element, "is_lower_pair", False) and len(element.bodies) == 2:
-            a, b = (root(id(body)) for body in element.bodies)
-            if a == b:
-                return True
-            parent[a] = b
-        else:
-            return True
-    return False
 
 
 class Regularity:
