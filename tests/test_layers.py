@@ -26,7 +26,8 @@ HEIGHT = {room: -level for level, rooms in enumerate(layers.LAYERS) for room in 
 INNER = {
     "model": ("geometry", "joints", "forces"),
     "optimal_control": ("transcription",),
-    "simulation": ("formulations",),
+    "equations": ("switching",),
+    "simulation": ("contact", "checks", "formulations", "changes", "singular", "stepping"),
     "visual": ("drawing", "plots"),
 }
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
-from ..equations.explicit_time import explicit_time
 from ..equations.numeric import NumericEquations
+from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
 from ..model.validity import ValidityCondition
@@ -20,9 +20,9 @@ from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
-from ..simulation.explicit_system import dynamics_of, projection_of
-from ..simulation.uniqueness import loaded_by_reactions
-from ..simulation.watched_terms import has_gap
+from ..simulation.checks.uniqueness import loaded_by_reactions
+from ..simulation.contact.watched_terms import has_gap
+from ..simulation.stepping.explicit_system import dynamics_of, projection_of
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
 REGULARISATION = 1e-9

@@ -18,7 +18,7 @@ from ..model.quantities import listed, refuse_twice, whole
 from ..model.symbols import Parameter
 from ..numerics.console import keyboard_interrupts
 from ..sensitivity.compiled_run import MotionSetup
-from ..simulation.events import refuse_events
+from ..simulation.changes.events import refuse_events
 from .data import Experiment, IdentificationError, read_experiments
 from .fit import Fit
 from .gauss_newton import GaussNewtonOutcome, gauss_newton

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..assembly.pose import PoseProblem
 from ..assembly.setup import Setup
-from ..equations.explicit_time import explicit_time, first_jump
 from ..equations.numeric import NumericEquations
+from ..equations.switching.explicit_time import explicit_time, first_jump
 from ..errors import MechanismError, ModelError, warn
 from ..model.mechanism import Mechanism
 from ..numerics.console import keyboard_interrupts

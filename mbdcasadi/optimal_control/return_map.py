@@ -18,7 +18,7 @@ from ..results.state import State
 from ..results.trajectory import Trajectory
 from ..sensitivity.phase_flow import Directions
 from ..sensitivity.phased_variation import phased_variation, start_directions
-from ..simulation.events import read_events
+from ..simulation.changes.events import read_events
 from .placeholders import placeholders_in, with_values
 from .solution import Solution
 from .stability import Stability, next_start

@@ -19,12 +19,12 @@ from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..results.state import State
-from ..simulation.accuracy import range_near_rounding, tolerance_for, unresolved_range
-from ..simulation.modes import SingleMode
+from ..simulation.changes.modes import SingleMode
+from ..simulation.checks.accuracy import range_near_rounding, tolerance_for, unresolved_range
+from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.path import Path, hermite_states
-from ..simulation.regularity import singular_time
 from ..simulation.simulate import chosen_integrator, suited_to_friction
-from ..simulation.watched_terms import has_gaps
+from ..simulation.singular.regularity import singular_time
 from .cuts import Cuts
 from .design_variables import DesignVariables
 from .differentiable_motion import DifferentiableMotion

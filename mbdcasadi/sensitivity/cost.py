@@ -15,7 +15,7 @@ from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
 from ..numerics.console import keyboard_interrupts
 from ..numerics.real import real_array
-from ..simulation.events import refuse_events
+from ..simulation.changes.events import refuse_events
 from .compiled_run import CompiledRun, MotionSetup
 
 

@@ -30,18 +30,18 @@ import numpy as np
 from ..arguments.inputs import Signals
 from ..assembly.setup import Setup
 from ..equations.recovery import Recovery
-from ..equations.time_breaks import resolution
+from ..equations.switching.time_breaks import resolution
 from ..errors import ModelError
 from ..integrators import Integrator
 from ..integrators.compiled import CompiledIntegrator
 from ..integrators.reversible import ReversibleIntegrator
 from ..numerics.console import call
 from ..numerics.least_squares import largest
+from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import PIECES, WATCH_POINTS
-from ..simulation.stepping import DECAY, perturbed
+from ..simulation.stepping.compiled_stepper import DECAY, perturbed
 from ..simulation.time_dependence import TimeDependence, dependence_at, timed_equations
-from ..simulation.watched_terms import has_gaps
 from .cuts import Cuts
 from .held_system import HeldMotion, HeldSystem, SwitchesInTime, parts_of_motion
 from .load_limit import LoadLimit

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..arguments.inputs import Signals
 from ..equations import Equations
-from ..equations.held import HeldEquations, JumpingPart, jumping_parts, part_of
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..equations.switches import Switch, hold, sides_of
+from ..equations.switching.held import HeldEquations, JumpingPart, jumping_parts, part_of
+from ..equations.switching.switches import Switch, hold, sides_of
 from ..integrators.compiled import CompiledIntegrator
 from ..integrators.reversible import ReversibleIntegrator
 

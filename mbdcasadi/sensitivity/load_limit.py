@@ -1,7 +1,7 @@
 """Longest step of analyses whose steps are compiled beforehand: it must not pass over loads that come and go.
 
-A simulation finds such loads on its path (see :mod:`~mbdcasadi.simulation.unseen_loads`). It is repeated here for all
-values of the parameters that are not near to earlier ones, since a body may reach a bump at some values alone.
+A simulation finds such loads on its path (see :mod:`~mbdcasadi.simulation.checks.unseen_loads`). It is repeated here
+for all values of the parameters that are not near to earlier ones, since a body may reach a bump at some values alone.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ import numpy as np
 
 from ..assembly.setup import Setup
 from ..integrators import Integrator
+from ..simulation.checks.unseen_loads import meets_loads
+from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.loop import shortest_unseen_load
-from ..simulation.unseen_loads import meets_loads
-from ..simulation.watched_terms import has_gaps
 
 #: Steps over the shortest load that a simulation of the motion would have passed over, and steps that this may take.
 STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5

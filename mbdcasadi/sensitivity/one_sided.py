@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from ..equations.switches import Switch
+from ..equations.switching.switches import Switch
 from ..errors import warn
 from .cuts import Cut
 

@@ -18,7 +18,7 @@ from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
 from ..numerics.console import keyboard_interrupts
-from ..simulation.events import read_events
+from ..simulation.changes.events import read_events
 from ..simulation.simulate import simulate
 from .compiled_run import CompiledRun, MotionSetup
 from .design_variables import DesignVariables, PhasedDesignVariables, same

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from ..equations.impact_law import jump
-from ..equations.switches import margin_rates_of, margins_of, sides_of
+from ..equations.switching.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
 from ..integrators.compiled import IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
-from ..simulation.impacts import INSTANT
+from ..simulation.changes.impacts import INSTANT
 from .cuts import Cut
 from .held_system import HeldMotion
 

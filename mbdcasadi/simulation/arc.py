@@ -11,19 +11,19 @@ from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..numerics.console import Interruption
 from ..results.state import State
-from .events import Crossing, EventWatch
-from .failure_diagnosis import singular_stop
+from .changes.events import Crossing, EventWatch
+from .checks.failure_diagnosis import singular_stop
+from .checks.resolution import Resolution
+from .checks.uniqueness import Uniqueness
+from .checks.unseen_loads import UnseenLoad, UnseenLoads
 from .path import Path
-from .piece_projection import PieceProjection
-from .regularity import Regularity
-from .resolution import Resolution
 from .schedule import Piece
-from .singular_passage import Passage, SingularPassage, Trail
-from .stepper import SteppedSystem, Stepper
-from .stepping import CompiledStepper
-from .uniqueness import Uniqueness
-from .unseen_loads import UnseenLoad, UnseenLoads
-from .whole_stepping import WholeStepper
+from .singular.passage import Passage, SingularPassage, Trail
+from .singular.regularity import Regularity
+from .stepping.compiled_stepper import CompiledStepper
+from .stepping.piece_projection import PieceProjection
+from .stepping.stepper import SteppedSystem, Stepper
+from .stepping.whole_stepper import WholeStepper
 
 if TYPE_CHECKING:
     from .loop import Run

@@ -25,20 +25,20 @@ from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
 from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
-from .events import Crossing, EventWatch
-from .failure_diagnosis import cause_of_failure, singular_event
-from .impacts import INSTANT, Impacts
-from .modes import Modes, SingleMode
+from .changes.events import Crossing, EventWatch
+from .changes.impacts import INSTANT, Impacts
+from .changes.modes import Modes, SingleMode
+from .checks.failure_diagnosis import cause_of_failure, singular_event
+from .checks.unseen_loads import meets_loads
 from .outputs import Outputs
 from .path import Path
 from .schedule import PIECES, WATCH_POINTS, Piece, Schedule
-from .singular_passage import Passage
-from .singular_start import refuse_singular_start
-from .stepping import NearSingularPose
+from .singular.passage import Passage
+from .singular.start import refuse_singular_start
+from .stepping.compiled_stepper import NearSingularPose
+from .stepping.whole_stepper import refuse_redundant_rows
 from .time_dependence import time_dependence
 from .trajectory_builder import TrajectoryBuilder
-from .unseen_loads import meets_loads
-from .whole_stepping import refuse_redundant_rows
 
 #: Time from the jump of a prescribed velocity, relative to a run, at which it explains a failure.
 NEAR_CORNER = 1e-5

@@ -23,10 +23,10 @@ from ..numerics.least_squares import largest
 from ..results.phases import PhasedTrajectory, in_whole, union_of
 from ..results.state import EventOccurrence, State
 from ..results.trajectory import Statistics, Trajectory
-from .events import EventWatch
-from .impacts import RESET_TOLERANCE
+from .changes.events import EventWatch
+from .changes.impacts import RESET_TOLERANCE
+from .changes.modes import Modes
 from .loop import Run
-from .modes import Modes
 
 #: Changes of the mechanism in one run, at most.
 CHANGES = 20_000

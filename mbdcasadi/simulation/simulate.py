@@ -16,13 +16,13 @@ from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
-from .accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
-from .events import read_events
-from .friction_modes import FrictionModes
+from .changes.events import read_events
+from .changes.friction_modes import FrictionModes
+from .changes.modes import Modes, SingleMode
+from .checks.accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
+from .checks.stiffness import is_stiff
 from .loop import Run
-from .modes import Modes, SingleMode
 from .phases import PhasedRun
-from .stiffness import is_stiff
 from .tolerances import absolute_tolerance
 
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from ..assembly.setup import Setup
-from ..equations.explicit_time import ConstraintJump, ExplicitTime, explicit_time, first_jump
+from ..equations.switching.explicit_time import ConstraintJump, ExplicitTime, explicit_time, first_jump
 from ..errors import SimulationError
 
 #: Steps over a run whose equations depend on time, at least: what begins after rest would be stepped over otherwise.

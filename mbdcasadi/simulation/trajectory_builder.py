@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..results.trajectory import EventOccurrence, Statistics, Trajectory
-from .modes import Modes
+from .changes.modes import Modes
 
 #: ``(t, q, v, z, u) -> (q, v, a, lam, u)``: interpolated states brought back onto the constraints.
 Refine = Callable[..., tuple[np.ndarray, ...]]

@@ -20,7 +20,7 @@ from ..model.events import Event
 from ..model.mechanism import Mechanism
 from ..numerics.progress import progress_bar
 from ..sensitivity.sensitivities import named_outputs
-from ..simulation.events import refuse_events
+from ..simulation.changes.events import refuse_events
 from .cases import read_cases
 from .jobs import Jobs, batch_size, jobs_of
 from .plan import Plan

@@ -10,19 +10,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations.switches import jumps_anywhere
+from ..equations.switching.switches import jumps_anywhere
 from ..errors import SimulationError
 from ..integrators.dop853.runner import Runner
 from ..integrators.dop853.stretch import Cases, Progress, Status, Stretch
 from ..integrators.lending import Lending
 from ..model.cache import Cache
 from ..sensitivity.compiled_run import MotionSetup
-from ..simulation.explicit_system import explicit_system
+from ..simulation.contact.watched_terms import has_gaps
 from ..simulation.formulations import choose_formulation
 from ..simulation.schedule import Schedule
+from ..simulation.stepping.explicit_system import explicit_system
+from ..simulation.stepping.whole_stepper import refuse_redundant_rows
 from ..simulation.time_dependence import dependence_at, timed_equations
-from ..simulation.watched_terms import has_gaps
-from ..simulation.whole_stepping import refuse_redundant_rows
 from .starts import StartPath
 
 #: Steps of a case, at most.

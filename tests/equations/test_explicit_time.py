@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.equations.explicit_time import explicit_time
+from mbdcasadi.equations.switching.explicit_time import explicit_time
 
 t = mbd.t
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.equations.time_breaks import TimeFunctions, merge_breaks
+from mbdcasadi.equations.switching.time_breaks import TimeFunctions, merge_breaks
 
 t, k = ca.SX.sym("t"), ca.SX.sym("k", 2)
 q = ca.SX.sym("q", 3)

@@ -6,8 +6,8 @@ import pytest
 
 import mbdcasadi as mbd
 from mbdcasadi.integrators.dop853 import build
-from mbdcasadi.simulation.compiled_elements import compiled_elements
-from mbdcasadi.simulation.watched_terms import WatchedTerms
+from mbdcasadi.simulation.contact.compiled_elements import compiled_elements
+from mbdcasadi.simulation.contact.watched_terms import WatchedTerms
 
 needs_compiler = pytest.mark.skipif(build.compiler() is None, reason="there is no C compiler")
 TIMES = np.linspace(0, 0.08, 9)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.simulation.watched_terms import WatchedTerms
+from mbdcasadi.simulation.contact.watched_terms import WatchedTerms
 
 
 @pytest.fixture(scope="module")

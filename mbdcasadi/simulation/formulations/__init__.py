@@ -16,7 +16,7 @@ from __future__ import annotations
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import Integrator
-from ..uniqueness import loaded_by_reactions
+from ..checks.uniqueness import loaded_by_reactions
 from .base import Formulation
 from .explicit import Explicit
 from .kkt import KKT

@@ -12,7 +12,7 @@ from ...arguments.inputs import Signals
 from ...equations.numeric import NumericEquations
 from ...integrators import Integrator
 from ...integrators.compiled import Clock, Dae
-from ..compiled_elements import CompiledElements
+from ..contact.compiled_elements import CompiledElements
 
 #: Arguments of the equations of a piece: ``t, q, v, z, u, p`` and the rate at which drift decays.
 Arguments = tuple[ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX, ca.SX]

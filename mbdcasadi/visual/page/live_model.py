@@ -19,7 +19,7 @@ from ...model.symbols import Input, Parameter
 from ...printing.javascript import to_javascript, unknown_operation
 from ...results.state import State
 from ...results.validity import validity_conditions
-from ...simulation.watched_terms import has_gaps
+from ...simulation.contact.watched_terms import has_gaps
 
 #: Names of the arguments of all functions of a page.
 ARGUMENTS = ["t", "q", "v", "a", "z", "lam", "u", "p"]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from .path import Path, hermite_states
+from ...equations.numeric import NumericEquations
+from ..path import Path, hermite_states
 from .watched_terms import WatchedTerms
 
 #: Depth, m, below which outlines that just touch count as apart: rounding and the tolerances of positions.

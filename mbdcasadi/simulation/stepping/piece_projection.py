@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..integrators.compiled import IntegrationFailure
-from .outputs import Outputs
-from .path import Path
-from .schedule import Piece
+from ...integrators.compiled import IntegrationFailure
+from ..outputs import Outputs
+from ..path import Path
+from ..schedule import Piece
 from .stepper import Stepper
 
 #: Violation of a constraint (m or rad) that projection cannot remove, from which the mechanism counts as apart.

@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..assembly.consistent_start import complete_state
-from ..assembly.setup import Setup
-from ..equations.numeric import NumericEquations
-from ..model.events import Event
-from ..model.mechanism import Mechanism
-from ..results.state import State
-from ..results.trajectory import Trajectory
+from ...assembly.consistent_start import complete_state
+from ...assembly.setup import Setup
+from ...equations.numeric import NumericEquations
+from ...model.events import Event
+from ...model.mechanism import Mechanism
+from ...results.state import State
+from ...results.trajectory import Trajectory
 
 
 class Modes(ABC):

@@ -6,23 +6,23 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arguments.inputs import Signals
-from ..equations.numeric import NumericEquations
-from ..errors import SimulationError, SingularityError
-from ..integrators import Integrator
-from ..integrators.compiled import IntegrationFailure
-from ..integrators.dop853.runner import Runner
-from ..integrators.dop853.stretch import Progress, Reached, Status, Stretch
-from ..kinematics.mobility import mobility
-from ..kinematics.singular import describe_singularity
-from ..model.events import Event
-from ..numerics.console import Interruption
-from ..results.state import State
-from .events import EventWatch
+from ...arguments.inputs import Signals
+from ...equations.numeric import NumericEquations
+from ...errors import SimulationError, SingularityError
+from ...integrators import Integrator
+from ...integrators.compiled import IntegrationFailure
+from ...integrators.dop853.runner import Runner
+from ...integrators.dop853.stretch import Progress, Reached, Status, Stretch
+from ...kinematics.mobility import mobility
+from ...kinematics.singular import describe_singularity
+from ...model.events import Event
+from ...numerics.console import Interruption
+from ...results.state import State
+from ..changes.events import EventWatch
+from ..outputs import Outputs
+from ..path import Path, Way, way_by
+from ..schedule import WATCH_POINTS, Piece
 from .explicit_system import explicit_system
-from .outputs import Outputs
-from .path import Path, Way, way_by
-from .schedule import WATCH_POINTS, Piece
 from .stepper import PRECISE, SteppedSystem, Stepper
 
 #: Fall of the regularity, relative to the largest one seen, from which the poses are looked at closely.

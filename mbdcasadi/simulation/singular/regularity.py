@@ -5,12 +5,12 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..equations.derivation import Equations
-from ..equations.loops import has_loops
-from ..equations.numeric import NumericEquations
-from ..numerics.evaluation import Evaluator
-from ..numerics.rank import dependent_rows
-from .path import Path, hermite_states
+from ...equations.derivation import Equations
+from ...equations.loops import has_loops
+from ...equations.numeric import NumericEquations
+from ...numerics.evaluation import Evaluator
+from ...numerics.rank import dependent_rows
+from ..path import Path, hermite_states
 
 #: Fall of the smallest pivot of ``Phi_q W⁻¹ Phi_q^T``, relative to the largest one seen, at which the passage begins.
 #: The pivot falls with the square of the distance from the pose: of a parallelogram it is 0.1 rad.

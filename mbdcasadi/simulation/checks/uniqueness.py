@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..equations.derivation import Equations
-from ..equations.numeric import NumericEquations
+from ...equations.derivation import Equations
+from ...equations.numeric import NumericEquations
 
 
 class Uniqueness:

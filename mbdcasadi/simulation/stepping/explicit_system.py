@@ -5,17 +5,17 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import Signals
-from ..equations.batches import Values
-from ..equations.derivation import Equations
-from ..equations.loops import has_loops
-from ..equations.numeric import NumericEquations
-from ..equations.saddle import SaddlePoint, shifted
-from ..integrators.dop853.code import Written
-from ..integrators.dop853.stretch import ExplicitSystem
-from ..numerics.c_code import SIGNATURE, simplified, tape_of
-from .compiled_elements import RepeatedElements, repeated_elements
-from .watched_terms import WatchedTerms
+from ...arguments.inputs import Signals
+from ...equations.batches import Values
+from ...equations.derivation import Equations
+from ...equations.loops import has_loops
+from ...equations.numeric import NumericEquations
+from ...equations.saddle import SaddlePoint, shifted
+from ...integrators.dop853.code import Written
+from ...integrators.dop853.stretch import ExplicitSystem
+from ...numerics.c_code import SIGNATURE, simplified, tape_of
+from ..contact.compiled_elements import RepeatedElements, repeated_elements
+from ..contact.watched_terms import WatchedTerms
 
 
 def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:

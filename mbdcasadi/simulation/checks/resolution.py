@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..integrators.compiled import IntegrationFailure
-from .gap_closings import Closing, GapClosings
-from .path import Path, WayFrom
-from .watched_terms import WatchedTerms
+from ...equations.numeric import NumericEquations
+from ...integrators.compiled import IntegrationFailure
+from ..contact.gap_closings import Closing, GapClosings
+from ..contact.watched_terms import WatchedTerms
+from ..path import Path, WayFrom
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
 #: where the motion is as exact as the tolerances, 0.7 to 1 where it is a hundred times less exact than these).

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..errors import SingularityError
-from ..kinematics.mobility import Joints, mobility
-from ..kinematics.singular import describe_singularity
-from ..numerics.least_squares import largest
-from ..numerics.rank import analyse_rank
-from ..numerics.tolerances import NEARLY_SINGULAR
-from ..results.state import State
+from ...equations.numeric import NumericEquations
+from ...errors import SingularityError
+from ...kinematics.mobility import Joints, mobility
+from ...kinematics.singular import describe_singularity
+from ...numerics.least_squares import largest
+from ...numerics.rank import analyse_rank
+from ...numerics.tolerances import NEARLY_SINGULAR
+from ...results.state import State
 
 #: Work of the loads along an infinitesimal motion, relative to that of each of them, that is rounding.
 NO_WORK = 1e-9

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..errors import SimulationError
-from ..integrators.failures import in_words
-from ..kinematics.singular import describe_singularity
-from ..results.validity import broken_at_pose
-from .tolerances import narrowest_friction
+from ...equations.numeric import NumericEquations
+from ...errors import SimulationError
+from ...integrators.failures import in_words
+from ...kinematics.singular import describe_singularity
+from ...results.validity import broken_at_pose
+from ..tolerances import narrowest_friction
 
 #: Smallest singular value, relative to the largest, from which a pose counts as near a singular one.
 NEAR_SINGULAR = 0.02

@@ -16,10 +16,10 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from ..equations.batches import Values
-from ..integrators.dop853 import build
-from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
-from ..numerics.symbolic import LOCK
+from ...equations.batches import Values
+from ...integrators.dop853 import build
+from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
+from ...numerics.symbolic import LOCK
 from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most

@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..numerics.least_squares import largest
-from ..results.trajectory import Trajectory
+from ...numerics.least_squares import largest
+from ...results.trajectory import Trajectory
 
 #: Range of a motion (m or rad), in absolute tolerances, below which the tolerance does not resolve it.
 RESOLVED = 1e5

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..integrators import IDAS, Integrator, RungeKutta
-from ..integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
-from ..integrators.lending import Lending
-from ..numerics.console import Interruption
-from ..numerics.least_squares import largest
-from .compiled_elements import compiled_elements
-from .formulations import Formulation, Regularised, choose_formulation
-from .path import Path, Way, way_by
-from .schedule import PIECES, Piece
+from ...equations.numeric import NumericEquations
+from ...integrators import IDAS, Integrator, RungeKutta
+from ...integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
+from ...integrators.lending import Lending
+from ...numerics.console import Interruption
+from ...numerics.least_squares import largest
+from ..contact.compiled_elements import compiled_elements
+from ..contact.watched_terms import WatchedTerms
+from ..formulations import Formulation, Regularised, choose_formulation
+from ..path import Path, Way, way_by
+from ..schedule import PIECES, Piece
 from .stepper import PRECISE, SteppedSystem, Stepper
-from .watched_terms import WatchedTerms
 
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
 DECAY, DECAY_PER_RADIAN = 20.0, 5.0

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..integrators.compiled import IntegrationFailure
-from ..numerics.least_squares import largest
-from .outputs import Outputs
-from .path import Path, Way, hermite_states
+from ...integrators.compiled import IntegrationFailure
+from ...numerics.least_squares import largest
+from ..outputs import Outputs
+from ..path import Path, Way, hermite_states
 from .regularity import ENTRY, Regularity, finer_times
 
 #: States of a regular path at which its pivot is looked at.

@@ -10,20 +10,20 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
-from ..assembly.assemble import decide_friction_by
-from ..assembly.consistent_start import consistent_start
-from ..assembly.setup import Setup
-from ..equations import equations
-from ..equations.numeric import NumericEquations
-from ..errors import SimulationError, SingularityError
-from ..model.events import Event
-from ..model.forces.friction.modes import Senses, switching, variant_in
-from ..model.mechanism import Mechanism
-from ..model.rates import time_derivative
-from ..numerics.rank import analyse_rank
-from ..numerics.tolerances import AT_REST
-from ..results.state import State
-from ..results.trajectory import Trajectory
+from ...assembly.assemble import decide_friction_by
+from ...assembly.consistent_start import consistent_start
+from ...assembly.setup import Setup
+from ...equations import equations
+from ...equations.numeric import NumericEquations
+from ...errors import SimulationError, SingularityError
+from ...model.events import Event
+from ...model.forces.friction.modes import Senses, switching, variant_in
+from ...model.mechanism import Mechanism
+from ...model.rates import time_derivative
+from ...numerics.rank import analyse_rank
+from ...numerics.tolerances import AT_REST
+from ...results.state import State
+from ...results.trajectory import Trajectory
 from .impacts import jump_to
 from .modes import Modes
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from ..equations.numeric import NumericEquations
-from ..results.state import State
+from ...equations.numeric import NumericEquations
+from ...results.state import State
 
 #: Explicit steps that stability may ask for in one output chunk before the motion counts as stiff.
 EXPLICIT_STEPS = 2000

@@ -9,17 +9,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
-from ..errors import ExpressionError, ModelError, warn
-from ..integrators.dop853.stretch import Watched
-from ..model.events import Event
-from ..model.rates import time_derivative
-from ..numerics.least_squares import largest
-from ..numerics.roots import bracketed_root, nears_zero
-from ..numerics.tolerances import AT_REST, ZERO_VALUE
-from ..results.state import State
-from .outputs import Outputs
-from .path import Way, WayFrom
+from ...equations import Equations
+from ...errors import ExpressionError, ModelError, warn
+from ...integrators.dop853.stretch import Watched
+from ...model.events import Event
+from ...model.rates import time_derivative
+from ...numerics.least_squares import largest
+from ...numerics.roots import bracketed_root, nears_zero
+from ...numerics.tolerances import AT_REST, ZERO_VALUE
+from ...results.state import State
+from ..outputs import Outputs
+from ..path import Way, WayFrom
 
 #: Change of an expression, relative to the coordinates and velocities, by which an event at rest leaves its place.
 AWAY = 1e-9

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..arguments.inputs import Signals
-from ..equations import Equations
-from ..equations.numeric import NumericEquations
-from ..equations.switch_functions import state_switches
-from ..integrators.compiled import IntegrationFailure
-from ..numerics.evaluation import Evaluator
-from .outputs import Outputs
-from .path import Path, WayFrom, hermite_states
-from .watched_terms import has_gap
+from ...arguments.inputs import Signals
+from ...equations import Equations
+from ...equations.numeric import NumericEquations
+from ...equations.switching.switch_functions import state_switches
+from ...integrators.compiled import IntegrationFailure
+from ...numerics.evaluation import Evaluator
+from ..contact.watched_terms import has_gap
+from ..outputs import Outputs
+from ..path import Path, WayFrom, hermite_states
 
 #: Points of each output interval at which the quantities are evaluated.
 POINTS = 9

@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..equations import Equations
-from ..equations.batches import Batch, Values, batches_of
-from ..model.mechanism import Mechanism
-from ..model.validity import Smoothing
+from ...equations import Equations
+from ...equations.batches import Batch, Values, batches_of
+from ...model.mechanism import Mechanism
+from ...model.validity import Smoothing
 
 #: Parts of the expressions of an element.
 DISPLACEMENTS, FORCES, COURSES, SCALES, GAP, MARGINS, REPORTED, APART = range(8)

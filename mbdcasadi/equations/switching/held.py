@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ..model.symbols import Parameter
+from ...model.symbols import Parameter
+from ..derivation import Equations
+from ..numeric import NumericEquations
 from .continuity import continuous_switches
-from .derivation import Equations
-from .numeric import NumericEquations
 from .switches import Switch, hold, jumps_anywhere
 
 #: Typical sizes of velocities, accelerations and first-order states, of multipliers and inputs, and of times.

@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from ..equations.impact_law import Jump, jump
-from ..equations.numeric import NumericEquations
-from ..errors import ExpressionError, SimulationError
-from ..model.events import Event
-from ..model.symbols import StateVariable
-from ..numerics.least_squares import largest
-from ..results.state import State
+from ...equations.impact_law import Jump, jump
+from ...equations.numeric import NumericEquations
+from ...errors import ExpressionError, SimulationError
+from ...model.events import Event
+from ...model.symbols import StateVariable
+from ...numerics.least_squares import largest
+from ...results.state import State
 from .events import EventWatch
 
 #: Fraction of the velocities by which a reset may miss what it asks for.

@@ -1,0 +1,1 @@
+"""Switches of the equations: where they jump, when they do in time, and equations held on one side."""

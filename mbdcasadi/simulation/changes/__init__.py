@@ -1,0 +1,1 @@
+"""What changes in a run: events, impacts, and modes of friction."""

@@ -1,0 +1,1 @@
+"""Starts in singular poses, and the passage through them."""
