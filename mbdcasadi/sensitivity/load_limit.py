@@ -6,6 +6,8 @@ for all values of the parameters that are not near to earlier ones, since a body
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from ..assembly.setup import Setup
@@ -18,6 +20,8 @@ from ..simulation.loop import shortest_unseen_load
 STEPS_PER_LOAD, MOST_LOAD_STEPS = 2.0, 1e5
 #: Relative difference of values from earlier ones that is small, and what counts as zero beside it.
 NEAR, ZERO = 1e-2, 1e-9
+#: Values that are remembered for each stretch.
+REMEMBERED = 1000
 
 
 class LoadLimit:
@@ -40,7 +44,7 @@ class LoadLimit:
         self._setup, self._integrator = setup, integrator
         self.is_needed = meets_loads(setup.eom, setup.signals) or has_gaps(setup.eom.mechanism)
         self._shortest = np.inf
-        self._known: dict[tuple[int, int], list[np.ndarray]] = {}
+        self._known: dict[tuple[int, int], deque[np.ndarray]] = {}
 
     def look(
         self,
@@ -65,7 +69,7 @@ class LoadLimit:
         if not self.is_needed:
             return
         values = np.concatenate([start, p, levels, channel.ravel()])
-        known = self._known.setdefault((first, last), [])
+        known = self._known.setdefault((first, last), deque(maxlen=REMEMBERED))
         if any(np.all(np.abs(values - other) <= NEAR * np.abs(other) + ZERO) for other in known):
             return
         known.append(values)

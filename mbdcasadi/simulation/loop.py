@@ -311,8 +311,7 @@ class Run:
         for _ in range(LOOKS):
             load = self._arc.first_unseen_load(path)
             if self.looks_for_loads:
-                found = self._arc.shortest_load(path)
-                self.shortest_load = min(self.shortest_load, found, np.inf if load is None else load.duration)
+                self.shortest_load = min(self.shortest_load, self._arc.shortest_load(path))
             if load is None:
                 break
             if load.interval:

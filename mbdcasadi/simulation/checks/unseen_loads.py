@@ -57,13 +57,10 @@ class UnseenLoad:
         Output interval of the path.
     stops : numpy.ndarray
         Times over which no step may go, the last one the end of the interval, s.
-    duration : float
-        Time for which it is above half of its peak, s.
     """
 
     interval: int
     stops: np.ndarray
-    duration: float
 
 
 class UnseenLoads:
@@ -317,13 +314,8 @@ class UnseenLoads:
         np.add.at(integral, places, rates * weights[:, None])
         change = np.diff(path.x[:, n:], axis=0)[intervals]
         share = np.abs(change - integral) / limits
-        found = []
-        for row in np.flatnonzero(~np.all(share <= 1, axis=1)):
-            k, worst = int(intervals[row]), int(np.argmax(share[row]))
-            own = places == row
-            load = np.abs(rates[own, worst] - change[row, worst] / (path.times[k + 1] - path.times[k]))
-            found.append(UnseenLoad(k, stops[k], _duration(load, weights[own])))
-        return found
+        missed = map(int, intervals[~np.all(share <= 1, axis=1)])
+        return [UnseenLoad(k, stops[k]) for k in missed]
 
     def _rates(self, path: Path, outputs: Outputs, times: np.ndarray) -> np.ndarray:
         """Rates of the velocities and first-order states on the path (k, n_x - n)."""
