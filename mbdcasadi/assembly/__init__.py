@@ -1,0 +1,1 @@
+"""Assembly: consistent positions and velocities, and the arguments that all analyses read."""

@@ -1,0 +1,1 @@
+"""Driven motions, degrees of freedom, and singular poses."""

@@ -1,0 +1,1 @@
+"""Simulation: runs under given forces, with events, impacts, friction and contacts."""

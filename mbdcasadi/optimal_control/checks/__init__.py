@@ -1,0 +1,1 @@
+"""Checks of problems before they are solved, of solutions, and of failures."""

@@ -1,0 +1,1 @@
+"""Initial guesses: key poses, motions between them, and several starts."""

@@ -1,0 +1,1 @@
+"""The nonlinear program of a problem: rows, limits, scales, and its solver."""

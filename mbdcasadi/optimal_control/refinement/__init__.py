@@ -1,0 +1,1 @@
+"""Refinement of meshes to a tolerance, and verification of solutions by simulation."""

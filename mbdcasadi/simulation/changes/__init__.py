@@ -1,1 +1,1 @@
-"""What changes in a run: events, impacts, and modes of friction."""
+"""Changes in a run: events, impacts, and modes of friction."""

@@ -154,7 +154,7 @@ class UnseenLoads:
         found = np.inf
         for k in np.flatnonzero(np.max(counts, axis=1) > 1):
             load = loads[k, :, int(np.argmax(counts[k]))]
-            found = min(found, _duration(load, np.full(SAMPLES, weight[k])))
+            found = min(found, _duration(load, float(weight[k])))
         return found
 
     def _limits(self, path: Path, reltol: float, abstol: float) -> np.ndarray:
@@ -340,11 +340,11 @@ def _quantities(eom: Equations, signals: Signals) -> _Quantities:
     return found
 
 
-def _duration(load: np.ndarray, weights: np.ndarray) -> float:
-    """Time for which a load is above half of its peak, of several ones their mean, s."""
+def _duration(load: np.ndarray, spacing: float) -> float:
+    """Time for which a load at equal spacing is above half of its peak, of several ones their mean, s."""
     high = load > np.max(load) / 2
     loads = int(np.sum(np.diff(high.astype(int), prepend=0) > 0))
-    return float(np.sum(weights[high])) / max(loads, 1)
+    return spacing * int(np.sum(high)) / max(loads, 1)
 
 
 class _Quantities:

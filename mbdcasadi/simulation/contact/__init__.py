@@ -1,1 +1,1 @@
-"""Contacts of a run: many of one kind in C, and those that close between two steps."""
+"""Contacts in a run: many of one kind in C, and contacts that close between two steps."""
