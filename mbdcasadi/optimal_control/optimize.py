@@ -86,7 +86,7 @@ def optimize(
         Solver of the nonlinear program. Fatrop factors it interval by interval, densely: it is the faster one for
         mechanisms of few coordinates and rows, such as carts and arms in their angles, and the slower one for closed
         loops of bodies. IPOPT solves what it does not, from the same guess; ``statistics.solver`` is the one that
-        found the solution.
+        found the solution. On a degenerate program fatrop may compute without end, out of reach of Ctrl-C.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
