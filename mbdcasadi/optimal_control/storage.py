@@ -95,7 +95,7 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
     try:
-        chosen = json.loads(str(content["settings"]))
+        chosen = {**json.loads(str(content["settings"]))}
         angles = chosen.pop("angles", False)
         settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
