@@ -257,7 +257,7 @@ class Run:
             bar.update(self._time - before)
             if ended:
                 return
-            if first and self._arc.stepper.steps and self._index < schedule.size:
+            if first and self._arc.stepper.steps:
                 first, size = False, self._joined(size)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
                 self._sample()
