@@ -241,7 +241,8 @@ class PhasedTrajectory(Trajectory):
     def appearances(self, part: Any) -> tuple[float, ...] | None:
         """Return the times at which a body or an element appears and disappears in turn, s; None if it stays.
 
-        One that is there from the start appears at the start, one that is never there not at all. Forces of one name are the same one.
+        One that is there from the start appears at the start, one that is never there not at all. Forces of one name
+        are the same one.
         """
         there = [
             any(type(x) is type(part) and x.name == part.name for x in (*m.bodies, *m.joints, *m.drivers, *m.forces))
