@@ -199,7 +199,6 @@ class _Writer:
         self.tape = tape
         self.name = tape.function.name()
         self._number()
-        self.lines = _paired(self.lines)
         self.last = tape.function.n_out() - 1
         others = [k for k, line in enumerate(self.lines) if line[0] == OUTPUT and line[1] != self.last]
         self.tail = others[-1] + 1 if others else 0
@@ -209,7 +208,7 @@ class _Writer:
         """Operands as the instructions that define them."""
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
-        self.lines: list[tuple[int, int, int, int]] = []
+        lines: list[tuple[int, int, int, int]] = []
         self.constants: dict[int, str] = {}
         self.inputs: dict[int, tuple[int, int]] = {}
         for k, (code, result, first, second) in enumerate(instructions):
@@ -218,11 +217,12 @@ class _Writer:
             elif code == INPUT:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
-                self.lines.append((code, result, last[first], second))
+                lines.append((code, result, last[first], second))
                 continue
             else:
-                self.lines.append((code, k, last[first], last[second]))
+                lines.append((code, k, last[first], last[second]))
             last[result] = k
+        self.lines = _paired(lines)
 
     def _operands(self, line: tuple[int, int, int, int]) -> tuple[int, ...]:
         return line[2:3] if line[0] == OUTPUT else line[2:]
