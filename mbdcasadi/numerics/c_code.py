@@ -119,6 +119,20 @@ class Tape:
     work: int
 
     @property
+    def name(self) -> str:
+        """Name of the function."""
+        return str(self.function.name())
+
+    @property
+    def arguments(self) -> tuple[dict[str, tuple[int, int]], dict[str, tuple[int, int]]]:
+        """Shapes of the arguments and results by name, in order; in C all are dense."""
+        f = self.function
+        return (
+            {f.name_in(k): f.size_in(k) for k in range(f.n_in())},
+            {f.name_out(k): f.size_out(k) for k in range(f.n_out())},
+        )
+
+    @property
     def size(self) -> int:
         """Number of instructions."""
         return len(self.instructions)
@@ -171,10 +185,10 @@ def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
     return ca.SX.binary(operation, first, second) if "{y}" in _TEMPLATES[code] else ca.SX.unary(operation, first)
 
 
-def simplified(function: ca.Function) -> ca.Function:
+def simplified(function: ca.Function, *, densify: bool = True) -> ca.Function:
     """Return a function whose common subexpressions are evaluated once."""
     arguments = function.sx_in()
-    results = ca.cse([ca.densify(result) for result in function.call(arguments)])
+    results = ca.cse([ca.densify(result) if densify else result for result in function.call(arguments)])
     return ca.Function(function.name(), arguments, results, function.name_in(), function.name_out())
 
 
@@ -187,7 +201,7 @@ def interpreter_in_c() -> str:
 
 
 class _Writer:
-    """C code of one tape.
+    """C code of one tape; results that are sparse are written as dense ones.
 
     Every instruction defines a value of its own. A value that is used in its own
     piece alone is a local variable; others have a place in ``w``, which is
@@ -197,7 +211,9 @@ class _Writer:
 
     def __init__(self, tape: Tape):
         self.tape = tape
-        self.name = tape.function.name()
+        self.name = tape.name
+        patterns = [tape.function.sparsity_out(k) for k in range(tape.function.n_out())]
+        self.sparse = {k: pattern for k, pattern in enumerate(patterns) if not pattern.is_dense()}
         self._number()
         self.last = tape.function.n_out() - 1
         others = [k for k, line in enumerate(self.lines) if line[0] == OUTPUT and line[1] != self.last]
@@ -209,6 +225,7 @@ class _Writer:
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
         lines: list[tuple[int, int, int, int]] = []
+        dense = {k: pattern.find() for k, pattern in self.sparse.items()}
         self.constants: dict[int, str] = {}
         self.inputs: dict[int, tuple[int, int]] = {}
         for k, (code, result, first, second) in enumerate(instructions):
@@ -217,7 +234,8 @@ class _Writer:
             elif code == INPUT:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
-                lines.append((code, result, last[first], second))
+                place = dense[result][second] if result in dense else second
+                lines.append((code, result, last[first], place))
                 continue
             else:
                 lines.append((code, k, last[first], last[second]))
@@ -259,14 +277,18 @@ class _Writer:
 
     def text(self) -> str:
         """The function, with the pieces before it."""
+        zeros = "".join(
+            f"  if (res[{k}]) for (int i = 0; i < {pattern.numel()}; ++i) res[{k}][i] = 0.0;\n"
+            for k, pattern in self.sparse.items()
+        )
         if len(self.pieces) == 1:
-            return f"int {self.name}({SIGNATURE}) {{\n{self._piece(0, 'return 0')}  return 0;\n}}\n"
+            return f"int {self.name}({SIGNATURE}) {{\n{zeros}{self._piece(0, 'return 0')}  return 0;\n}}\n"
         parts = []
         for number in range(len(self.pieces)):
             head = f"static void {self.name}_{number}(const double** arg, double** res, double* w)"
             parts.append(f"{head} {{\n{self._piece(number, 'return')}}}\n")
         calls = "".join(f"  {self.name}_{number}(arg, res, w);\n" for number in range(len(self.pieces)))
-        parts.append(f"int {self.name}({SIGNATURE}) {{\n{calls}  return 0;\n}}\n")
+        parts.append(f"int {self.name}({SIGNATURE}) {{\n{zeros}{calls}  return 0;\n}}\n")
         return "\n".join(parts)
 
     def _piece(self, number: int, end: str) -> str:

@@ -113,14 +113,14 @@ class Runner:
         if self.watched is not None:
             return StepwiseRun(self.system, self.watched, self._cache)
         s = self.system
-        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection)
+        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection, s.switching)
         run: StepwiseRun = self._lending.borrow(key, lambda: StepwiseRun(s, None, self._cache))
         self._borrowed = key, run
         return run
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
-        parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature), (s.input,)]
+        parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature, s.switching), (s.input,)]
         parts += [] if self.watched is None else [(self.watched.function,)]
         found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
         return tuple([self._mechanism_code(parts[0], using), *found])

@@ -364,14 +364,14 @@ class _Quantities:
     def __init__(self, eom: Equations, signals: Signals):
         # kept with the functions that are made of it: a hash in the structure is unique only while the node lives
         self._expressions = signals.parametrised
-        switches, transients = _state_quantities(eom, signals)
+        switches, transients = state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
 
 
-def _state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
+def state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
     """Quantities that switch, and others that may pass quickly."""
     elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
     loads = [ca.vec(as_sx(x)) for e in elements for pair in e.virtual_work for x in pair]
