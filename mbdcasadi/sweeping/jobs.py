@@ -32,8 +32,8 @@ class Jobs:
 
     Attributes
     ----------
-    batching : tuple of int
-        Batches into which the cases are cut, and the largest of them, if the user does not say.
+    in_threads : bool
+        True if batches that run in this process share its processors.
 
     Parameters
     ----------
