@@ -256,8 +256,8 @@ def _with_side(condition: Condition, side: ca.SX) -> Condition:
         return condition
     if condition.equality:
         raise ExpressionError(
-            f"boundary: {condition.label} prescribes an integral with positive_part or absolute, which can have an upper "
-            "limit alone"
+            f"boundary: {condition.label} prescribes an integral with positive_part or absolute, which can have an "
+            "upper limit alone"
         )
     return replace(condition, expression=side)
 
