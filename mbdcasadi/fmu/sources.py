@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +11,14 @@ import numpy as np
 from ..integrators.dop853.native import engine_source
 from ..integrators.dop853.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE
+from ..numerics.c_interface import constant_table
+from ..simulation.contact import gap_closings
 from .functions import Model
 from .variables import Variables
 
 #: Files that are the same for every mechanism.
 FOLDER = Path(__file__).parent / "c"
+COMMON = ("instance.c", "contacts.c", "cosimulation.c", "interface.c")
 #: Optimisation of each file that is compiled: a higher level gains nothing for the equations.
 OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
 HEADER = "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
@@ -42,9 +44,9 @@ def source_files(
     tolerances : dict of str to float
         ``DEFAULT_RELTOL``, ``DEFAULT_ABSTOL``, and ``LARGEST_ABSTOL``, which the friction asks for.
     """
-    equations = "#include <math.h>\n\n" + "\n".join(
-        _prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes
-    )
+    names = [function.name for function in model.code]
+    equations = "#include <math.h>\n\n" + "\n".join(function.as_c for function in model.code)
+    equations = re.sub(rf"\b({'|'.join(names)})(?=\(|_\d+\()", rf"{identifier}_\1", equations)
     engine = engine_source()
     # two units in one program must not share the symbols of their libraries
     prefixes = "".join(
@@ -53,7 +55,7 @@ def source_files(
     interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{prefixes}\n{engine}",
-        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in ("instance.c", "interface.c", interface)},
+        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in (*COMMON, interface)},
         "equations.c": equations,
     }
     tables = _sizes(model, variables, kinds) + _numbers(model, tolerances) + _functions(model, identifier)
@@ -62,10 +64,6 @@ def source_files(
     # 48 bits are exact in a double
     identity = f"#define MODEL_IDENTITY {int(digest[:12], 16)}.0\n"
     return {"model.h": header + identity, **files}
-
-
-def _prefixed(text: str, name: str, identifier: str) -> str:
-    return re.sub(rf"\b{name}(?=\(|_\d+\()", f"{identifier}_{name}", text)
 
 
 def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[str]:
@@ -82,10 +80,10 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
         "N_SHOWN_PARAMETERS": len(variables.parameters),
         "N_INDICATORS": len(variables.indicators),
         "N_TIMED": model.timed.numel(),
+        "N_GAPS": len(model.terms.owners),
         "N_CHECKS": len(model.checks),
         "N_VALIDITY": len(model.validity),
         "N_FORCES": len(model.forces),
-        "HAS_NEWTON": int(model.has_newton),
         "HAS_CO_SIMULATION": int("co-simulation" in kinds),
         "HAS_MODEL_EXCHANGE": int("model-exchange" in kinds),
         "POSE_IS_NEAREST": int(model.pose_is_nearest),
@@ -96,13 +94,23 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
 
 def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
     """Lines with other numbers."""
-    numbers = {"START_AT": model.start.t, **tolerances, "ACCURACY": ACCURACY, "DRIFT_RATE": model.drift_rate}
+    numbers = {
+        "START_AT": model.start.t,
+        **tolerances,
+        "ACCURACY": ACCURACY,
+        "DRIFT_RATE": model.drift_rate,
+        "SHALLOW": gap_closings.SHALLOW,
+        "GAP_SAFETY": gap_closings.SAFETY,
+        "COARSE_HALVINGS": gap_closings.COARSE,
+        "STOPS_IN_STOPPING": gap_closings.PARTS,
+        "STOPPING_TIMES": gap_closings.TIMES,
+    }
     return [f"#define {name} {_number(value)}" for name, value in numbers.items()]
 
 
 def _functions(model: Model, identifier: str) -> list[str]:
     """Lines with the functions of the equations, and the work that they need."""
-    work = {tape.function.name(): tape.work_in_c for tape in model.tapes}
+    work = {function.name: function.work_in_c for function in model.code}
     largest = max(work.values()) + 2 * (model.eom.q.numel() + model.eom.lam.numel())
     return [
         *(f"#define WORK_{name} {size}" for name, size in work.items()),
@@ -137,16 +145,10 @@ def _tables(model: Model, variables: Variables, levels: np.ndarray) -> list[str]
         "FORCE_OWNERS": [owner for _, owner in model.forces],
     }
     return [
-        *(_array("double", name, [_number(x) for x in values]) for name, values in arrays.items()),
-        *(_array("int", name, [str(x) for x in values]) for name, values in integers.items()),
-        *(_array("char* const", name, [_string(x) for x in values]) for name, values in texts.items()),
+        *(constant_table("double", name, map(_number, values)) for name, values in arrays.items()),
+        *(constant_table("int", name, values) for name, values in integers.items()),
+        *(constant_table("char* const", name, map(_string, values)) for name, values in texts.items()),
     ]
-
-
-def _array(kind: str, name: str, values: Sequence[str]) -> str:
-    """A constant table; C knows none without entries."""
-    inside = ", ".join(values) or "0"
-    return f"static const {kind} {name}[] = {{{inside}}};"
 
 
 def _number(value: float) -> str:

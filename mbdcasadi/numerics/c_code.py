@@ -81,6 +81,7 @@ _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
 _TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
 _OPERATIONS = {code: operation for operation, code in _CODES.items()}
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+_SINE, _COSINE = _CODES[ca.OP_SIN], _CODES[ca.OP_COS]
 
 #: Parameters of every function that is written.
 SIGNATURE = "const double** arg, double** res, long long int* iw, double* w, int mem"
@@ -118,6 +119,20 @@ class Tape:
     work: int
 
     @property
+    def name(self) -> str:
+        """Name of the function."""
+        return str(self.function.name())
+
+    @property
+    def arguments(self) -> tuple[dict[str, tuple[int, int]], dict[str, tuple[int, int]]]:
+        """Shapes of the arguments and results by name, in order; in C all are dense."""
+        f = self.function
+        return (
+            {f.name_in(k): f.size_in(k) for k in range(f.n_in())},
+            {f.name_out(k): f.size_out(k) for k in range(f.n_out())},
+        )
+
+    @property
     def size(self) -> int:
         """Number of instructions."""
         return len(self.instructions)
@@ -147,24 +162,21 @@ def tape_of(function: ca.Function) -> Tape:
     """
     if not function.is_a("SXFunction"):
         raise UnsupportedOperation(function, function.class_name())
-    count = function.n_instructions()
-    instructions = np.zeros((count, 4), np.int32)
+    instructions: list[tuple[int, int, int, int]] = []
     constants: list[float] = []
-    for row, k in zip(instructions, range(count), strict=True):
+    for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation not in _CODES:
             raise UnsupportedOperation(function, _NAMES.get(operation, str(operation)))
-        code = _CODES[operation]
+        code, results = _CODES[operation], function.instruction_output(k)
         if code == CONSTANT:
-            row[:3] = code, function.instruction_output(k)[0], len(constants)
+            instructions.append((code, results[0], len(constants), 0))
             constants.append(float(function.instruction_constant(k)))
-        elif code == OUTPUT:
-            number, nonzero = function.instruction_output(k)
-            row[:] = code, number, function.instruction_input(k)[0], nonzero
         else:
             operands = function.instruction_input(k)
-            row[:] = code, function.instruction_output(k)[0], operands[0], operands[-1]
-    return Tape(function, instructions, np.array(constants), function.sz_w())
+            instructions.append((code, results[0], operands[0], results[1] if code == OUTPUT else operands[-1]))
+    table = np.array(instructions, np.int32).reshape(-1, 4)
+    return Tape(function, table, np.array(constants), function.sz_w())
 
 
 def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
@@ -173,10 +185,10 @@ def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
     return ca.SX.binary(operation, first, second) if "{y}" in _TEMPLATES[code] else ca.SX.unary(operation, first)
 
 
-def simplified(function: ca.Function) -> ca.Function:
+def simplified(function: ca.Function, *, densify: bool = True) -> ca.Function:
     """Return a function whose common subexpressions are evaluated once."""
     arguments = function.sx_in()
-    results = ca.cse([ca.densify(result) for result in function.call(arguments)])
+    results = ca.cse([ca.densify(result) if densify else result for result in function.call(arguments)])
     return ca.Function(function.name(), arguments, results, function.name_in(), function.name_out())
 
 
@@ -189,24 +201,31 @@ def interpreter_in_c() -> str:
 
 
 class _Writer:
-    """C code of one tape.
+    """C code of one tape; results that are sparse are written as dense ones.
 
     Every instruction defines a value of its own. A value that is used in its own
     piece alone is a local variable; others have a place in ``w``, which is
-    taken again once the last piece that uses them is past.
+    taken again once the last piece that uses them is past. What only the last
+    result needs is left out if that is not asked for.
     """
 
     def __init__(self, tape: Tape):
         self.tape = tape
-        self.name = tape.function.name()
+        self.name = tape.name
+        patterns = [tape.function.sparsity_out(k) for k in range(tape.function.n_out())]
+        self.sparse = {k: pattern for k, pattern in enumerate(patterns) if not pattern.is_dense()}
         self._number()
+        self.last = tape.function.n_out() - 1
+        others = [k for k, line in enumerate(self.lines) if line[0] == OUTPUT and line[1] != self.last]
+        self.tail = others[-1] + 1 if others else 0
         self._place()
 
     def _number(self) -> None:
         """Operands as the instructions that define them."""
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
-        self.lines: list[tuple[int, int, int, int]] = []
+        lines: list[tuple[int, int, int, int]] = []
+        dense = {k: pattern.find() for k, pattern in self.sparse.items()}
         self.constants: dict[int, str] = {}
         self.inputs: dict[int, tuple[int, int]] = {}
         for k, (code, result, first, second) in enumerate(instructions):
@@ -215,11 +234,13 @@ class _Writer:
             elif code == INPUT:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
-                self.lines.append((code, result, last[first], second))
+                place = dense[result][second] if result in dense else second
+                lines.append((code, result, last[first], place))
                 continue
             else:
-                self.lines.append((code, k, last[first], last[second]))
+                lines.append((code, k, last[first], last[second]))
             last[result] = k
+        self.lines = _paired(lines)
 
     def _operands(self, line: tuple[int, int, int, int]) -> tuple[int, ...]:
         return line[2:3] if line[0] == OUTPUT else line[2:]
@@ -256,18 +277,21 @@ class _Writer:
 
     def text(self) -> str:
         """The function, with the pieces before it."""
+        zeros = "".join(
+            f"  if (res[{k}]) for (int i = 0; i < {pattern.numel()}; ++i) res[{k}][i] = 0.0;\n"
+            for k, pattern in self.sparse.items()
+        )
         if len(self.pieces) == 1:
-            body = self._piece(self.pieces[0])
-            return f"int {self.name}({SIGNATURE}) {{\n{body}  return 0;\n}}\n"
+            return f"int {self.name}({SIGNATURE}) {{\n{zeros}{self._piece(0, 'return 0')}  return 0;\n}}\n"
         parts = []
-        for number, piece in enumerate(self.pieces):
+        for number in range(len(self.pieces)):
             head = f"static void {self.name}_{number}(const double** arg, double** res, double* w)"
-            parts.append(f"{head} {{\n{self._piece(piece)}}}\n")
+            parts.append(f"{head} {{\n{self._piece(number, 'return')}}}\n")
         calls = "".join(f"  {self.name}_{number}(arg, res, w);\n" for number in range(len(self.pieces)))
-        parts.append(f"int {self.name}({SIGNATURE}) {{\n{calls}  return 0;\n}}\n")
+        parts.append(f"int {self.name}({SIGNATURE}) {{\n{zeros}{calls}  return 0;\n}}\n")
         return "\n".join(parts)
 
-    def _piece(self, piece: Sequence[tuple[int, int, int, int]]) -> str:
+    def _piece(self, number: int, end: str) -> str:
         known: dict[int, str] = dict(self.constants)
         text = []
 
@@ -278,8 +302,10 @@ class _Writer:
                 text.append(f"  const double v{operand} = {source};\n")
             return known[operand]
 
-        for line in piece:
+        for k, line in enumerate(self.pieces[number], start=number * PIECE):
             code = line[0]
+            if k == max(self.tail, number * PIECE):
+                text.append(f"  if (!res[{self.last}]) {end};\n")
             if code == OUTPUT:
                 text.append(f"  if (res[{line[1]}]) res[{line[1]}][{line[3]}] = {value(line[2])};\n")
                 continue
@@ -295,6 +321,15 @@ class _Writer:
             argument, nonzero = self.inputs[operand]
             return f"arg[{argument}] ? arg[{argument}][{nonzero}] : 0.0"
         return f"w[{self.places[operand]}]"
+
+
+def _paired(lines: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Instructions with the cosine of an angle beside its sine: compilers make one call of both."""
+    both: dict[int, list[tuple[int, int, int, int]]] = {}
+    for line in lines:
+        if line[0] in (_SINE, _COSINE):
+            both.setdefault(line[2], []).append(line)
+    return [at for line in lines for at in ([line] if line[0] not in (_SINE, _COSINE) else both.pop(line[2], []))]
 
 
 def _literal(value: float) -> str:
