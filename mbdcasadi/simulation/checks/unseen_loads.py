@@ -323,11 +323,11 @@ class UnseenLoads:
         owner = np.repeat(np.arange(intervals.size), [part.size for part in stops])
         begins = np.concatenate([np.r_[path.times[k], part[:-1]] for k, part in zip(intervals, stops, strict=True)])
         lengths = np.concatenate(stops) - begins
-        nodes, shares = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
-        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * (nodes + 1) / 2).ravel())
+        nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
+        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * (1 + nodes) / 2).ravel())
         integral = np.zeros((intervals.size, rates.shape[1]))
-        weights = (lengths[:, None] * shares / 2).ravel()
-        np.add.at(integral, np.repeat(owner, GAUSS_POINTS), rates * weights[:, None])
+        shares = (lengths[:, None] * weights / 2).ravel()
+        np.add.at(integral, np.repeat(owner, GAUSS_POINTS), rates * shares[:, None])
         change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[intervals]
         missed: np.ndarray = ~np.all(np.abs(change - integral) <= limits, axis=1)
         return missed
