@@ -13,6 +13,7 @@ from ..arguments.values import pairs_of, pairs_with
 from ..assembly.setup import Setup
 from ..errors import ModelError, SimulationError
 from ..integrators import Integrator
+from ..integrators.failures import reason_of
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
 from ..results.phases import present
@@ -168,13 +169,13 @@ class PhaseFlow:
         course = motion.course(self.x0, self.p, self.levels, channel)
         run = motion.motion(course)
         known = [self.x0, self.p, self.levels, channel, *course.arguments]
-        results = call(run, *known)
+        results = self._integrated(run, *known)
         states = results[0].full()
         if not motion.reached(states):
             raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
         lengths = lengths_of(np.vstack([dp, self.dlevels]), np.r_[self.p, self.levels])
         seeds = [part * lengths for part in (dx0, dp, self.dlevels)]
-        moved = call(run.forward(k), *known, *results, *seeds, *still([channel, *course.arguments], k))
+        moved = self._integrated(run.forward(k), *known, *results, *seeds, *still([channel, *course.arguments], k))
         outputs = motion.outputs(self._shown)
         output_arguments = [results[0], self.p, self.levels, channel]
         y = outputs(*output_arguments)
@@ -184,6 +185,16 @@ class PhaseFlow:
         values[:, self.rows] = y.full().T
         slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1) / lengths
         return values, slopes, results[1].full().ravel(), moved[1].full() / lengths
+
+    def _integrated(self, function: ca.Function, *arguments: Any) -> Any:
+        try:
+            return call(function, *arguments)
+        except RuntimeError as error:
+            raise SimulationError(
+                f"the derivatives of the motion from t = {self.part.t[0]:.6g} s on stopped: {reason_of(error)}; take "
+                "larger reltol= and abstol=, or another method=",
+                time=float(self.part.t[0]),
+            ) from None
 
     # --- at one instant ------------------------------------------------------------------------
     def at(self, expression: ca.SX, here: VariedState) -> tuple[np.ndarray, np.ndarray]:

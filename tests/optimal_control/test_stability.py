@@ -136,3 +136,16 @@ def test_switches_that_were_found_do_not_answer_a_disturbance():
     found = sorted(solution.stability().multipliers, key=lambda z: z.imag)
     expected = sorted((np.exp(root * period), np.exp(root.conjugate() * period)), key=lambda z: z.imag)
     assert np.allclose(found, expected, atol=1e-6)
+
+
+def test_derivatives_that_stop_are_reported():
+    # the root has a value at the start, and no finite derivative
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    push = mbd.Force("push", sled.at(0, 0), (1 + mbd.sqrt(sled.x), 0))
+    mechanism = mbd.Mechanism(bodies=[sled], joints=[rail], forces=[push])
+    start = [sled.x == 0, sled.vx == 0]
+    motion = mbd.simulate(mechanism, np.linspace(0, 1, 11), initial=start, method="erk")
+    again = [mbd.at_end(e) == mbd.at_start(e) for e in (sled.x, sled.vx)]
+    with pytest.raises(mbd.SimulationError, match="derivatives of the motion from t = 0 s on stopped"):
+        mbd.stability(motion, again)
