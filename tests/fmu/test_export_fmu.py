@@ -714,6 +714,8 @@ def test_wrong_arguments(linkage, tmp_path):
         ("FMI 2.0 and 3.0), got 4", dict(version=4)),
         ("or both, got 'realtime'", dict(kind="realtime")),
         ("reltol must be positive", dict(reltol=0.0)),
+        ("step must be positive", dict(step=0.0)),
+        ("later than the start at t = 0 s, got -1", dict(stop=-1.0)),
         ("not finite at t = 0 s", dict(outputs={"x": mbd.sqrt(m.bodies[0].x - 5)})),
         ("cannot assemble", dict(initial=[linkage.o2.angle == 0.5, m.bodies[2].phi == 0])),
     ):
