@@ -13,8 +13,9 @@ from ..errors import ModelError
 from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.c_interface import definitions, interface
 from ..numerics.writing import whole_file
-from .newton_code import NewtonLoop, newton_step, why_not_unique
+from .newton_code import NewtonLoop, newton_step
 from .numeric import NumericEquations
+from .reaction_loads import why_not_unique
 
 if TYPE_CHECKING:
     from .derivation import Equations
