@@ -161,24 +161,21 @@ def tape_of(function: ca.Function) -> Tape:
     """
     if not function.is_a("SXFunction"):
         raise UnsupportedOperation(function, function.class_name())
-    count = function.n_instructions()
-    instructions = np.zeros((count, 4), np.int32)
+    instructions: list[tuple[int, int, int, int]] = []
     constants: list[float] = []
-    for row, k in zip(instructions, range(count), strict=True):
+    for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation not in _CODES:
             raise UnsupportedOperation(function, _NAMES.get(operation, str(operation)))
-        code = _CODES[operation]
+        code, results = _CODES[operation], function.instruction_output(k)
         if code == CONSTANT:
-            row[:3] = code, function.instruction_output(k)[0], len(constants)
+            instructions.append((code, results[0], len(constants), 0))
             constants.append(float(function.instruction_constant(k)))
-        elif code == OUTPUT:
-            number, nonzero = function.instruction_output(k)
-            row[:] = code, number, function.instruction_input(k)[0], nonzero
         else:
             operands = function.instruction_input(k)
-            row[:] = code, function.instruction_output(k)[0], operands[0], operands[-1]
-    return Tape(function, instructions, np.array(constants), function.sz_w())
+            instructions.append((code, results[0], operands[0], results[1] if code == OUTPUT else operands[-1]))
+    table = np.array(instructions, np.int32).reshape(-1, 4)
+    return Tape(function, table, np.array(constants), function.sz_w())
 
 
 def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
