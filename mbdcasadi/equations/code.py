@@ -74,10 +74,11 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
             f"generate_c: the model contains the operation '{error.operation}', which has no C code"
         ) from None
     header = target.with_suffix(".h")
-    with whole_file(target) as source_part, whole_file(header) as header_part:
-        source_text, header_text = _files(functions)
+    source_text, header_text = _files(functions)
+    with whole_file(target) as source_part:
         source_part.write_text(source_text, encoding="utf-8")
-        header_part.write_text(header_text, encoding="utf-8")
+        with whole_file(header) as header_part:
+            header_part.write_text(header_text, encoding="utf-8")
     return target, header
 
 
