@@ -246,6 +246,8 @@ class PoseProblem:
         missed = {c.label: abs(float(value)) for c, value in zip(conditions, outcome.residual[rows:], strict=True)}
         shown = {name: value for name, value in missed.items() if value > GAP_TOLERANCE}
         shown |= self.open_parts(outcome.residual[:rows])
+        if not shown:  # conditions that contradict each other by little
+            shown = dict([max(missed.items(), key=lambda item: item[1])])
         parts = ", ".join(f"{name} ({value:.3g})" for name, value in shown.items())
         return UnmetConditionsError(
             f"cannot assemble the mechanism at t = {self.t:.6g} s so that {', '.join(c.label for c in conditions)}: "

@@ -13,8 +13,9 @@ from ..errors import ModelError
 from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.c_interface import definitions, interface
 from ..numerics.writing import whole_file
-from .newton_code import NewtonLoop, newton_step, why_not_unique
+from .newton_code import NewtonLoop, newton_step
 from .numeric import NumericEquations
+from .reaction_loads import why_not_unique
 
 if TYPE_CHECKING:
     from .derivation import Equations
@@ -73,10 +74,11 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
             f"generate_c: the model contains the operation '{error.operation}', which has no C code"
         ) from None
     header = target.with_suffix(".h")
-    with whole_file(target) as source_part, whole_file(header) as header_part:
-        source_text, header_text = _files(functions)
+    source_text, header_text = _files(functions)
+    with whole_file(target) as source_part:
         source_part.write_text(source_text, encoding="utf-8")
-        header_part.write_text(header_text, encoding="utf-8")
+        with whole_file(header) as header_part:
+            header_part.write_text(header_text, encoding="utf-8")
     return target, header
 
 

@@ -17,23 +17,6 @@ STEPS, MANY = 60, 8
 CONVERGED, NEARLY = 1e-13, 1e-10
 
 
-def loaded_by_reactions(eom: Equations) -> list[str]:
-    """Return the descriptions of the elements whose forces depend on reactions."""
-    return [
-        element.description
-        for element in eom.mechanism.elements
-        if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in element.virtual_work)
-    ]
-
-
-def why_not_unique(eom: Equations) -> str:
-    """Return a sentence on forces that depend on reactions in a mechanism with redundant rows."""
-    return (
-        f"the force of {', '.join(loaded_by_reactions(eom)[:3])} depends on reactions, and with redundant constraints "
-        "these are not unique: remove the redundant rows (see check), or take LoadIndependentFriction"
-    )
-
-
 def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
     """Return the changes of ``(a, lam)`` that changes of the force and of gamma cause, to first order."""
     slope = ca.jacobian(eom.Q, eom.lam)

@@ -20,6 +20,9 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from ..errors import SingularityError
+from .reaction_loads import why_not_unique
+
 if TYPE_CHECKING:
     from .derivation import Equations
 
@@ -184,7 +187,7 @@ def forward_dynamics(
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
     If a force depends on the multipliers (friction) the system is not
-    linear, and Newton's method solves it.
+    linear, and Newton's method solves it; multipliers that are not unique raise a SingularityError.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
@@ -193,6 +196,8 @@ def forward_dynamics(
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
+    if ca.sprank(ca.jacobian_sparsity(residual, unknowns)) < unknowns.numel():
+        raise SingularityError(why_not_unique(eom))
     function = ca.Function("r", [unknowns, *arguments], [residual])
     root = ca.rootfinder("newton", "newton", function, NEWTON)
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]

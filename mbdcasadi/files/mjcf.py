@@ -43,7 +43,8 @@ def read_mjcf(path: str | Path) -> Mechanism:
     one with their parents. The plane is seen so that gravity points down and the axes of the world to
     the right; the pose of the file has ``phi = 0`` for all bodies. ``connect`` and ``weld`` under ``equality``
     close loops, ``joint`` couples coordinates; actuators (``motor``, ``position``,
-    ``velocity``) become inputs of their names.
+    ``velocity``, ``general`` with a force that is linear) become inputs of their names. The
+    ``armature`` of a joint is a rotor, a body beside the others that turns with the coordinate.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ def read_mjcf(path: str | Path) -> Mechanism:
     Warns
     -----
     MechanismWarning
-        For contacts of geoms, and for limits, dry friction and armature of joints, which are left out.
+        For contacts of geoms, and for limits and dry friction of joints, which are left out.
 
     References
     ----------
@@ -94,6 +95,7 @@ class _Reader:
     def __init__(self, root: XmlElement, stem: str):
         self.root = root
         self.degrees, self.sequence, self.from_geoms, self.has_auto_limits = True, "xyz", "auto", True
+        self.total_mass = -1.0
         self.classes: dict[str, _Class] = {"main": _Class()}
         gravity = np.array([0.0, 0.0, -9.81])
         for element in root.children:
@@ -121,6 +123,10 @@ class _Reader:
             raise element.refuse(f"has eulerseq = '{self.sequence}', which must be three of x, y, z, X, Y, Z")
         self.from_geoms = element.get("inertiafromgeom", "auto")
         self.has_auto_limits = element.get("autolimits", "true") == "true"
+        self.total_mass = element.number("settotalmass", "-1")
+        for attribute in ("boundmass", "boundinertia", "inertiagrouprange"):
+            if element.has(attribute):
+                raise element.refuse(f"has {attribute}, which is not read; give the bodies the masses it leads to")
         if element.get("coordinate", "local") != "local":
             raise element.refuse("has coordinate = 'global', which MuJoCo no longer supports; give local ones")
 
@@ -148,6 +154,7 @@ class _Reader:
         robot.links.append(world)
         for body in self.root.all("worldbody"):
             self._read_children(body, world, "main")
+        self._scale_masses([mass for link in robot.links for mass in link.masses])
         for equality in self.root.all("equality"):
             for element in equality.children:
                 self._read_equality(element)
@@ -157,6 +164,14 @@ class _Reader:
         if self._has_contacts:
             robot.left_out.append("the contacts of geoms (Contact has them)")
         return robot
+
+    def _scale_masses(self, masses: Sequence[Mass]) -> None:
+        """Scale all masses to the total that the compiler is to set."""
+        total = sum(mass.mass for mass in masses)
+        if self.total_mass > 0 and total > 0:
+            for mass in masses:
+                mass.mass *= self.total_mass / total
+                mass.inertia = mass.inertia * (self.total_mass / total)
 
     def _read_children(self, element: XmlElement, link: Link, childclass: str) -> None:
         geoms: list[XmlElement] = []
@@ -224,12 +239,8 @@ class _Reader:
         limited = element.get("limited", "auto")
         if limited == "true" or (limited == "auto" and self.has_auto_limits and element.has("range")):
             robot.left_out.append(f"the range of joint '{name}' (EndStop holds it)")
-        for attribute, words in (
-            ("frictionloss", "the dry friction of joint '{}' (LoadIndependentFriction has it)"),
-            ("armature", "the armature of joint '{}' (add the inertia of its rotor)"),
-        ):
-            if element.number(attribute, "0", least=0.0) > 0:
-                robot.left_out.append(words.format(name))
+        if element.number("frictionloss", "0", least=0.0) > 0:
+            robot.left_out.append(f"the dry friction of joint '{name}' (LoadIndependentFriction has it)")
         return SpatialJoint(
             element,
             name,
@@ -240,6 +251,7 @@ class _Reader:
             element.number("damping", "0", least=0.0),
             element.number("stiffness", "0", least=0.0),
             turns(element.number("springref", "0")),
+            element.number("armature", "0", least=0.0),
         )
 
     # --- masses ---------------------------------------------------------------------------
@@ -349,8 +361,8 @@ class _Reader:
         robot.constraints.append((tuple(names), _coupling(name, references, polynomial)))
 
     def _read_actuator(self, element: XmlElement) -> None:
-        if element.tag not in ("motor", "position", "velocity"):
-            raise element.refuse("is not supported; motor, position and velocity are")
+        if element.tag not in ("motor", "position", "velocity", "general"):
+            raise element.refuse("is not supported; motor, position, velocity and general are")
         element = self._filled(element, "main")
         robot = self._robot
         if not element.has("joint"):
@@ -366,13 +378,29 @@ class _Reader:
             robot.left_out.append(f"the range of the force of actuator '{name}'")
         drive = Input(name, lower=limits[0], upper=limits[1])
         gear = float(element.numbers("gear", "1")[0])
-        gains = {
-            "motor": (1.0, 0.0, 0.0),
-            "position": (element.number("kp", "1"), element.number("kp", "1"), element.number("kv", "0")),
-            "velocity": (element.number("kv", "1"), 0.0, element.number("kv", "1")),
-        }[element.tag]
         robot.inputs.append(drive)
-        robot.forces.append(((joint,), _actuator(name, drive, gear, gains)))
+        taken = any(name == other.name for link in robot.links for other in link.joints)
+        force_name = f"{name} {element.tag}" if taken else name
+        robot.forces.append(((joint,), _actuator(force_name, drive, gear, self._gains(element))))
+
+    @staticmethod
+    def _gains(element: XmlElement) -> tuple[float, float, float, float]:
+        """Factors of the input, of the coordinate and of its rate in the force of an actuator, and its constant."""
+        if element.tag == "motor":
+            return 1.0, 0.0, 0.0, 0.0
+        if element.tag == "position":
+            return element.number("kp", "1"), -element.number("kp", "1"), -element.number("kv", "0"), 0.0
+        if element.tag == "velocity":
+            return element.number("kv", "1"), 0.0, -element.number("kv", "1"), 0.0
+        for attribute, known in (("dyntype", ("none",)), ("gaintype", ("fixed",)), ("biastype", ("none", "affine"))):
+            if element.get(attribute, known[0]) not in known:
+                raise element.refuse(f"has the {attribute} '{element.get(attribute)}'; read is {' or '.join(known)}")
+        gain = float(element.numbers("gainprm", "1")[0])
+        bias = np.zeros(3)
+        if element.get("biastype", "none") == "affine":
+            given = element.numbers("biasprm", "0")[:3]
+            bias[: given.size] = given
+        return gain, float(bias[1]), float(bias[2]), float(bias[0])
 
 
 def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float]) -> Law:
@@ -386,12 +414,12 @@ def _coupling(name: str, references: Sequence[float], polynomial: Sequence[float
     return law
 
 
-def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, float]) -> Law:
-    """Force ``gear (k u - k_p gear x - k_v gear v)`` along a coordinate."""
+def _actuator(name: str, drive: Input, gear: float, gains: tuple[float, float, float, float]) -> Law:
+    """Force ``gear (k u + k_x gear x + k_v gear v + k_0)`` along a coordinate."""
 
     def law(coordinates: Sequence[Coordinate]) -> GeneralizedForce:
         along = coordinates[0]
-        force = gains[0] * drive - gains[1] * gear * along.value - gains[2] * gear * along.rate
+        force = gains[0] * drive + gear * (gains[1] * along.value + gains[2] * along.rate) + gains[3]
         return GeneralizedForce(name, [(along.value, gear * force)])
 
     return law

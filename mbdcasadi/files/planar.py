@@ -17,6 +17,7 @@ from ..model.bodies import Body, Marker, ground
 from ..model.element import Element
 from ..model.forces.applied import GeneralizedForce
 from ..model.forces.field import Gravity
+from ..model.joints.constraints import Constraint
 from ..model.joints.coordinates import RelativeAngle
 from ..model.joints.lower_pairs import PointOnLine, Revolute, Translational, Weld
 from ..model.mechanism import Mechanism
@@ -66,6 +67,7 @@ class Plane:
         down = robot.gravity - (robot.gravity @ normal) * normal
         size = float(np.linalg.norm(down))
         up = -down / size if size > PARALLEL * float(np.linalg.norm(robot.gravity)) else _across(normal)
+        up = _along_axis(up, normal)
         across = np.cross(up, normal)
         # to the right is where the axes of the world point
         if across[np.argmax(np.abs(across))] < 0:
@@ -106,6 +108,15 @@ def _across(normal: np.ndarray) -> np.ndarray:
     return found / np.linalg.norm(found)
 
 
+def _along_axis(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The axis of the world in the plane along which a direction nearly points, or the direction."""
+    place = np.argmax(np.abs(direction))
+    axis = np.sign(direction[place]) * np.eye(3)[place]
+    axis = axis - (axis @ normal) * normal
+    axis /= np.linalg.norm(axis)
+    return axis if np.linalg.norm(axis - direction) < PARALLEL else direction
+
+
 def _triple(values: np.ndarray) -> str:
     return "(" + ", ".join(f"{value + 0.0:.4g}" for value in np.round(values, 6)) + ")"
 
@@ -122,6 +133,7 @@ class PlanarBuilder:
     def __init__(self, robot: Robot):
         self.robot, self.plane = robot, Plane(robot)
         self.bodies: dict[int, Body] = {}
+        self.rotors: list[Body] = []
         self.joints: list[Element] = []
         self.forces: list[Element] = []
         self.coordinates: dict[str, Coordinate] = {}
@@ -155,7 +167,7 @@ class PlanarBuilder:
             warn(f"{robot.source.file}: left out {'; '.join(robot.left_out)}")
         try:
             return Mechanism(
-                bodies=list(self.bodies.values()),
+                bodies=[*self.bodies.values(), *self.rotors],
                 joints=self.joints,
                 forces=[*weight, *self.forces],
                 inputs=robot.inputs,
@@ -250,6 +262,16 @@ class PlanarBuilder:
         force = -joint.damping * rate - joint.stiffness * (value + joint.reference - joint.rest)
         if joint.damping or joint.stiffness:
             self.forces.append(GeneralizedForce(f"{joint.name} spring and damper", [(value, force)]))
+
+        if joint.armature:
+            self._add_rotor(joint, value)
+
+    def _add_rotor(self, joint: SpatialJoint, value: ca.SX) -> None:
+        """Add a body that turns with a coordinate on a pin at the origin, where its mass moves nothing."""
+        rotor = Body(f"{joint.name} rotor", mass=1.0, inertia=joint.armature)
+        self.rotors.append(rotor)
+        self.joints.append(Revolute(f"{joint.name} rotor pin", ground.at(0, 0), rotor.at(0, 0)))
+        self.joints.append(Constraint(f"{joint.name} armature", rotor.phi - value))
 
     def _close(self, loop: Loop) -> None:
         kind = Weld if loop.fixed else Revolute

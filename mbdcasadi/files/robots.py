@@ -53,6 +53,8 @@ class SpatialJoint(RobotPart):
         Its coordinate in the pose of the file.
     damping, stiffness, rest : float
         Of its damper, its spring, and the coordinate at which that is free.
+    armature : float
+        Inertia of its rotor: kg m², or kg of a slide.
     """
 
     kind: str
@@ -62,6 +64,7 @@ class SpatialJoint(RobotPart):
     damping: float = 0.0
     stiffness: float = 0.0
     rest: float = 0.0
+    armature: float = 0.0
 
 
 @dataclass(eq=False)

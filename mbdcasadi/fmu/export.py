@@ -87,7 +87,7 @@ def export_fmu(
     t : float, default 0
         Time of the start, s.
     stop, step : float, optional
-        Duration and communication step of the default experiment, s.
+        End and communication step of the default experiment, s.
     reltol, abstol : float, default 1e-8
         Tolerances in co-simulation, if the importer gives none; the absolute one follows the relative one.
     drift_rate : float, default 10
@@ -138,7 +138,7 @@ def export_fmu(
         raise ModelError(f"export_fmu: version= is 2 or 3 (FMI 2.0 and 3.0), got {version!r}")
     shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
-    times = {name: None if x is None else number(x, "export_fmu", name) for name, x in (("stop", stop), ("step", step))}
+    stop, step = _experiment(t, stop, step)
     reltol, abstol, drift = (
         _positive(x, name) for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
     )
@@ -163,7 +163,7 @@ def export_fmu(
     )
     compiled = sorted(set(OPTIMISATION) & set(files))
     description = Description(
-        model, variables, name, identifier, "", kinds, compiled, reltol, float(t), times["stop"], times["step"],
+        model, variables, name, identifier, "", kinds, compiled, reltol, float(t), stop, step,
         f"mbdcasadi {package_version()}",
     )  # fmt: skip
     content, files = _content(description, files, version)
@@ -219,6 +219,13 @@ def _kinds(kind: Any) -> frozenset[str]:
     if not found or any(entry not in KINDS for entry in found):
         raise ModelError(f"export_fmu: kind= is 'co-simulation', 'model-exchange' or both, got {kind!r}")
     return frozenset(found)
+
+
+def _experiment(t: float, stop: float | None, step: float | None) -> tuple[float | None, float | None]:
+    """End and communication step of the default experiment."""
+    if stop is not None and (stop := number(stop, "export_fmu", "stop")) <= t:
+        raise ModelError(f"export_fmu: stop= must be later than the start at t = {t:g} s, got {stop:g}")
+    return stop, None if step is None else _positive(step, "step")
 
 
 def _positive(value: Any, name: str) -> float:

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
-from ..equations.newton_code import NewtonLoop, linearised, newton_step, why_not_unique
+from ..equations.newton_code import NewtonLoop, linearised, newton_step
 from ..equations.numeric import NumericEquations
+from ..equations.reaction_loads import why_not_unique
 from ..equations.saddle import SaddlePoint
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError

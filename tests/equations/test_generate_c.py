@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import re
 import shutil
 import subprocess
 
@@ -136,6 +138,30 @@ def test_forces_that_depend_on_reactions(tmp_path):
     source, _ = mbd.equations(model).generate_c(tmp_path / "block.c")
     a, _ = load(tmp_path, source, "forward_dynamics")(0, np.zeros(3), [1.0, 0, 0], [], [], [])
     assert a.full().ravel() == pytest.approx([-0.3 * 9.81, 0, 0], abs=1e-9)
+
+
+@needs_gcc
+def test_other_programs_find_arguments_by_the_convention_of_casadi(tmp_path):
+    """Names, sizes and patterns, in C and in C++, as declared in the header."""
+    source, header = mbd.equations(pendulum().mechanism).generate_c(tmp_path / "rod.c")
+    function = load(tmp_path, source, "forward_dynamics")
+    assert function.name_in() == ["t", "q", "v", "z", "u", "p"] and function.name_out() == ["a", "lam"]
+    assert [function.size_in(k) for k in range(6)] == [(1, 1), (3, 1), (3, 1), (0, 1), (0, 1), (0, 1)]
+    assert function.sparsity_out(1).is_dense()
+    library = ctypes.CDLL(str(tmp_path / "rod.so"))
+    declared = set(re.findall(r"\b(rod_\w+)\(", header.read_text()))
+    assert len(declared) == 7 * 14
+    assert all(hasattr(library, name) for name in declared)
+    lengths = [ctypes.c_longlong() for _ in range(4)]
+    library.rod_right_side_work(*map(ctypes.byref, lengths))
+    macros = [
+        re.search(rf"rod_right_side_SZ_{name} (\d+)", header.read_text())[1] for name in ("ARG", "RES", "IW", "W")
+    ]
+    assert [length.value for length in lengths] == [int(macro) for macro in macros]
+    (tmp_path / "both.cpp").write_text('#include "rod.h"\n#include "rod.c"\n')
+    command = ["gcc", "-x", "c++", "-fsyntax-only", "-Wall", "-Wextra", "-Wno-unused-parameter", "both.cpp"]
+    if shutil.which("g++"):
+        subprocess.run(command, cwd=tmp_path, check=True)
 
 
 @pytest.mark.parametrize("name", ["engine.h", "2nd.c", "my engine.c", "engine"])

@@ -145,8 +145,14 @@ MJCF = """<mujoco>
         ("", '<equality><tendon tendon1="t"/></equality>', "tendon is not supported; connect, weld and joint are"),
         ("", '<equality><connect body1="arm" body2="no" anchor="0 0 0"/></equality>', "names the body 'no'"),
         ("", '<equality><connect body1="arm" body2="arm" anchor="0 0 0"/></equality>', "connects a body with itself"),
-        ("", '<actuator><muscle joint="j"/></actuator>', "muscle is not supported; motor, position and velocity are"),
+        (
+            "",
+            '<actuator><muscle joint="j"/></actuator>',
+            "muscle is not supported; motor, position, velocity and general are",
+        ),
         ("", '<actuator><motor joint="no"/></actuator>', "motor names the joint 'no', which does not exist"),
+        ("", '<actuator><general joint="j" dyntype="filter"/></actuator>', "has the dyntype 'filter'; read is none"),
+        ("", '<compiler boundmass="0.1"/>', "has boundmass, which is not read"),
         ("", "<nonsense/>", "line 9: nonsense is not known"),
         ('<body name="c" quat="0 0 0 0"/>', "", "body 'c' has a zero vector as quat"),
         ('<geom type="capsule" size="1" fromto="0 0 0 0 0 0"/>', "", "geom has a zero vector as fromto"),
@@ -159,6 +165,32 @@ def test_what_is_not_planar_or_not_known(inside, outside, words, tmp_path):
     with pytest.raises(mbd.FileError) as caught:
         read(tmp_path / "m.xml", MJCF.format(inside, outside))
     assert words in str(caught.value) and "m.xml" in str(caught.value)
+
+
+def test_what_changes_the_inertia(tmp_path):
+    """The armature of a hinge, a total mass and an actuator with a linear force, against the equation of a pendulum."""
+    text = """<mujoco>
+      <compiler angle="radian" settotalmass="3"/>
+      <default><joint armature="0.7" damping="0.2"/></default>
+      <option gravity="1e-5 0 -9.81"/>
+      <worldbody>
+        <body name="arm">
+          <joint name="hip" axis="0 -1 0"/>
+          <geom type="sphere" size="0.1" pos="0 0 -0.5" contype="0" conaffinity="0"/>
+        </body>
+      </worldbody>
+      <actuator>
+        <general name="hip" joint="hip" gear="2" gainprm="5" biastype="affine" biasprm="0.3 -4 -0.6"/>
+      </actuator>
+    </mujoco>"""
+    machine = read(tmp_path / "m.xml", text)
+    (drive,), arm = machine.inputs, machine.bodies[0]
+    state = mbd.assemble(machine, [arm.phi == 0.4, arm.omega == 1.5], inputs={drive: 0.8})
+    moment = 2 * (5 * 0.8 + 0.3 - 4 * 2 * 0.4 - 0.6 * 2 * 1.5) - 0.2 * 1.5
+    moment += 3 * 0.5 * (1e-5 * np.cos(0.4) - 9.81 * np.sin(0.4))
+    inertia = 3 * 0.5**2 + 0.4 * 3 * 0.1**2 + 0.7
+    assert float(state[arm.alpha]) == pytest.approx(moment / inertia, rel=1e-10)
+    assert state[arm.y] == pytest.approx(-0.5 * np.cos(0.4), abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,29 @@ def test_friction_that_depends_on_reactions(tmp_path):
 
 
 @pytest.mark.slow
+def test_friction_by_reactions_beside_a_body_without_mass(tmp_path):
+    """A slider-crank with a massless rod: the reactions, and the friction by them, from effective masses."""
+    crank = mbd.Body("crank", mass=0.3, inertia=0.001, pose=(0.05, 0, 0))
+    rod = mbd.Body("rod", mass=0, inertia=0, pose=(0.25, 0, 0))
+    slider = mbd.Body("slider", mass=0.5, inertia=0.01, pose=(0.4, 0, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slider.at(0, 0))
+    joints = [
+        mbd.Revolute("O", mbd.ground.at(0, 0), crank.at(-0.05, 0)),
+        mbd.Revolute("A", crank.at(0.05, 0), rod.at(-0.15, 0)),
+        mbd.Revolute("B", rod.at(0.15, 0), slider.at(0, 0)),
+        rail,
+    ]
+    friction = mbd.JointFriction("friction", rail, mbd.Coulomb(0.1, 0.05))
+    machine = mbd.Mechanism(bodies=[crank, rod, slider], joints=joints, forces=[mbd.Gravity(), friction])
+    outputs = {"x": slider.x, "load": rail.reaction_on(slider).force[1]}
+    initial = [crank.phi == 0.3, crank.omega == 20]
+    path = mbd.export_fmu(machine, tmp_path / "unit.fmu", initial=initial, outputs=outputs)
+    times = np.linspace(0, 1, 51)
+    motion = mbd.simulate(machine, times, initial=initial, reltol=1e-10, abstol=1e-10)
+    assert np.all(off(simulated(path, times, outputs, tolerance=1e-10), columns(motion, outputs)) < 1e-6)
+
+
+@pytest.mark.slow
 def test_switches_in_time(tmp_path):
     """A force that is on for a moment between two communication points is neither lost nor smeared."""
     block = mbd.Body("block", mass=2, inertia=1)
@@ -714,6 +737,8 @@ def test_wrong_arguments(linkage, tmp_path):
         ("FMI 2.0 and 3.0), got 4", dict(version=4)),
         ("or both, got 'realtime'", dict(kind="realtime")),
         ("reltol must be positive", dict(reltol=0.0)),
+        ("step must be positive", dict(step=0.0)),
+        ("later than the start at t = 0 s, got -1", dict(stop=-1.0)),
         ("not finite at t = 0 s", dict(outputs={"x": mbd.sqrt(m.bodies[0].x - 5)})),
         ("cannot assemble", dict(initial=[linkage.o2.angle == 0.5, m.bodies[2].phi == 0])),
     ):
@@ -722,6 +747,22 @@ def test_wrong_arguments(linkage, tmp_path):
     refused("nowhere does not exist", m, tmp_path / "nowhere" / "x.fmu")
     refused("ends in .fmu", m, tmp_path / "x.zip")
     refused("this is a folder", m, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_friction_by_reactions_that_are_not_unique_is_refused(tmp_path):
+    """Two guides in line: how they share the load is open, and so is the friction."""
+    block = mbd.Body("block", mass=1, inertia=1)
+    rails = [mbd.Translational(f"rail {k}", mbd.ground.at(k, 0), block.at(k, 0)) for k in range(2)]
+    friction = mbd.JointFriction("brake", rails[0], mbd.Coulomb(0.3, 0.01))
+    machine = mbd.Mechanism(bodies=[block], joints=rails, forces=[mbd.Gravity(), friction])
+    for refuse in (
+        lambda: mbd.export_fmu(machine, tmp_path / "block.fmu"),
+        lambda: mbd.equations(machine).generate_c(tmp_path / "block.c"),
+        lambda: mbd.simulate(machine, [0, 1]),
+    ):
+        with pytest.raises(mbd.MechanismError, match=r"'brake' depends on reactions, and .* not unique"):
+            refuse()
     assert list(tmp_path.iterdir()) == []
 
 

@@ -28,7 +28,7 @@ enum {
 #define N_LEVELS (2 * N_INPUTS + 1)
 #define BLOCK (SCALARS + 10 * N_X + N_PARAMETERS + N_LEVELS)
 #define LENGTH(n) ((n) > 0 ? (n) : 1)
-/* Halvings of a step in which a gap closes; looks at the gaps that are kept, and the length of one. */
+/* Halvings of a step in which a gap closes; looks that are kept, and the length of one. */
 #define HALVINGS 60
 #define LOOKS (N_GAPS ? HALVINGS + 2 : 0)
 #define LOOK (4 * N_GAPS)

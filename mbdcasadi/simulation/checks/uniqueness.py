@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 
 from ...equations.derivation import Equations
-from ...equations.newton_code import loaded_by_reactions
 from ...equations.numeric import NumericEquations
+from ...equations.reaction_loads import loaded_by_reactions
 
 
 class Uniqueness:

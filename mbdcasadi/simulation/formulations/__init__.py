@@ -13,8 +13,8 @@ regularised      redundant rows, rank lost on the way                        an 
 
 from __future__ import annotations
 
-from ...equations.newton_code import loaded_by_reactions, why_not_unique
 from ...equations.numeric import NumericEquations
+from ...equations.reaction_loads import loaded_by_reactions, why_not_unique
 from ...errors import SimulationError
 from ...integrators import Integrator
 from .base import Formulation
