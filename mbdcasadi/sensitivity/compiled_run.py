@@ -233,8 +233,14 @@ class CompiledRun:
         return y, slope.full() / lengths
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
+        """``weights^T dY/dd`` (n_d,), by one adjoint integration, or forward if that could pass over a load.
+
+        CasADi limits no steps of IDAS backwards in time: where the adjoint rests they grow, and pass over loads that
+        are short.
+        """
         course = self._course(d)
+        if self.motion.load_limit.max_step is not None and self.setup.integrator.is_multistep:
+            return weights @ self.forward(d)[1]
         function = self._of(course).derivative("reverse", 1)
         try:
             found = call(function, d, self.guess, *course.arguments, y, weights)
