@@ -13,7 +13,8 @@ from ..phase import Phase
 from ..placeholders import placeholders_in
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Operations whose slope jumps, or that jump themselves.
 _KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL)
