@@ -20,7 +20,7 @@ from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import Solver
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
-from .refinement.refine import refine, refine_if_coarse
+from .refinement.refine import refine, refine_if_coarse, refine_or_repeat
 from .refinement.second_try import as_motion
 from .solution import Shifted, Solution
 
@@ -133,7 +133,7 @@ class _Attempt:
 
     def solve(self, *, warm: bool, executor: Executor | None) -> Solution:
         """Return the best solution of all guesses."""
-        settle = partial(refine_if_coarse, self.solver) if self.refined else None
+        settle = partial(refine_or_repeat, self.solver) if self.refined else None
         return best_of(self.solver, self.meshes, self.candidates, warm=warm, executor=executor, settle=settle)
 
     def go_on(self, failure: OptimizationError) -> Solution:

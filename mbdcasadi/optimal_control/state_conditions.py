@@ -33,10 +33,11 @@ def independent_state_conditions(state: State) -> tuple[Condition, ...]:
     """
     eom = state.equations
     numeric, n = NumericEquations(eom, state.parameters), eom.q.numel()
-    every = state_conditions(eom, state)
-    kept = independent_coordinates(numeric, state.t, state.q)
-    windows = [w for k in sorted({*range(n)} - {*kept}) for w in window(every[k], WINDOW * numeric.typical_step[k])]
-    return (*(every[k] for k in kept), *(every[n + k] for k in kept), *every[2 * n :], *windows)
+    every, jacobian = state_conditions(eom, state), numeric.velocity(state.t, state.q)[0]
+    fixed = independent_coordinates(numeric, jacobian[eom.position_rows])
+    moving = independent_coordinates(numeric, jacobian)  # fewer, where a wheel rolls
+    windows = [w for k in sorted({*range(n)} - {*fixed}) for w in window(every[k], WINDOW * numeric.typical_step[k])]
+    return (*(every[k] for k in fixed), *(every[n + k] for k in moving), *every[2 * n :], *windows)
 
 
 def window(condition: Condition, width: float) -> list[Condition]:
@@ -46,21 +47,21 @@ def window(condition: Condition, width: float) -> list[Condition]:
 
 
 def pose_conditions(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:
-    """Return independent coordinates of a pose and their values."""
-    symbols = ca.vertsplit(numeric.eom.q)
-    chosen = independent_coordinates(numeric, t, target)
+    """Return independent coordinates of a pose and their values; of mechanisms of hundreds of bodies all."""
+    eom = numeric.eom
+    symbols = ca.vertsplit(eom.q)
+    few = eom.q.numel() * eom.lam.numel() <= LARGE
+    chosen = independent_coordinates(numeric, numeric.velocity(t, target)[0]) if few else _angles_first(numeric)
     return [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in chosen]
 
 
-def independent_coordinates(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:
-    """Return coordinates that decide a pose; angles first, since they know the number of turns.
-
-    All of them for mechanisms of hundreds of bodies.
-    """
-    eom = numeric.eom
-    order = [*np.flatnonzero(eom.angles).tolist(), *np.flatnonzero(~eom.angles).tolist()]
-    if eom.q.numel() * eom.lam.numel() > LARGE:
-        return order
-    joints = unit_rows(numeric.velocity(t, q)[0] * numeric.column_scale)
-    dependent = set(dependent_rows(np.vstack([joints, np.eye(eom.q.numel())[order]]), STEERING_TOLERANCE))
+def independent_coordinates(numeric: NumericEquations, jacobian: np.ndarray) -> list[int]:
+    """Return coordinates that decide a pose besides the rows of a Jacobian."""
+    order, joints = _angles_first(numeric), unit_rows(jacobian * numeric.column_scale)
+    dependent = set(dependent_rows(np.vstack([joints, np.eye(len(order))[order]]), STEERING_TOLERANCE))
     return [coordinate for k, coordinate in enumerate(order) if k + len(joints) not in dependent]
+
+
+def _angles_first(numeric: NumericEquations) -> list[int]:
+    """All coordinates; the angles, which know the number of turns, first."""
+    return np.argsort(~numeric.eom.angles, kind="stable").tolist()

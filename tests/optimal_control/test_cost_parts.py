@@ -67,9 +67,9 @@ def test_a_price_on_a_place_on_the_way(unit):
     back = problem.replace(final=[block.x == 0, block.vx == 0], running_cost=unit * u**2, waypoints=[there])
     solution = mbd.optimize(back, intervals=6)
     x = 20 / 384
-    assert solution.cost / unit == pytest.approx(192 * x**2 + 20 * (0.3 - x), rel=1e-6)
+    assert solution.cost / unit == pytest.approx(192 * x**2 + 20 * (0.3 - x), rel=1e-5)
     (part,) = back.free_parameters
-    assert solution.parameters[part] == pytest.approx(0.3 - x, rel=1e-6)
+    assert solution.parameters[part] == pytest.approx(0.3 - x, rel=1e-4)
     assert back.replace(duration=2.0).free_parameters == back.free_parameters
 
 

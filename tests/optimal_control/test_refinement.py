@@ -7,6 +7,7 @@ import pytest
 from motions import crank_rocker, guided_block, half_turn, pendulum, rest_to_rest, sprung_block
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.refinement import refine as refinement
 from mbdcasadi.optimal_control.refinement.mesh import Mesh
 from mbdcasadi.optimal_control.refinement.refine import adapted
 
@@ -309,3 +310,15 @@ def test_a_length_that_the_first_state_does_not_suit_is_named():
     with pytest.raises(mbd.ConditionError, match=r"does not meet pin\.x, by -?0\.1; give initial= as conditions"):
         solution.simulate(parameters={length: 0.5})
     assert solution.simulate(parameters={length: 0.5}, initial=start).final[bob.phi] > 0
+
+
+def test_a_solution_that_is_no_motion_is_found_again_from_its_guess(monkeypatch):
+    """On meshes twice and four times as fine; the iterations of all solves count."""
+    monkeypatch.setattr(refinement, "LOST_ERROR", -1.0)
+    problem, *_ = rest_to_rest()
+    solution = mbd.optimize(problem)
+    assert solution.mesh.size - 1 == 160
+    assert solution.cost == pytest.approx(12, rel=1e-8)
+    monkeypatch.setattr(refinement, "LOST_ERROR", np.inf)
+    once = mbd.optimize(problem)
+    assert once.mesh.size - 1 == 40 and solution.statistics.iterations > once.statistics.iterations

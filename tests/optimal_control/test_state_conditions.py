@@ -66,3 +66,24 @@ def test_a_state_of_another_mechanism():
     state = mbd.assemble(mbd.Mechanism([stranger], []), [])
     with pytest.raises(mbd.ExpressionError, match=r"waypoint 1: .*stranger"):
         problem.replace(waypoints=[mbd.Waypoint(0.5, state)])
+
+
+def test_a_sledge_stops_at_a_pose():
+    """The runner fixes a velocity, and no coordinate: all three are met."""
+    sledge = mbd.Body("sledge", mass=1.3, inertia=0.1)
+    blade = mbd.KnifeEdge("blade", sledge.at(-0.2, 0))
+    rudder, screw = mbd.Input("rudder"), mbd.Input("screw")
+    forces = [mbd.Torque("rudder", sledge, rudder), mbd.Force("screw", blade.marker, (screw, 0), frame="body")]
+    steered = mbd.Mechanism([sledge], [blade], forces=forces, inputs=[rudder, screw])
+    pose = mbd.assemble(steered, [sledge.x == 0.5, sledge.y == 0.1, sledge.phi == 0.3])
+    problem = mbd.OptimalControlProblem(
+        steered,
+        duration=4.0,
+        initial=mbd.assemble(steered, []),
+        final=[sledge.x == 1.0, sledge.y == 0.3],
+        waypoints=[mbd.Waypoint(2.0, pose)],
+        running_cost=rudder**2 + screw**2,
+    )
+    at = mbd.optimize(problem, intervals=10).trajectory.at(np.array([2.0]))
+    assert at.q[0] == pytest.approx([0.5, 0.1, 0.3], abs=1e-8)
+    assert at.v[0] == pytest.approx(np.zeros(3), abs=1e-8)

@@ -213,7 +213,7 @@ def best_of(
     *,
     warm: bool,
     executor: Executor | None = None,
-    settle: Callable[[Solution], tuple[Solution, bool]] | None = None,
+    settle: Callable[[Solution, Guess], tuple[Solution, bool]] | None = None,
 ) -> Solution:
     """Solve from every guess and return the best solution; all are reported in its statistics.
 
@@ -233,8 +233,8 @@ def best_of(
     executor : concurrent.futures.Executor, optional
         Threads or processes that solve from several guesses at a time.
     settle : callable, optional
-        Returns a solution on a finer mesh, and whether this holds. The cost on a coarse mesh may be false: the best
-        is chosen by what it is on a mesh that holds.
+        Returns a solution from a solution and its guess on a finer mesh, and whether this holds. The cost on a coarse
+        mesh may be false: the best is chosen by what it is on a mesh that holds.
 
     Raises
     ------
@@ -248,11 +248,13 @@ def best_of(
     else:
         outcomes = _side_by_side(tries, solver, candidates, executor)
     reports = [report for outcome in outcomes for report in outcome[0]]
-    solutions = [result for _, result in outcomes if isinstance(result, Solution)]
+    results = zip(candidates, outcomes, strict=True)
+    solutions = [(result, guess) for guess, (_, result) in results if isinstance(result, Solution)]
     errors = [result for _, result in outcomes if isinstance(result, OptimizationError)]
     if not solutions:
         raise errors[-1]
-    best = _settled(solutions, settle) if settle else min(solutions, key=lambda solution: solution.cost)
+    solutions.sort(key=lambda pair: pair[0].cost)
+    best = _settled(solutions, settle) if settle else solutions[0][0]
     if len(reports) > 1:
         best.statistics = replace(best.statistics, starts=reports)
     return best
@@ -296,13 +298,15 @@ def _side_by_side(
             raise
 
 
-def _settled(solutions: list[Solution], settle: Callable[[Solution], tuple[Solution, bool]]) -> Solution:
-    """The best of solutions on meshes that hold, or on those that were tried."""
+def _settled(
+    solutions: list[tuple[Solution, Guess]], settle: Callable[[Solution, Guess], tuple[Solution, bool]]
+) -> Solution:
+    """The best of solutions, in the order of their costs, on meshes that hold, or on those that were tried."""
     best: tuple[bool, float] | None = None
-    for solution in sorted(solutions, key=lambda solution: solution.cost):
+    for solution, guess in solutions:
         if best is not None and best[0] is False and solution.cost >= best[1] * (1 - SAME_COST):
             break
-        settled, holds = settle(solution)
+        settled, holds = settle(solution, guess)
         if best is None or (not holds, settled.cost) < best:
             best, found = (not holds, settled.cost), settled
     return found

@@ -145,6 +145,10 @@ class Mesh:
             begin = end
         return Mesh.through(np.concatenate(points), self.positions[list(self.moving)])
 
+    def split(self, pieces: int) -> Mesh:
+        """Mesh with every interval split into as many pieces."""
+        return self.refined(np.full(self.count, pieces), np.zeros(self.count, bool))
+
     def with_moving(self, points: Iterable[int]) -> Mesh:
         """Return the mesh with further mesh points that move; start, waypoints and end do not."""
         fixed = {0, *self.waypoints.tolist(), self.count}

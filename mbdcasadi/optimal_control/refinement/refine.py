@@ -11,6 +11,7 @@ import numpy as np
 from ...errors import warn
 from ...numerics.console import interruptible
 from ..checks.failure import OptimizationError
+from ..guess.guess import Guess
 from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
@@ -25,6 +26,9 @@ PASSES, PIECES, INTERVALS = 12, 6, 2000
 MOVES = 3
 #: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
 COARSE_PASSES = 3
+#: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
+#: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
+LOST_ERROR, FRESH_PASSES = 3.0, 2
 #: Tolerance of the solver, by which it relaxes limits and may miss the least cost, both scaled.
 SOLVER_TOLERANCE = 1e-8
 #: Share of the tolerance below which the error of two merged intervals must be foreseen.
@@ -181,6 +185,29 @@ class _Refinement:
             partial=self.solution,
             time=None,
         )
+
+
+def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[Solution, bool]:
+    """Refine a coarse mesh, or solve again from the guess on a finer one if the solution is no motion at all.
+
+    A solution that owes its cost to the errors of a coarse mesh is a poor guess for a finer one.
+
+    Returns
+    -------
+    Solution, bool
+        The last solution, and whether its mesh is fine enough.
+    """
+    for _ in range(FRESH_PASSES):
+        if max(np.max(coarseness(part), initial=0.0) for part in solution.phases) <= LOST_ERROR:
+            break
+        solver.best.new_stage()
+        try:
+            finer = solver.solve([mesh.split(2) for mesh in solution.meshes], guess)
+        except OptimizationError:
+            break
+        finer.statistics = together(solution.statistics, finer.statistics)
+        solution = finer
+    return refine_if_coarse(solver, solution)
 
 
 def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:

@@ -78,10 +78,7 @@ def _from_guesses(
     solver: Solver, solution: Solution, guesses: Iterable[Callable[[], Guess]], stages: list[Stage]
 ) -> Solution | None:
     """The first solution without jumps from other guesses on a finer mesh; None if there is none."""
-    meshes = [
-        mesh.refined(np.full(mesh.count, PIECES), np.zeros(mesh.count, bool)) if mesh.count else mesh
-        for mesh in solution.meshes
-    ]
+    meshes = [mesh.split(PIECES) for mesh in solution.meshes]
     for make in guesses:
         guess = make()
         solver.best.new_stage()
