@@ -42,8 +42,10 @@ MOST_DOUBT = 1e3
 SAMPLES, MOST_LOADS = 33, 500
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
-#: Points of Gauss's quadrature over an interval.
-GAUSS_POINTS = 4
+#: Nodes and weights of Gauss's quadrature by four points over [0, 1]; numpy.polynomial would take long to import.
+_HALVES = np.sqrt(3 / 7 + np.array([1, -1, -1, 1]) * 2 / 7 * np.sqrt(6 / 5)) / 2
+_NODES = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES
+_WEIGHTS = (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
 _GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 
@@ -305,12 +307,11 @@ class UnseenLoads:
         if not parts:
             return []
         of, begins, lengths = np.vstack(parts).T
-        nodes, shares = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
-        times = (begins[:, None] + lengths[:, None] * (nodes + 1) / 2).ravel()
-        weights = (lengths[:, None] * shares / 2).ravel()
+        times = (begins[:, None] + lengths[:, None] * _NODES).ravel()
+        weights = (lengths[:, None] * _WEIGHTS).ravel()
         rates = self._rates(path, outputs, times)
         n = self._numeric.eom.q.numel()
-        places = np.searchsorted(intervals, np.repeat(of, GAUSS_POINTS).astype(int))
+        places = np.searchsorted(intervals, np.repeat(of, _NODES.size).astype(int))
         integral = np.zeros((intervals.size, rates.shape[1]))
         np.add.at(integral, places, rates * weights[:, None])
         change = np.diff(path.x[:, n:], axis=0)[intervals]
