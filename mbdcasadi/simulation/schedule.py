@@ -95,7 +95,7 @@ class Piece:
         stops = stops[(stops > self.start) & (stops < self.times[-1])]
         if not stops.size:
             return self
-        before = self.times < stops[-1]
+        before = self.times <= stops[-1]
         times = np.r_[self.times[before], stops]
         wanted = np.r_[self.wanted[before], np.zeros(stops.size, bool)]
         own = np.r_[self.stops[before], np.ones(stops.size, bool)]

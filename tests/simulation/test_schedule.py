@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import mbdcasadi as mbd
-from mbdcasadi.simulation.schedule import Schedule
+from mbdcasadi.simulation.schedule import Piece, Schedule
 
 G = 9.81
 
@@ -19,6 +19,15 @@ def test_watch_points_are_spread_evenly_over_the_time(grid):
     assert np.max(lengths) <= (grid[-1] - grid[0]) / 400 * (1 + 1e-6)
     assert schedule.size <= 400 + grid.size
     np.testing.assert_array_equal(schedule.times[schedule.wanted], grid[1:])
+
+
+@pytest.mark.parametrize("stops", [[0.2], [0.1, 0.15, 0.2], [0.12], [0.3], [0.5]])
+def test_a_piece_that_ends_at_a_stop_keeps_the_output_there(stops):
+    piece = Piece(0.0, np.array([0.1, 0.2, 0.3]), np.array([True, True, False]), np.zeros(3, bool))
+    shorter = piece.through(np.array(stops))
+    kept = piece.times[piece.wanted & (piece.times <= shorter.times[-1])]
+    assert shorter.times[shorter.wanted].tolist() == kept.tolist()
+    assert np.all(np.diff(shorter.times) > 0)
 
 
 @pytest.mark.slow
