@@ -42,8 +42,10 @@ MOST_DOUBT = 1e3
 SAMPLES, MOST_LOADS = 33, 500
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
-#: Points of Gauss's quadrature over an interval.
-GAUSS_POINTS = 4
+#: Nodes and weights of Gauss's quadrature by four points over [0, 1]; numpy.polynomial would take long to import.
+_HALVES = np.sqrt(3 / 7 + np.array([1, -1, -1, 1]) * 2 / 7 * np.sqrt(6 / 5)) / 2
+_NODES = 0.5 + np.array([-1, -1, 1, 1]) * _HALVES
+_WEIGHTS = (18 + np.array([-1, 1, 1, -1]) * np.sqrt(30)) / 72
 _GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 
@@ -323,11 +325,10 @@ class UnseenLoads:
         owner = np.repeat(np.arange(intervals.size), [part.size for part in stops])
         begins = np.concatenate([np.r_[path.times[k], part[:-1]] for k, part in zip(intervals, stops, strict=True)])
         lengths = np.concatenate(stops) - begins
-        nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
-        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * (1 + nodes) / 2).ravel())
+        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * _NODES).ravel())
         integral = np.zeros((intervals.size, rates.shape[1]))
-        shares = (lengths[:, None] * weights / 2).ravel()
-        np.add.at(integral, np.repeat(owner, GAUSS_POINTS), rates * shares[:, None])
+        shares = (lengths[:, None] * _WEIGHTS).ravel()
+        np.add.at(integral, np.repeat(owner, _NODES.size), rates * shares[:, None])
         change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[intervals]
         missed: np.ndarray = ~np.all(np.abs(change - integral) <= limits, axis=1)
         return missed
