@@ -425,12 +425,13 @@ class _Arrays:
 
 def _entry(code: Code, k: int) -> _Function:
     """A function for the engine: compiled if it is."""
+    if code.library is not None:
+        address, work = code.entry(k)
+        return _Function(code=address, work=work + 1)
     tape: Tape = code.tapes[k]
-    address, work = code.entry(k) if code.library is not None else (0, 0)
     return _Function(
-        code=address or None,
         tape=tape.instructions.ctypes.data,
         constants=tape.constants.ctypes.data,
         count=tape.size,
-        work=max(work, tape.work) + 1,
+        work=tape.work + 1,
     )
