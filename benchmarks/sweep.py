@@ -167,7 +167,7 @@ def measure(runs: int) -> list[Row]:
         print(f"{name}: {rows[-1].each:.3g} ms a run, error {error:.1e}", flush=True)
 
     by_sweep(linkage(), speeds[checked], 1, method="dop853")  # the engine is built once on a machine
-    for tolerance in (1e-7, 1e-8):
+    for tolerance in (1e-7, 3e-8, 1e-8):
         given = {"method": "dop853", "reltol": tolerance, "abstol": tolerance}
         name = f"sweep, dop853 at {tolerance:.0e}, threads"
         timed(name, runs, lambda s, given=given: by_sweep(linkage(), s, 1, **given))

@@ -22,7 +22,7 @@ from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
-from ..simulation.contact.watched_terms import has_gap
+from ..simulation.contact.watched_terms import WatchedTerms, watched_terms
 from ..simulation.stepping.explicit_system import dynamics_of, projection_of
 
 #: Regularisation of the rows of a start, relative to their own size: constraints and conditions may imply each other.
@@ -165,12 +165,24 @@ class Model:
         return explicit_time(self.eom).switches
 
     @cached_property
+    def terms(self) -> WatchedTerms:
+        """Contacts and stops with their gaps."""
+        return watched_terms(self.eom)
+
+    @property
     def gaps(self) -> ca.SX:
         """Gaps of contacts and stops."""
-        eom = self.eom
-        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        found = [e.gap for e in eom.mechanism.elements if has_gap(e) and not ca.depends_on(e.gap, unknown)]
-        return ca.vertcat(ca.SX(0, 1), *found)
+        return ca.vertcat(ca.SX(0, 1), *[owner.gap for owner in self.terms.owners])
+
+    @property
+    def _closings(self) -> list[ca.Function]:
+        """``(t, q, v, a, z, lam, u, p) ->`` gaps, their rates and bounds of these; and what accelerations add."""
+        whole = list(self.eom.symbols)
+        pulls = ca.jtimes(self.gaps, self.eom.q, self.eom.a) if self.terms.owners else ca.SX(0, 1)
+        return [
+            ca.Function("gap_rates", whole, [ca.densify(self.terms.gap_expressions)]),
+            ca.Function("gap_pulls", whole, [ca.densify(pulls)]),
+        ]
 
     @cached_property
     def checks(self) -> list[tuple[ca.SX, bool, str]]:
@@ -278,6 +290,7 @@ class Model:
             ca.Function("outputs", list(eom.symbols), [self._outputs]),
             self._tangent,
             ca.Function("indicators", state, [ca.densify(ca.vertcat(self.timed, self.gaps))]),
+            *self._closings,
             ca.Function("checks", [eom.p], [ca.densify(margins)]),
             ca.Function("validity", list(eom.symbols), [ca.densify(valid)]),
             ca.Function("element_forces", list(eom.symbols), [ca.densify(forces)]),

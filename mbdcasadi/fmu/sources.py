@@ -12,11 +12,13 @@ from ..integrators.dop853.native import engine_source
 from ..integrators.dop853.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE
 from ..numerics.c_interface import constant_table
+from ..simulation.contact import gap_closings
 from .functions import Model
 from .variables import Variables
 
 #: Files that are the same for every mechanism.
 FOLDER = Path(__file__).parent / "c"
+COMMON = ("instance.c", "contacts.c", "cosimulation.c", "interface.c")
 #: Optimisation of each file that is compiled: a higher level gains nothing for the equations.
 OPTIMISATION = {"equations.c": "-O1", "fmi2.c": "-O3", "fmi3.c": "-O3"}
 HEADER = "/* What belongs to this mechanism alone: sizes, start values, names and the functions of its equations. */\n"
@@ -53,7 +55,7 @@ def source_files(
     interface = f"fmi{version}.c"
     files = {
         "engine.c": f"{prefixes}\n{engine}",
-        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in ("instance.c", "interface.c", interface)},
+        **{name: (FOLDER / name).read_text(encoding="utf-8") for name in (*COMMON, interface)},
         "equations.c": equations,
     }
     tables = _sizes(model, variables, kinds) + _numbers(model, tolerances) + _functions(model, identifier)
@@ -78,6 +80,7 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
         "N_SHOWN_PARAMETERS": len(variables.parameters),
         "N_INDICATORS": len(variables.indicators),
         "N_TIMED": model.timed.numel(),
+        "N_GAPS": len(model.terms.owners),
         "N_CHECKS": len(model.checks),
         "N_VALIDITY": len(model.validity),
         "N_FORCES": len(model.forces),
@@ -91,7 +94,17 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
 
 def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
     """Lines with other numbers."""
-    numbers = {"START_AT": model.start.t, **tolerances, "ACCURACY": ACCURACY, "DRIFT_RATE": model.drift_rate}
+    numbers = {
+        "START_AT": model.start.t,
+        **tolerances,
+        "ACCURACY": ACCURACY,
+        "DRIFT_RATE": model.drift_rate,
+        "SHALLOW": gap_closings.SHALLOW,
+        "GAP_SAFETY": gap_closings.SAFETY,
+        "COARSE_HALVINGS": gap_closings.COARSE,
+        "STOPS_IN_STOPPING": gap_closings.PARTS,
+        "STOPPING_TIMES": gap_closings.TIMES,
+    }
     return [f"#define {name} {_number(value)}" for name, value in numbers.items()]
 
 

@@ -28,7 +28,7 @@ from ..numerics.console import call
 from ..numerics.least_squares import least_norm, project_velocity
 from ..numerics.newton import solve
 from ..numerics.rank import analyse_rank
-from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, still
+from ..sensitivity.compiled_run import PATTERNS, Compiled, MotionSetup, lengths_of, still
 from ..sensitivity.cuts import Cuts
 from ..sensitivity.differentiable_start import found
 from .data import Experiment
@@ -168,14 +168,15 @@ class Shooting:
     ) -> tuple[np.ndarray, np.ndarray]:
         segment, cuts = self._segment(k, self.nodes[k], theta)
         arguments = [self.nodes[k], theta, *cuts]
-        directions = [seeds, towards, *still(cuts, seeds.shape[1])]
+        lengths = lengths_of(towards, theta)
+        directions = [seeds * lengths, towards * lengths, *still(cuts, seeds.shape[1])]
         try:
             results = call(segment.function, *arguments)
             moved = call(segment.derivative("forward", seeds.shape[1]), *arguments, *results, *directions)
         except RuntimeError as error:
             raise SimulationError(f"identify: the integrator stopped in segment {k + 1}: {reason_of(error)}") from None
         # the directions of a matrix stand side by side
-        return moved[0].full(), moved[1].full().T.ravel()
+        return moved[0].full() / lengths, moved[1].full().T.reshape(lengths.size, -1) / lengths[:, None]
 
     # --- starts and segments --------------------------------------------------------------
     def _parameters(self, theta: np.ndarray) -> np.ndarray:

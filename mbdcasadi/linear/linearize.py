@@ -67,6 +67,9 @@ def linearize(
     -----
     In a singular pose, of which a warning is given, infinitesimal motions are more than the degrees of freedom.
 
+    A periodic motion is linearised by :func:`stability`: its monodromy matrix across impacts and changes of the
+    mechanism, and the Floquet multipliers.
+
     About a steady motion that turns, A is constant in coordinates that do not
     see the turn: angles, or ``coordinates=`` of your own.
 
@@ -88,7 +91,10 @@ def linearize(
     14.715
     """
     if not isinstance(state, State):
-        raise ModelError(f"linearize: takes a State (from equilibrium, assemble or a trajectory), got {state!r}")
+        raise ModelError(
+            "linearize: takes a State (from equilibrium, assemble or a trajectory); a periodic motion is linearised by "
+            f"stability, across impacts, too; got {state!r}"
+        )
     setup = Setup(mechanism, "linearize", t=state.t, initial=state, inputs=inputs, parameters=parameters)
     eom, point = setup.eom, setup.start
     _ = point[eom.a]  # raises if there are no accelerations

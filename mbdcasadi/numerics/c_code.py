@@ -81,6 +81,7 @@ _CODES |= {ca.OP_CONST: CONSTANT, ca.OP_INPUT: INPUT, ca.OP_OUTPUT: OUTPUT}
 _TEMPLATES = {code: template for code, template in enumerate(OPERATIONS.values(), start=3)}
 _OPERATIONS = {code: operation for operation, code in _CODES.items()}
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
+_SINE, _COSINE = _CODES[ca.OP_SIN], _CODES[ca.OP_COS]
 
 #: Parameters of every function that is written.
 SIGNATURE = "const double** arg, double** res, long long int* iw, double* w, int mem"
@@ -204,7 +205,8 @@ class _Writer:
 
     Every instruction defines a value of its own. A value that is used in its own
     piece alone is a local variable; others have a place in ``w``, which is
-    taken again once the last piece that uses them is past.
+    taken again once the last piece that uses them is past. What only the last
+    result needs is left out if that is not asked for.
     """
 
     def __init__(self, tape: Tape):
@@ -213,14 +215,17 @@ class _Writer:
         patterns = [tape.function.sparsity_out(k) for k in range(tape.function.n_out())]
         self.sparse = {k: pattern for k, pattern in enumerate(patterns) if not pattern.is_dense()}
         self._number()
+        self.last = tape.function.n_out() - 1
+        others = [k for k, line in enumerate(self.lines) if line[0] == OUTPUT and line[1] != self.last]
+        self.tail = others[-1] + 1 if others else 0
         self._place()
 
     def _number(self) -> None:
         """Operands as the instructions that define them."""
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
+        lines: list[tuple[int, int, int, int]] = []
         dense = {k: pattern.find() for k, pattern in self.sparse.items()}
-        self.lines: list[tuple[int, int, int, int]] = []
         self.constants: dict[int, str] = {}
         self.inputs: dict[int, tuple[int, int]] = {}
         for k, (code, result, first, second) in enumerate(instructions):
@@ -230,11 +235,12 @@ class _Writer:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
                 place = dense[result][second] if result in dense else second
-                self.lines.append((code, result, last[first], place))
+                lines.append((code, result, last[first], place))
                 continue
             else:
-                self.lines.append((code, k, last[first], last[second]))
+                lines.append((code, k, last[first], last[second]))
             last[result] = k
+        self.lines = _paired(lines)
 
     def _operands(self, line: tuple[int, int, int, int]) -> tuple[int, ...]:
         return line[2:3] if line[0] == OUTPUT else line[2:]
@@ -276,17 +282,16 @@ class _Writer:
             for k, pattern in self.sparse.items()
         )
         if len(self.pieces) == 1:
-            body = zeros + self._piece(self.pieces[0])
-            return f"int {self.name}({SIGNATURE}) {{\n{body}  return 0;\n}}\n"
+            return f"int {self.name}({SIGNATURE}) {{\n{zeros}{self._piece(0, 'return 0')}  return 0;\n}}\n"
         parts = []
-        for number, piece in enumerate(self.pieces):
+        for number in range(len(self.pieces)):
             head = f"static void {self.name}_{number}(const double** arg, double** res, double* w)"
-            parts.append(f"{head} {{\n{self._piece(piece)}}}\n")
+            parts.append(f"{head} {{\n{self._piece(number, 'return')}}}\n")
         calls = "".join(f"  {self.name}_{number}(arg, res, w);\n" for number in range(len(self.pieces)))
         parts.append(f"int {self.name}({SIGNATURE}) {{\n{zeros}{calls}  return 0;\n}}\n")
         return "\n".join(parts)
 
-    def _piece(self, piece: Sequence[tuple[int, int, int, int]]) -> str:
+    def _piece(self, number: int, end: str) -> str:
         known: dict[int, str] = dict(self.constants)
         text = []
 
@@ -297,8 +302,10 @@ class _Writer:
                 text.append(f"  const double v{operand} = {source};\n")
             return known[operand]
 
-        for line in piece:
+        for k, line in enumerate(self.pieces[number], start=number * PIECE):
             code = line[0]
+            if k == max(self.tail, number * PIECE):
+                text.append(f"  if (!res[{self.last}]) {end};\n")
             if code == OUTPUT:
                 text.append(f"  if (res[{line[1]}]) res[{line[1]}][{line[3]}] = {value(line[2])};\n")
                 continue
@@ -314,6 +321,15 @@ class _Writer:
             argument, nonzero = self.inputs[operand]
             return f"arg[{argument}] ? arg[{argument}][{nonzero}] : 0.0"
         return f"w[{self.places[operand]}]"
+
+
+def _paired(lines: Sequence[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    """Instructions with the cosine of an angle beside its sine: compilers make one call of both."""
+    both: dict[int, list[tuple[int, int, int, int]]] = {}
+    for line in lines:
+        if line[0] in (_SINE, _COSINE):
+            both.setdefault(line[2], []).append(line)
+    return [at for line in lines for at in ([line] if line[0] not in (_SINE, _COSINE) else both.pop(line[2], []))]
 
 
 def _literal(value: float) -> str:

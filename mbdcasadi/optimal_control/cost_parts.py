@@ -63,8 +63,8 @@ class CostParts:
         for symbol, slope in zip(self.symbols, ca.horzsplit(slopes), strict=True):
             if slope.is_constant() and float(slope) < 0:
                 raise ExpressionError(
-                    f"{where} falls with {symbol.label}; positive_part and absolute belong in costs and upper limits "
-                    "of integrals that grow with them"
+                    f"{where} falls with {symbol.label}; positive_part and absolute belong in costs, and in upper "
+                    "limits of integrals, that grow with them"
                 )
         return expression
 

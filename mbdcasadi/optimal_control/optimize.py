@@ -1,4 +1,4 @@
-"""Solve an optimal-control problem: transcribe, guess, hand to IPOPT, read the solution."""
+"""Solve an optimal-control problem: transcribe, guess, hand to a solver, read the solution."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def optimize(
     continuation: Any = None,
     transcription: str | type[Transcription] | Transcription = "gauss-legendre",
     control: str = "polynomial",
+    solver: str = "ipopt",
     progress: bool = False,
     options: dict[str, Any] | None = None,
 ) -> Solution:
@@ -81,10 +82,15 @@ def optimize(
     control : {"polynomial", "linear", "constant"}
         Course of the inputs on the intervals. Polynomials are those that the stages determine, of one degree less if
         an input drives a first-order state. Limits of inputs hold everywhere on the intervals.
+    solver : {"ipopt", "fatrop"}
+        Solver of the nonlinear program. Fatrop factors it interval by interval, densely: it is the faster one for
+        mechanisms of few coordinates and rows, such as carts and arms in their angles, and the slower one for closed
+        loops of bodies. IPOPT solves what it does not, from the same guess; ``statistics.solver`` is the one that
+        found the solution.
     progress : bool, default False
         Show iteration, cost and largest violation.
     options : dict, optional
-        Options of CasADi, as ``{"ipopt.max_iter": 500}``.
+        Options of CasADi, as ``{"ipopt.max_iter": 500}`` or ``{"fatrop.mu_init": 1e-3}``.
 
     Returns
     -------
@@ -120,7 +126,7 @@ def optimize(
     try:
         with LOCK, keyboard_interrupts("optimize"):
             search = Search(
-                problem, intervals, initial, (transcription, degree, control, options, progress), best, executor
+                problem, intervals, initial, (transcription, degree, control, options, progress, solver), best, executor
             )
             accuracy = None if tolerance is None else _tolerance(tolerance)
             if continuation is None:

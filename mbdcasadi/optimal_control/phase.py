@@ -24,6 +24,7 @@ from ..printing import to_text
 from ..results.state import State
 from .cost_parts import CostParts, parameter_parts, split_along_path
 from .placeholders import marked, markers_of
+from .state_conditions import independent_state_conditions
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
 BEYOND_STATES = ("acceleration", "multiplier", "impulse", "input", "input rate")
@@ -36,11 +37,12 @@ class Waypoint(Immutable):
     ----------
     time : float or (float, float)
         Time, s; two numbers: free between them.
-    conditions : sequence of relations, default ()
-        In any expression of the model; accelerations, reactions and inputs are
-        those just before that time. Without conditions, a waypoint puts a mesh
-        point at its time, for instance where an input jumps. A free one finds the jump with ``control="constant"``;
-        polynomials imitate a jump inside an interval as well, and ``optimize(tolerance=…)`` finds it for them.
+    conditions : sequence of relations, or State, default ()
+        A state fixes coordinates and velocities, those of a resting pose for instance. Relations are in any expression
+        of the model; accelerations, reactions and inputs are those just before that time. Without conditions, a
+        waypoint puts a mesh point at its time, for instance where an input jumps. A free one finds the jump with
+        ``control="constant"``; polynomials imitate a jump inside an interval as well, and ``optimize(tolerance=…)``
+        finds it for them.
     cost : expression, default 0
         Added to the cost, with the values of that time; :func:`positive_part` and :func:`absolute` of an expression add
         a free parameter each.
@@ -57,7 +59,9 @@ class Waypoint(Immutable):
 
     def __init__(self, time: Any, conditions: Any = (), cost: Any = 0):
         self.time = time_span(time, "Waypoint", "time")
-        self.conditions: tuple[Condition, ...] = read_conditions(conditions)
+        self.conditions: tuple[Condition, ...] = (
+            independent_state_conditions(conditions) if isinstance(conditions, State) else read_conditions(conditions)
+        )
         self.cost = read_cost(cost, "cost of a waypoint")
         #: parameters in place of parts of the cost
         self.parameters: tuple[Parameter, ...] = ()

@@ -43,7 +43,7 @@ class Search:
     initial : State or sequence of relations, optional
         Start, in place of the problem's own.
     settings : tuple
-        Transcription, degree, control, options and progress, as ``optimize`` takes them.
+        Transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
     best : BestSoFar
         Record of the solutions.
     executor : concurrent.futures.Executor, optional

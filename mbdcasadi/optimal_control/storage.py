@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +95,9 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
 
 def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
     try:
-        settings = Settings.read(**json.loads(str(content["settings"])), options=None, progress=False)
+        chosen = json.loads(str(content["settings"]))
+        angles = chosen.pop("angles", False)
+        settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
         raise FileError(f"{path}: the settings of the solution are damaged, or of another version: {error}") from None
     meshes, times, parameters = [], [], []

@@ -228,8 +228,9 @@ class CompiledRun:
         course = self._course(d)
         arguments = [self.guess, *course.arguments]
         function = self._of(course).derivative("forward", size)
-        slope = self._call(function, d, *arguments, y, np.eye(size), *still(arguments, size))
-        return y, slope.full()
+        lengths = lengths_of(np.eye(size), d)
+        slope = self._call(function, d, *arguments, y, np.diag(lengths), *still(arguments, size))
+        return y, slope.full() / lengths
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration."""
@@ -343,6 +344,23 @@ class Compiled:
         if (kind, count) not in self._derivatives:
             self._derivatives[kind, count] = getattr(self._values, kind)(count)
         return self._derivatives[kind, count]
+
+
+def lengths_of(directions: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return how far forward sensitivities go along directions, for the size of which their results are divided (k,).
+
+    The error test of an integrator compares a derivative with its absolute tolerance, below which a derivative by a
+    stiffness of 1e6 N/m would be as a whole: the derivative by its relative change is what counts.
+
+    Parameters
+    ----------
+    directions : numpy.ndarray
+        By column (n, k).
+    values : numpy.ndarray
+        Values of what changes along them (n,).
+    """
+    lengths: np.ndarray = np.max(np.abs(directions * values[:, None]), axis=0, initial=1.0)
+    return lengths
 
 
 def still(arguments: Sequence[np.ndarray], count: int) -> list[np.ndarray]:

@@ -18,7 +18,7 @@ from ..numerics.console import call
 from ..results.phases import present
 from ..results.state import State
 from ..results.trajectory import Trajectory
-from .compiled_run import still
+from .compiled_run import lengths_of, still
 from .differentiable_motion import DifferentiableMotion
 
 
@@ -172,16 +172,18 @@ class PhaseFlow:
         states = results[0].full()
         if not motion.reached(states):
             raise SimulationError("sensitivities: the integrator stopped within a phase", time=float(self.part.t[0]))
-        moved = call(run.forward(k), *known, *results, dx0, dp, self.dlevels, *still([channel, *course.arguments], k))
+        lengths = lengths_of(np.vstack([dp, self.dlevels]), np.r_[self.p, self.levels])
+        seeds = [part * lengths for part in (dx0, dp, self.dlevels)]
+        moved = call(run.forward(k), *known, *results, *seeds, *still([channel, *course.arguments], k))
         outputs = motion.outputs(self._shown)
         output_arguments = [results[0], self.p, self.levels, channel]
         y = outputs(*output_arguments)
-        dy = call(outputs.forward(k), *output_arguments, y, moved[0], dp, self.dlevels, *still([channel], k))
+        dy = call(outputs.forward(k), *output_arguments, y, moved[0], *seeds[1:], *still([channel], k))
         n_t, n_y = states.shape[1], int(np.sum(self.rows))
         values, slopes = np.full((n_t, self.rows.size), np.nan), np.full((n_t, self.rows.size, k), np.nan)
         values[:, self.rows] = y.full().T
-        slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1)
-        return values, slopes, results[1].full().ravel(), moved[1].full()
+        slopes[:, self.rows] = dy.full().reshape(n_y, k, n_t).transpose(2, 0, 1) / lengths
+        return values, slopes, results[1].full().ravel(), moved[1].full() / lengths
 
     # --- at one instant ------------------------------------------------------------------------
     def at(self, expression: ca.SX, here: VariedState) -> tuple[np.ndarray, np.ndarray]:

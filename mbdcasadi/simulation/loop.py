@@ -104,8 +104,8 @@ class Run:
         self._x = np.zeros(0)
         self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
-        #: shortest of the loads that the steps passed over, s
-        self.looks_for_loads, self.shortest_load = False, np.inf
+        self.keeps_paths = False
+        self._paths: list[Path] = []
         #: events of the instant at which the run ended that change the mechanism, and the state there
         self.changing: list[Event] = []
         self.reached: State | None = None
@@ -311,15 +311,17 @@ class Run:
         failure = None
         for _ in range(LOOKS):
             load = self._arc.first_unseen_load(path)
-            if self.looks_for_loads:
-                self.shortest_load = min(self.shortest_load, self._arc.shortest_load(path))
             if load is None:
                 break
             if load.interval:
                 self._extra_stops = load.stops
                 end = float(path.times[load.interval])
-                return piece.until(end), path.until(end), None
-            piece = piece.until(float(path.times[1])).through(load.stops)
+                piece = piece.until(end)
+                if not self.integrator.runs_whole:
+                    return piece, path.until(end), None
+                # outputs inside a step that met the load in some of its stages are not to be trusted
+            else:
+                piece = piece.until(float(load.stops[-1])).through(load.stops)
             piece, path, failure = self._integrated(piece)
             if failure is not None:
                 break
@@ -358,8 +360,8 @@ class Run:
         if failure is None and passage is None and times.size:
             counted = path.until(deciding[0].time if deciding else float(times[-1]))
             arc.note(counted)
-            if self.looks_for_loads:
-                self.shortest_load = min(self.shortest_load, arc.shortest_contact(counted))
+            if self.keeps_paths:
+                self._paths.append(counted)
         kept = np.flatnonzero(piece.wanted[:count])
         self._keep(times[kept], x[kept], piece.begins[kept], outputs)
         for crossing in crossings:
@@ -598,6 +600,13 @@ class Run:
         """Steps of the integrator."""
         return sum(arc.stepper.all_steps for arc in self._arcs.values())
 
+    def shortest_load(self) -> float:
+        """Duration of the shortest load or contact on the paths that were kept, s; infinite if there is none."""
+        if not self._paths:
+            return np.inf
+        path = Path.joined(self._paths)
+        return min(self._arc.shortest_load(path), self._arc.shortest_contact(path))
+
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
         return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
@@ -617,9 +626,9 @@ def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray
     modes = SingleMode(setup)
     n, time = setup.eom.q.numel(), float(setup.grid[0])
     run = Run(setup, modes, (), integrator)
-    run.looks_for_loads = True
+    run.keeps_paths = True
     try:
         run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
     except MechanismError:  # the analysis itself says why
         pass
-    return run.shortest_load
+    return run.shortest_load()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +41,16 @@ class Path:
         if count == self.times.size:
             return self
         return replace(self, times=self.times[:count], x=self.x[:count], integrals=self.integrals[: max(count - 1, 0)])
+
+    @staticmethod
+    def joined(paths: Sequence[Path]) -> Path:
+        """Return paths that follow each other as one."""
+        first, *later = paths
+        return Path(
+            np.concatenate([first.times, *(path.times[1:] for path in later)]),
+            np.vstack([first.x, *(path.x[1:] for path in later)]),
+            np.vstack([path.integrals for path in paths]),
+        )
 
 
 def hermite_states(path: Path, times: np.ndarray, n: int) -> np.ndarray:

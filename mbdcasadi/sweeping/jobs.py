@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,8 +22,6 @@ from .worker import Parcel
 
 #: Batches into which the cases are cut, and the largest of them, if the user does not say.
 BATCHES, LARGEST_BATCH = 64, 250
-#: The same for threads of this process, which share a batch.
-WHOLE_BATCHES = 16, 1000
 #: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
 #: short loads are looked for.
 RANGES, PROBED = 8, 200
@@ -35,8 +32,8 @@ class Jobs:
 
     Attributes
     ----------
-    batching : tuple of int
-        Batches into which the cases are cut, and the largest of them, if the user does not say.
+    in_threads : bool
+        True if batches that run in this process share its processors.
 
     Parameters
     ----------
@@ -48,7 +45,7 @@ class Jobs:
         Outputs.
     """
 
-    batching = BATCHES, LARGEST_BATCH
+    in_threads = False
 
     def __init__(self, setup: MotionSetup, plan: Plan, named: list[tuple[Any, ca.SX]]):
         self._plan, self.setup = plan, setup
@@ -137,7 +134,7 @@ class Jobs:
         groups: dict[tuple[Any, ...], list[int]] = {}
         for k, course in courses.items():
             groups.setdefault(course.pattern, []).append(k)
-        length = batch_size(size, len(courses), *self.batching)
+        length = batch_size(size, len(courses))
         for members in groups.values():
             for first in range(0, len(members), length):
                 yield self.batch(np.array(members[first : first + length]), courses)
@@ -165,16 +162,16 @@ class Jobs:
 
 
 class WholeJobs(Jobs):
-    """Batches of cases that run in C, by threads if they run here."""
+    """Batches of cases that run in C, in threads if they run here."""
 
-    threads = 1
+    in_threads = True
 
     def _prepare(self, named: list[tuple[Any, ca.SX]]) -> None:
         refuse_unsuited(self.setup)
         self._named = [e for _, e in named]
         self._whole: WholeParcel | None = None
         spread, setup = self._spread(), self.setup
-        parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread), 1)
+        parcel = WholeParcel(setup, self._path, [setup.eom.q], len(spread))
         poses = []
         for x0, p, levels in spread[:RANGES]:
             try:
@@ -202,25 +199,21 @@ class WholeJobs(Jobs):
 
     def parcel(self, course: Any) -> WholeParcel:
         if self._whole is None:
-            self._whole = WholeParcel(self.setup, self._path, self._named, self._plan.count, self.threads)
+            self._whole = WholeParcel(self.setup, self._path, self._named, self._plan.count)
         return self._whole
 
 
-def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]], *, here: bool) -> Jobs:
+def jobs_of(plan: Plan, named: list[tuple[Any, ca.SX]]) -> Jobs:
     """Batches by the method of a sweep."""
     setup = plan.first_assembled()
-    if not setup.integrator.runs_whole:
-        return Jobs(setup, plan, named)
-    jobs = WholeJobs(setup, plan, named)
-    if here:
-        jobs.threads, jobs.batching = os.cpu_count() or 1, WHOLE_BATCHES
-    return jobs
+    kind = WholeJobs if setup.integrator.runs_whole else Jobs
+    return kind(setup, plan, named)
 
 
-def batch_size(size: int | None, count: int, batches: int = BATCHES, largest: int = LARGEST_BATCH) -> int:
+def batch_size(size: int | None, count: int) -> int:
     """Return the number of cases in a batch: what the user asks for, or what cuts the cases into some batches."""
     if size is None:
-        return max(1, min(largest, -(-count // batches)))
+        return max(1, min(LARGEST_BATCH, -(-count // BATCHES)))
     if isinstance(size, bool) or not isinstance(size, int) or size < 1:
         raise ModelError(f"sweep: batch must be an integer of at least 1, got {size!r}")
     return size

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import time as clock
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from .jobs import Jobs, batch_size, jobs_of
 from .plan import Plan
 from .result import Sweep
 from .sweep_file import SweepFile
+from .whole_runs import WholeParcel
 from .worker import BatchOutcome, run_batch
 
 #: Finished cases: their indices, outputs (k, n), and messages.
@@ -161,11 +163,15 @@ def _blocks(
     """Finished cases, as they come."""
     if not cases.size:
         return
-    jobs = jobs_of(plan, named, here=executor is None)
+    jobs = jobs_of(plan, named)
     courses, failures = jobs.courses(cases)
     if failures:
         yield _failed(failures, jobs)
-    runner = _Here() if executor is None else _Elsewhere(executor)
+    runner: _Here | _Elsewhere
+    if executor is not None:
+        runner = _Elsewhere(executor)
+    else:
+        runner = _InThreads() if jobs.in_threads else _Here()
     try:
         for batch in jobs.batches(courses, size):
             runner.submit(batch)
@@ -233,3 +239,21 @@ class _Elsewhere:
         """Cancel what did not run."""
         for future in self._futures:
             future.cancel()
+
+
+class _InThreads(_Elsewhere):
+    """Batches that run in C, in as many threads of this process as there are processors."""
+
+    def __init__(self) -> None:
+        super().__init__(ThreadPoolExecutor(os.cpu_count() or 1))
+        self._parcels: set[WholeParcel] = set()
+
+    def submit(self, batch: tuple[Any, ...]) -> None:
+        self._parcels.add(batch[1])
+        super().submit(batch)
+
+    def cancel(self) -> None:
+        super().cancel()
+        for parcel in self._parcels:
+            parcel.halt()
+        self._executor.shutdown()

@@ -1,9 +1,8 @@
-"""Cases that run in C: one compiled method for all of them, threads that share nothing else."""
+"""Cases that run in C: one compiled method for all of them, which threads share."""
 
 from __future__ import annotations
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,8 +28,6 @@ from .starts import StartPath
 MOST_STEPS = 1_000_000
 #: Cases from which compiling the equations always pays.
 MANY = 50
-#: Parts into which a batch is cut for each thread.
-PARTS = 4
 #: In words, why a case stops.
 REASONS = {
     Status.PAUSED: f"{MOST_STEPS} steps lead no further",
@@ -121,12 +118,10 @@ class WholeParcel:
         Quantities that are kept.
     count : int
         Number of cases in all.
-    threads : int
-        Threads that share the cases of a batch.
     """
 
-    def __init__(self, setup: MotionSetup, path: StartPath, outputs: list[ca.SX], count: int, threads: int):
-        self.path, self._threads = path, threads
+    def __init__(self, setup: MotionSetup, path: StartPath, outputs: list[ca.SX], count: int):
+        self.path = path
         self._system, self._start = explicit_system(setup.numeric, setup.signals), float(setup.grid[0])
         self._weights, self._compiles = setup.numeric.projection_weights, setup.integrator.jit or count >= MANY
         self._tolerances = setup.integrator.reltol, setup.integrator.abstol
@@ -135,14 +130,20 @@ class WholeParcel:
         self._needs_dynamics = bool(ca.depends_on(column, ca.vertcat(eom.a, eom.lam, eom.u)))
         self._count = setup.grid.size
         self.size = self._count * self._outputs.numel_out(0)
-        self._cache, self._free = setup.eom.mechanism.cache, Lending()
+        self._keep_runners(setup.eom.mechanism.cache)
+
+    def _keep_runners(self, cache: Cache) -> None:
+        self._cache, self._free, self._stopped = cache, Lending(), threading.Event()
+        self._running: list[Runner] = []
 
     def __getstate__(self) -> dict[str, Any]:
         # functions travel; what was compiled is found again in the user's folder
-        return {name: value for name, value in self.__dict__.items() if name not in ("_cache", "_free")}
+        own = ("_cache", "_free", "_stopped", "_running")
+        return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _cache=Cache(), _free=Lending())
+        self.__dict__.update(state)
+        self._keep_runners(Cache())
 
     def results(
         self, starts: np.ndarray, parameters: np.ndarray, levels: np.ndarray, course: tuple[np.ndarray, ...]
@@ -156,46 +157,26 @@ class WholeParcel:
         course : tuple of numpy.ndarray
             :attr:`Times.arguments` by case.
         """
-        count = len(starts)
-        values, messages = np.full((count, self.size), np.nan), [""] * count
-        if not count:
-            return values, messages
-        # more parts than threads, since some cases take longer than others
-        parts = np.array_split(np.arange(count), max(min(PARTS * self._threads, count), 1))
-        runners: list[Runner] = []
-        stopped = threading.Event()
-
-        def work(cases: np.ndarray) -> None:
-            runner = self._free.borrow("runner", self._runner)
-            runners.append(runner)
-            if stopped.is_set():  # while this thread was still waiting for its runner
-                return
-            # what all cases share has a stride of zero
-            times, wanted, stops, columns, max_step = (
-                part[:1] if part.strides[0] == 0 else part[cases] for part in course
-            )
-            numbers = starts[cases], parameters[cases], levels[cases]
-            batch = Cases(*numbers, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
-            values[cases], reasons = self._run(runner, batch)
-            for k, reason in zip(cases, reasons, strict=True):
-                messages[k] = reason
-            runners.remove(runner)
+        if not len(starts):
+            return np.full((0, self.size), np.nan), []
+        # what all cases share has a stride of zero
+        times, wanted, stops, columns, max_step = (part[:1] if part.strides[0] == 0 else part for part in course)
+        cases = Cases(starts, parameters, levels, times, wanted, stops, columns, max_step.ravel(), self._needs_dynamics)
+        runner = self._free.borrow("runner", self._runner)
+        self._running.append(runner)
+        if self._stopped.is_set():  # while this thread was still waiting for its runner
+            runner.halt()
+        found = self._run(runner, cases)
+        self._running.remove(runner)
+        if not self._stopped.is_set():
             self._free.give_back("runner", runner)
+        return found
 
-        if self._threads == 1:
-            for part in parts:
-                work(part)
-            return values, messages
-        with ThreadPoolExecutor(self._threads) as pool:
-            try:
-                list(pool.map(work, parts))
-            except BaseException:  # Ctrl-C among them: what runs in C is to end
-                stopped.set()
-                pool.shutdown(wait=False, cancel_futures=True)
-                for runner in list(runners):
-                    runner.halt()
-                raise
-        return values, messages
+    def halt(self) -> None:
+        """Stop the runs in all threads, and any later ones."""
+        self._stopped.set()
+        for runner in list(self._running):
+            runner.halt()
 
     def _run(self, runner: Runner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """Outputs of cases in one thread, and why some have none."""

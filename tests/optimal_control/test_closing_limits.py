@@ -5,6 +5,7 @@ import pytest
 from motions import crank_rocker, half_turn, rest_to_rest, swing_up
 
 import mbdcasadi as mbd
+from mbdcasadi.optimal_control.guess import closing_limits
 
 
 def cart_pole(limit, rail):
@@ -61,6 +62,20 @@ def test_a_detour_swings_a_pendulum_up():
 
 
 @pytest.mark.slow
+def test_detours_if_there_is_no_solution_without_limits(monkeypatch):
+    """They are tried after the least violation, which may say that the problem is infeasible."""
+    monkeypatch.setattr(closing_limits, "FREE_ITERATIONS", 2)
+    monkeypatch.setattr(closing_limits, "VIOLATION_ITERATIONS", 2)
+    problem, _bob, tau = swing_up(2.0, 6.0)
+    solution = mbd.optimize(problem)
+    descriptions = [stage.description for stage in solution.statistics.stages]
+    assert descriptions[1] == "no limits"
+    assert all(stage.startswith("least violation") for stage in descriptions[2:4])
+    assert all("detour" in stage for stage in descriptions[4:]) and len(descriptions) > 4
+    assert np.max(np.abs(solution.trajectory[tau])) <= 2 + 1e-6
+
+
+@pytest.mark.slow
 def test_infeasible_from_several_starts():
     """Half a turn in 0.2 s by 0.1 N m: a tenth of the limit is in conflict with the end; both are named with sizes."""
     problem, *_ = swing_up(0.1, 0.2)
@@ -99,8 +114,6 @@ def test_a_pose_out_of_reach():
 @pytest.mark.slow
 def test_what_was_not_proven_is_not_said(monkeypatch):
     """If the least violation ends above zero from one start alone, the problem is not called infeasible."""
-    from mbdcasadi.optimal_control.guess import closing_limits
-
     monkeypatch.setattr(closing_limits, "STARTS", 3)
     problem, _, block = rest_to_rest(1.0, 1.0, lower=-8, upper=8)
     with pytest.raises(mbd.OptimizationError) as caught:

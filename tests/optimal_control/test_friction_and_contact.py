@@ -137,3 +137,49 @@ def test_continuation_refuses():
     ):
         with pytest.raises(mbd.ModelError, match=said):
             mbd.optimize(problem, continuation=continuation, **more)
+
+
+def test_a_block_rests_on_an_incline():
+    """Pushed up against a load c of slope and friction, ``12 m² d² / T³ + c² T``, and left there at no cost."""
+    mass, mu, slope, way = 2.0, 0.4, 0.2, 0.5
+    force = mbd.Input("F")
+    block = mbd.Body("block", mass=mass, inertia=0.1, pose=(0, 0, slope))
+    incline = mbd.Translational("incline", mbd.ground.at(0, 0, angle=slope), block.at(0, 0))
+    push = mbd.Force("push", block.at(0, 0), (force * np.cos(slope), force * np.sin(slope)))
+    rub = mbd.JointFriction("rub", incline, mbd.Coulomb(mu, 1e-4))
+    mechanism = mbd.Mechanism([block], [incline], forces=[mbd.Gravity(), rub, push], inputs=[force])
+    there = [incline.displacement == way, incline.speed == 0]
+    problem = mbd.OptimalControlProblem(
+        mechanism,
+        duration=1.5,
+        initial=[incline.displacement == 0, incline.speed == 0],
+        final=there,
+        waypoints=[mbd.Waypoint(1.0, there)],
+        running_cost=force**2,
+    )
+    solution = mbd.optimize(problem, intervals=30)
+    load = mass * G * (np.sin(slope) + mu * np.cos(slope))
+    assert solution.cost == pytest.approx(12 * (mass * way) ** 2 + load**2, rel=3e-3)
+    resting = solution.trajectory.at(np.linspace(1.1, 1.4, 7))
+    assert np.max(np.abs(resting[force])) < 0.02 * load
+
+
+def test_a_block_is_carried_by_friction():
+    """A slide with a block on it that does not slip while ``6 d / T² < mu g``: as one mass, ``12 M² d² / T³``."""
+    force = mbd.Input("F")
+    slide = mbd.Body("slide", mass=2.0, inertia=0.1)
+    load = mbd.Body("load", mass=1.0, inertia=0.1, pose=(0, 0.2, 0))
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), slide.at(0, 0))
+    top = mbd.Translational("top", slide.at(0, 0.2), load.at(0, 0))
+    rub = mbd.JointFriction("rub", top, mbd.Coulomb(0.5, 1e-3))
+    pull = mbd.Force("pull", slide.at(0, 0), (force, 0))
+    problem = mbd.OptimalControlProblem(
+        mbd.Mechanism([slide, load], [rail, top], forces=[mbd.Gravity(), rub, pull], inputs=[force]),
+        duration=1.0,
+        initial=[rail.displacement == 0, rail.speed == 0, top.displacement == 0, top.speed == 0],
+        final=[slide.x == 0.5, slide.vx == 0, load.x == 0.5, load.vx == 0],
+        running_cost=force**2,
+    )
+    solution = mbd.optimize(problem, intervals=30)
+    assert solution.cost == pytest.approx(12 * (3 * 0.5) ** 2, rel=3e-3)
+    assert np.max(np.abs(solution.trajectory[top.displacement])) < 1e-3

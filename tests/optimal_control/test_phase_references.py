@@ -79,6 +79,9 @@ def test_a_step_of_a_biped():
     walk = model("five_link_biped", "solution = mbd.optimize")["walk"]
     solution = mbd.optimize(walk, intervals=10, degree=4)
     assert solution.cost == pytest.approx(469.50197507, abs=1e-5) and solution.statistics.iterations <= 20
+    for intervals in (18, 19, 20, 22):  # on some of these meshes the limits of the rates were met too early
+        other = mbd.optimize(walk, intervals=intervals)
+        assert other.cost == pytest.approx(469.50197507, abs=1e-4) and other.statistics.iterations <= 20
     several = mbd.optimize(walk, intervals=10, starts=3)
     assert [start.guess.split(" of ")[0] for start in several.statistics.starts] == [
         "kinematic", "kinematic with detours", "kinematic with detours",

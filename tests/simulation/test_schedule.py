@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import mbdcasadi as mbd
-from mbdcasadi.simulation.schedule import Schedule
+from mbdcasadi.simulation.schedule import Piece, Schedule
 
 G = 9.81
 
@@ -40,6 +40,15 @@ def test_every_output_is_there_though_a_force_switches_all_the_time(method):
     pendulum = mbd.Mechanism(bodies=[arm], joints=[pin], forces=[mbd.Gravity(), drag])
     times = np.linspace(0, 20, 201)
     np.testing.assert_array_equal(mbd.simulate(pendulum, times, method=method).t, times)
+
+
+@pytest.mark.parametrize("stops", [[0.2], [0.1, 0.15, 0.2], [0.12], [0.3], [0.5]])
+def test_a_piece_that_ends_at_a_stop_keeps_the_output_there(stops):
+    piece = Piece(0.0, np.array([0.1, 0.2, 0.3]), np.array([True, True, False]), np.zeros(3, bool))
+    shorter = piece.through(np.array(stops))
+    kept = piece.times[piece.wanted & (piece.times <= shorter.times[-1])]
+    assert shorter.times[shorter.wanted].tolist() == kept.tolist()
+    assert np.all(np.diff(shorter.times) > 0)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 import mbdcasadi as mbd
 
-METHODS = ["idas", "erk", "rosenbrock"]
+METHODS = ["idas", "dop853", "erk", "rosenbrock"]
 TIMES = np.linspace(0, 10, 11)
 FACTOR = mbd.Parameter("factor", 1.0)
 #: speed at which a body comes to a load, and the push of the load, N
@@ -45,6 +45,64 @@ def test_work_of_a_force_in_a_short_range(load, way, method):
     mechanism, body = puck(load)
     motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
     assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * way), rel=1e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("count", [5, 401])
+@pytest.mark.parametrize(("begin", "end"), [(0.5, 0.51), (1.35, 1.4)])
+def test_a_load_whose_edges_fall_on_outputs(begin, end, count, method):
+    # in uniform motion at 1 m/s the places of the edges are instants of the outputs, or of those that are watched
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    work = 0.5
+    load = work / (end - begin) * (mbd.if_else(sled.x > begin, 1, 0) - mbd.if_else(sled.x > end, 1, 0))
+    force = mbd.Force("load", sled.at(0, 0), (load, 0))
+    mechanism = mbd.Mechanism(bodies=[sled], joints=[rail], forces=[force])
+    motion = mbd.simulate(mechanism, np.linspace(0, 4, count), initial=[sled.x == 0, sled.vx == 1], method=method)
+    assert motion.t.tolist() == np.linspace(0, 4, count).tolist()
+    before = motion.t < begin
+    np.testing.assert_allclose(motion[sled.vx][before], 1, rtol=1e-9)
+    assert motion[sled.vx][-1] == pytest.approx(np.sqrt(2), rel=2e-5)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_load_over_many_outputs_that_begins_and_ends_gently(method):
+    # between its knots a smooth step is near to zero for long: what the steps missed begins before what is found
+    mechanism, body = puck(lambda b: FACTOR * (mbd.step(b.x, 0.5, 0, 0.55, 1) - mbd.step(b.x, 0.55, 0, 0.6, 1)))
+    motion = mbd.simulate(mechanism, np.linspace(0, 3, 401), initial=[body.vx == 0.75], method=method)
+    assert motion[body.vx][-1] == pytest.approx(np.sqrt(0.75**2 + 2 * 0.05), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_magnet_that_a_body_passes(method):
+    mechanism, body = puck(lambda b: PUSH * FACTOR * (1 + ((b.x - 50.3) / 0.01) ** 2) ** -2.5)
+    motion = mbd.simulate(mechanism, TIMES, initial=[body.vx == SPEED], method=method)
+    assert motion[body.vx][-1] == pytest.approx(np.sqrt(SPEED**2 + 2 * PUSH * 0.01 * 4 / 3), rel=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "begin", "width"), [(401, 1.45, 0.1), (2, 0.65, 0.1)])
+@pytest.mark.parametrize("load", ["rectangle", "hump", "triangle"])
+def test_compiled_analyses_see_loads_over_many_outputs(load, count, begin, width):
+    middle = begin + width / 2
+    mechanism, body = puck(
+        lambda b: (
+            FACTOR
+            * {
+                "rectangle": mbd.if_else(b.x > begin, 1, 0) - mbd.if_else(b.x > begin + width, 1, 0),
+                "hump": 2 * (mbd.step(b.x, begin, 0, middle, 1) - mbd.step(b.x, middle, 0, begin + width, 1)),
+                "triangle": 2 * mbd.fmax(0, 1 - mbd.fabs(b.x - middle) / (width / 2)),
+            }[load]
+        )
+    )
+    times, start = np.linspace(0, 2, count), [body.vx == 1]
+    factors = np.array([0.5, 1.0])
+    speeds = np.sqrt(1 + 2 * factors * width)
+    swept = mbd.sweep(mechanism, times, {FACTOR: factors}, {"v": body.vx}, initial=start)
+    np.testing.assert_allclose(swept["v"][:, -1], speeds, rtol=1e-5)
+    found = mbd.sensitivities(mechanism, times, {"v": body.vx}, [FACTOR], start)
+    assert found["v"][-1] == pytest.approx(speeds[1], rel=1e-5)
+    assert found["v", FACTOR][-1] == pytest.approx(width / speeds[1], rel=1e-3)
 
 
 @pytest.mark.slow

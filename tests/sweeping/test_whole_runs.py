@@ -131,7 +131,7 @@ def test_a_parcel_travels():
 
     _g, _u, stone, mechanism = fall()
     setup = MotionSetup(mechanism, "sweep", [0, 1.0], method="dop853")
-    parcel = WholeParcel(setup, StartPath(setup), [stone.y], 1, 1)
+    parcel = WholeParcel(setup, StartPath(setup), [stone.y], 1)
     case = (
         np.zeros((1, 6)),
         np.array([[2.0]]),

@@ -213,7 +213,9 @@ class _Trial:
                 middle = (a * fb - b * fa) / (fb - fa)
             # a little beyond the root, so that both ends come near to it
             middle += np.where(np.abs(fa) < np.abs(fb), 1.0, -1.0) * NARROW / 2
-            middle = np.where((middle > a) & (middle < b) & (step % 3 < 2), middle, (a + b) / 2)
+            # beside a side on which the quantity is zero everywhere, as a penetration, there is no slope to follow
+            falsi = (middle > a) & (middle < b) & (step % 3 < 2) & (fa != 0) & (fb != 0)
+            middle = np.where(falsi, middle, (a + b) / 2)
             value = value_at(middle, open_) - border[open_]
             # a whole number belongs to the side above it
             same = np.where(self._whole[owner[open_]], (value >= 0) == (fa >= 0), (value > 0) == (fa > 0))

@@ -23,7 +23,9 @@ _SWITCHING = (
     ca.OP_ASIN, ca.OP_ACOS, ca.OP_TAN, ca.OP_POW, ca.OP_CONSTPOW,
 )  # fmt: skip
 #: Operations that may cause a short transient, when their operand is zero, or largest or smallest.
-_TRANSIENT = (ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV)
+_TRANSIENT = (
+    ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW,
+)  # fmt: skip
 
 #: Operations that switch with the motion.
 _IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
@@ -60,7 +62,7 @@ def time_switches(parts: ca.SX, t: ca.SX, p: ca.SX) -> tuple[list[ca.SX], list[c
         elif op == ca.OP_TAN:
             zeros.append(ca.cos(a))
         if op in _TRANSIENT:
-            transients.append(b if op == ca.OP_DIV else a)
+            transients += _of_transient(op, a, b)
     return depending_on_time(zeros, t), depending_on_time(integers, t), depending_on_time(transients, t)
 
 
@@ -98,9 +100,17 @@ def state_switches(expressions: ca.SX, state: ca.SX, unknown: ca.SX) -> tuple[li
         elif op in (*_AT_INTEGERS, ca.OP_FMOD, ca.OP_REMAINDER):
             whole = operands[0] if op in _AT_INTEGERS else operands[0] / operands[1]
             switches.append(ca.sin(np.pi * (whole + (0.5 if op == ca.OP_REMAINDER else 0.0))))
-        elif operands[-1].op() not in _OF_GEOMETRY:
-            transients.append(operands[-1])
+        else:
+            transients += [a for a in _of_transient(op, operands[0], operands[-1]) if a.op() not in _OF_GEOMETRY]
     return _moving(switches, state, unknown), _moving(transients, state, unknown)
+
+
+def _of_transient(op: int, a: ca.SX, b: ca.SX) -> list[ca.SX]:
+    """Operand of an operation that may cause a short transient; of powers only if they may divide."""
+    if op == ca.OP_DIV:
+        return [b]
+    grows = op in (ca.OP_POW, ca.OP_CONSTPOW) and b.is_constant() and float(b) >= 0
+    return [] if grows else [a]
 
 
 def _moving(functions: list[ca.SX], state: ca.SX, unknown: ca.SX) -> list[ca.SX]:

@@ -5,6 +5,8 @@
 #include "model.h"
 #include "engine.c"
 #include "instance.c"
+#include "contacts.c"
+#include "cosimulation.c"
 
 #include <stdbool.h>
 #include <stdint.h>

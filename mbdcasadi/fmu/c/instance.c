@@ -3,9 +3,7 @@
    This file is compiled after model.h, which is written for the mechanism, and engine.c, the integrator.
 
    A state is x = (q, v, z). All that changes in the course of a simulation is one block of doubles, so that a saved
-   state is a copy of it. In co-simulation the integrator takes steps of its own size, also beyond the communication
-   point: as long as inputs and parameters stay as they are, later points are read from the dense output of the step
-   that passed them, and brought onto the constraints. */
+   state is a copy of it. */
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -21,7 +19,8 @@ enum {
   IS_UNSETTLED,  /* parameters changed, and the state is not on the constraints yet */
   STEP,          /* size of the next step of the integrator */
   IS_AHEAD,      /* the integrator is ahead of the communication point, between these times: */
-  AHEAD_BEGIN, AHEAD_END, HAS_DENSE,
+  AHEAD_BEGIN, AHEAD_END,
+  SHORT_STEP, SHORT_FROM, SHORT_UNTIL, /* longest step between these times: the force of a contact is followed */
   SCALARS
 };
 
@@ -29,18 +28,12 @@ enum {
 #define N_LEVELS (2 * N_INPUTS + 1)
 #define BLOCK (SCALARS + 10 * N_X + N_PARAMETERS + N_LEVELS)
 #define LENGTH(n) ((n) > 0 ? (n) : 1)
-/* Points inside a step at which gaps are looked at; rows that the integrator may return. */
-#define LOOKS 7
+/* Halvings of a step in which a gap closes; looks at the gaps that are kept, and the length of one. */
+#define HALVINGS 60
+#define LOOKS (N_GAPS ? HALVINGS + 2 : 0)
+#define LOOK (4 * N_GAPS)
+/* Rows that the integrator may return. */
 #define ROWS_OUT (MOST_SAMPLES + 64)
-/* Steps within one communication step after which the motion counts as too stiff. */
-#define TOO_MANY 500000
-/* Samples of the functions that switch in time, and steps over which they are looked ahead. */
-#define TIME_SAMPLES 32
-#define TIME_WINDOW 20.0
-/* Depth of a contact, m, below which it counts as open. */
-#define SHALLOW 1e-9
-/* Part of a step before a contact below which it is not cut off. */
-#define NEAR_CONTACT 1e-6
 /* Steps of Newton's method, and of the parameters on their way from the values at the export. */
 #define NEWTON_STEPS 50
 #define NEAREST_STEPS 300
@@ -60,7 +53,7 @@ typedef struct {
   int halt;
   double *times_out, *x_out;
   integer* index_out;
-  double *a, *zdot, *lam, *y, *xdot, *work, *scratch, *switches;
+  double *a, *zdot, *lam, *y, *xdot, *work, *scratch, *switches, *looks;
   int has_outputs, has_derivatives;       /* true if y, xdot belong to the present state */
   char* warned;
   report_t report;
@@ -132,7 +125,7 @@ static instance* create(report_t report, void* host) {
   s->report = report;
   s->host = host;
   const size_t values = 2 * N_COORDINATES + 2 * N_STATES + 2 * N_MULTIPLIERS + 3 * N_OUTPUTS + 8 * N_X + 2 * N_PARAMETERS +
-                        2 * N_INPUTS + N_CHECKS + N_VALIDITY + N_FORCES + 3 * N_INDICATORS + 2 * WORK_LARGEST + 16;
+                        2 * N_INPUTS + N_CHECKS + N_VALIDITY + N_FORCES + 3 * N_INDICATORS + LOOKS * LOOK + 2 * WORK_LARGEST + 16;
   s->block = calloc(BLOCK + values, sizeof(double));
   s->times_out = calloc(ROWS_OUT * (1 + (size_t)N_X), sizeof(double));
   s->index_out = calloc(ROWS_OUT, sizeof(integer));
@@ -151,6 +144,7 @@ static instance* create(report_t report, void* host) {
   s->y = place; place += N_OUTPUTS;
   s->xdot = place; place += N_X;
   s->switches = place; place += 3 * N_INDICATORS;
+  s->looks = place; place += LOOKS * LOOK;
   s->work = place; place += WORK_LARGEST + 8;
   s->scratch = place;
   s->x_out = s->times_out + ROWS_OUT;
@@ -173,7 +167,6 @@ static instance* create(report_t report, void* host) {
   s->task.out_times = s->times_out;
   s->task.out_x = s->x_out;
   s->task.out_index = s->index_out;
-  s->task.max_step = INFINITY;
   s->task.spacing = INFINITY;
   s->run->task = &s->task;
   reset(s);
@@ -487,212 +480,6 @@ static int derivative_along(instance* s, const unsigned* unknown, size_t unknown
       return ERROR_;
     }
   }
-  return OK_;
-}
-
-/* --- co-simulation ------------------------------------------------------------------------------------- */
-
-static double resolution_at(double t) { return 16.0 * (nextafter(fabs(t), INFINITY) - fabs(t)) + 1e-300; }
-
-static int differ(const double* a, const double* b, int count) {
-  for (int i = 0; i < count; ++i)
-    if ((a[i] < 0.0) != (b[i] < 0.0)) return 1;
-  return 0;
-}
-
-/* First time after t, up to a limit, at which something switches in time: the last time before it; else the limit. */
-static double next_switch(instance* s, double t, double limit) {
-  if (!N_TIMED) return limit;
-  double *before = s->switches, *after = before + N_INDICATORS, low = t + resolution_at(t);
-  find_indicators(s, low, s->x, before);
-  for (int k = 1; k <= TIME_SAMPLES; ++k) {
-    double high = t + (limit - t) * (double)k / TIME_SAMPLES;
-    find_indicators(s, high, s->x, after);
-    if (differ(before, after, N_TIMED)) {
-      while (high - low > resolution_at(high)) {
-        const double middle = low + (high - low) / 2;
-        find_indicators(s, middle, s->x, after);
-        if (differ(before, after, N_TIMED)) high = middle;
-        else low = middle;
-      }
-      return low;
-    }
-    low = high;
-    memcpy(before, after, sizeof(double) * N_TIMED);
-  }
-  return limit;
-}
-
-/* A time just beyond what switches at t, or t. */
-static double beyond_switch(instance* s, double t) {
-  if (!N_TIMED) return t;
-  double *before = s->switches, *after = before + N_INDICATORS;
-  find_indicators(s, t - resolution_at(t), s->x, before);
-  find_indicators(s, t + 2.0 * resolution_at(t), s->x, after);
-  return differ(before, after, N_TIMED) ? t + 2.0 * resolution_at(t) : t;
-}
-
-/* State at a time of the step that is ahead. */
-static int state_at(instance* s, double t, double* x) {
-  const double begin = s->block[AHEAD_BEGIN], end = s->block[AHEAD_END], h = end - begin;
-  if (t >= end) { memcpy(x, s->finish, sizeof(double) * N_X); return 1; }
-  dense_output(s->start, s->dense, N_X, fmax(0.0, (t - begin) / h), x);
-  return project(s->run, t, x);
-}
-
-/* Time at which a gap closes in the last step, if it was open at its begin; else infinity. */
-static double first_contact(instance* s) {
-  if (N_INDICATORS == N_TIMED) return INFINITY;
-  const int count = N_INDICATORS - N_TIMED;
-  double *gaps = s->switches, *open = gaps + N_INDICATORS, low = s->block[AHEAD_BEGIN], first = INFINITY;
-  double* x = s->scratch;
-  find_indicators(s, low, s->start, open);
-  for (int k = 1; k <= LOOKS + 1 && isinf(first); ++k) {
-    double high = k > LOOKS ? s->block[AHEAD_END]
-                            : s->block[AHEAD_BEGIN] + (s->block[AHEAD_END] - s->block[AHEAD_BEGIN]) * k / (LOOKS + 1);
-    if (!state_at(s, high, x)) return INFINITY;
-    find_indicators(s, high, x, gaps);
-    for (int i = 0; i < count; ++i) {
-      if (!(open[N_TIMED + i] > SHALLOW && gaps[N_TIMED + i] < -SHALLOW)) continue;
-      double opened = low, shut = high;
-      while (shut - opened > resolution_at(shut)) {
-        const double middle = opened + (shut - opened) / 2;
-        double* there = open + N_INDICATORS;
-        if (!state_at(s, middle, x)) break;
-        find_indicators(s, middle, x, there);
-        if (there[N_TIMED + i] > 0.0) opened = middle;
-        else shut = middle;
-      }
-      first = fmin(first, opened);
-    }
-    low = high;
-  }
-  return first;
-}
-
-/* One step of the integrator, which ends at a limit at the latest; the status of the engine. */
-static int take_step(instance* s, double wanted, double limit) {
-  double times[2];
-  int stops[2];
-  stretch_t* task = &s->task;
-  const double end = s->block[AHEAD_END], begin = beyond_switch(s, end);
-  const int whole = wanted < limit;
-  times[0] = fmax(wanted, begin + resolution_at(begin));
-  stops[0] = !whole;
-  times[1] = limit;
-  stops[1] = 1;
-  if (times[0] >= limit) { times[0] = limit; stops[0] = 1; }
-  task->start = begin;
-  task->x = s->finish;
-  task->count = times[0] < limit ? 2 : 1;
-  task->times = times;
-  task->stops = stops;
-  task->reltol = s->block[RELTOL];
-  task->abstol = fmin(s->block[RELTOL] * DEFAULT_ABSTOL / DEFAULT_RELTOL, LARGEST_ABSTOL);
-  task->most_steps = 1;
-  task->every_step = 1;
-  task->samples = task->keep_samples = 0;
-  if (N_INDICATORS > N_TIMED) {
-    task->samples = 1;
-    task->keep_samples = 1;
-  }
-  task->capacity = ROWS_OUT;
-  task->step = s->block[STEP];
-  memcpy(s->start, s->finish, sizeof(double) * N_X);
-  const int status = mbd_advance(s->run, task);
-  if (!task->steps || !task->recorded) return status == DONE ? TOO_SMALL : status;
-  s->block[STEP] = task->step;
-  s->block[AHEAD_BEGIN] = begin;
-  s->block[AHEAD_END] = task->out_times[task->recorded - 1];
-  memcpy(s->finish, task->out_x + (task->recorded - 1) * N_X, sizeof(double) * N_X);
-  memcpy(s->dense, s->run->dense, sizeof(double) * 7 * N_X);
-  return DONE;
-}
-
-static const char* reason(int status) {
-  switch (status) {
-    case TOO_SMALL: return "the error test failed repeatedly at the smallest step";
-    case APART: return "the constraints can no longer be met together";
-    case SINGULAR: return "the pose is singular";
-    default: return "the equations gave values that are not finite";
-  }
-}
-
-/* A step up to a limit, repeated with its end at the communication point if it fails, and before a contact. */
-static int go_on(instance* s, double wanted) {
-  double* block = s->block;
-  const double begin = block[AHEAD_BEGIN], end = block[AHEAD_END], step = block[STEP];
-  double limit = block[STOP_TIME];
-  if (!(limit > end)) limit = INFINITY;
-  if (limit < wanted) limit = wanted;
-  if (N_TIMED) limit = next_switch(s, end, fmin(limit, end + fmax(2.0 * (wanted - end), TIME_WINDOW * step)));
-  double* kept = s->scratch + 2 * N_X;
-  memcpy(kept, s->finish, sizeof(double) * N_X);
-  int status = take_step(s, wanted, limit);
-  if (status != DONE && limit > wanted) {
-    block[AHEAD_BEGIN] = begin;
-    block[AHEAD_END] = end;
-    block[STEP] = 0.0;
-    memcpy(s->finish, kept, sizeof(double) * N_X);
-    limit = wanted;
-    status = take_step(s, wanted, limit);
-  }
-  if (status != DONE) {
-    block[AHEAD_END] = end;
-    memcpy(s->finish, kept, sizeof(double) * N_X);
-    return status;
-  }
-  const double contact = first_contact(s);
-  if (contact < block[AHEAD_END] && contact - end > NEAR_CONTACT * (block[AHEAD_END] - end)) {
-    block[AHEAD_BEGIN] = begin;
-    block[AHEAD_END] = end;
-    block[STEP] = fmin(step > 0.0 ? step : INFINITY, contact - end);
-    memcpy(s->finish, kept, sizeof(double) * N_X);
-    status = take_step(s, contact, contact);
-    if (status != DONE) { block[AHEAD_END] = end; memcpy(s->finish, kept, sizeof(double) * N_X); return status; }
-    if (block[AHEAD_END] >= contact) block[STEP] = 0.0;
-  }
-  return DONE;
-}
-
-/* Go on to a time; what was reached is the state if this fails. */
-static int step_to(instance* s, double end) {
-  double* block = s->block;
-  int status = settle(s);
-  if (status != OK_) return status;
-  const double begin = block[TIME];
-  if (!(end > begin)) return OK_;
-  if (block[IS_AHEAD] == 0.0) {
-    memcpy(s->finish, s->x, sizeof(double) * N_X);
-    block[AHEAD_BEGIN] = block[AHEAD_END] = begin;
-    block[IS_AHEAD] = 1.0;
-  }
-  changed(s);
-  for (long steps = 0; block[AHEAD_END] < end; ++steps) {
-    status = steps < TOO_MANY ? go_on(s, end) : STIFF;
-    if (status != DONE) {
-      block[TIME] = block[AHEAD_END];
-      memcpy(s->x, s->finish, sizeof(double) * N_X);
-      turned(s);
-      if (status == STIFF)
-        say(s, DISCARD_, "the motion is too stiff for the solver in this unit: %d steps led from t = %.6g s to %.6g s; "
-            "take model exchange with a solver for stiff equations", TOO_MANY, begin, block[TIME]);
-      else {
-        find_outputs(s);
-        for (int i = 0; i < N_COORDINATES; ++i)
-          if (!isfinite(s->a[i])) { blame(s, DISCARD_); return DISCARD_; }
-        say(s, DISCARD_, "the solver stopped at t = %.6g s: %s", block[TIME], reason(status));
-      }
-      return DISCARD_;
-    }
-  }
-  block[TIME] = end;
-  if (!state_at(s, end, s->x)) {
-    say(s, DISCARD_, "the constraints cannot be met together at t = %.6g s", end);
-    turned(s);
-    return DISCARD_;
-  }
-  if (N_VALIDITY) update_outputs(s);
   return OK_;
 }
 

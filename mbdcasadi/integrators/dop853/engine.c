@@ -183,7 +183,7 @@ static void find_accelerations(run_t* run, double t, const double* x, double* a,
   find_inputs(run, t, x);
   double hint = INFINITY;
   const double* arg[6] = {&t, x, x + run->n, x + 2 * run->n, run->u, run->task->p};
-  double* res[4] = {a, rates, lam, &hint};
+  double* res[4] = {a, rates, lam, run->task->fall > 0.0 ? &hint : NULL};
   evaluate(&run->system->dynamics, arg, res, run->work);
   if (hint < run->hint) run->hint = hint;
   ++run->evaluations;

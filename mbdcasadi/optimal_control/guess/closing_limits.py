@@ -3,7 +3,8 @@
 A solver that stops at an infeasible point has found that no motion near that point meets all demands, and nothing
 else. So the problem is solved without its limits, and from that solution with limits that close in step by step. If
 these cannot be closed, detours are tried (a weak motor swings a pendulum up in several swings), and at last the sum
-of all violations is minimised from several starts. Only if that ends above zero is the problem called infeasible.
+of all violations is minimised from several starts. Only if that ends above zero is the problem called infeasible. If
+the problem is not solved without its limits either, the violations come first, and detours at last.
 """
 
 from __future__ import annotations
@@ -90,10 +91,11 @@ class LimitSearch:
         failed = failure.partial.statistics
         self._note(failure.partial, failure.partial.statistics.status, "all limits")
         closed, nearest = self._close_in()
-        if closed is None and nearest is not self._guess:
-            closed = self._by_detours()
+        lost = nearest is self._guess  # without limits, too: then what is said to be in conflict comes first
+        for search in (self._by_violation, self._by_detours) if lost else (self._by_detours, self._by_violation):
+            closed = search(nearest, failure) if closed is None else closed
         if closed is None:
-            closed = self._by_least_violation(nearest, failure)
+            raise not_found(failure, [stage.description for stage in self._stages]) from None
         closed.statistics = replace(
             together(failed, closed.statistics),
             iterations=sum(stage.iterations for stage in self._stages),
@@ -128,7 +130,7 @@ class LimitSearch:
         end = follow(free, closer, smallest=SMALLEST_STEP)
         return end.point if end.complete else None, _without_multipliers(end.point.as_guess(solver.problem))
 
-    def _by_detours(self) -> Solution | None:
+    def _by_detours(self, _nearest: Guess, _failure: OptimizationError) -> Solution | None:
         """The first solution from a random detour; None if there is none."""
         for guess in (self._detour() for _ in range(DETOURS)):
             solved = self._solved(guess, f"all limits, {guess.description}", DETOUR_ITERATIONS)
@@ -147,8 +149,14 @@ class LimitSearch:
         return Step(solution)
 
     # --- the least violation --------------------------------------------------------------------
-    def _by_least_violation(self, nearest: Guess, failure: OptimizationError) -> Solution:
-        """Solution from a motion that meets all demands, or the failure in words."""
+    def _by_violation(self, nearest: Guess, failure: OptimizationError) -> Solution | None:
+        """Solution from a motion that meets all demands; None if no such motion was found.
+
+        Raises
+        ------
+        OptimizationError
+            If the least violation is not zero.
+        """
         conflicting: list[tuple[Solution, dict[str, float]]] = []
         for guess in (nearest, self._second):
             solution, slacks, succeeded = self._solver.least_violation(self._meshes, guess, VIOLATION_ITERATIONS)
@@ -164,7 +172,7 @@ class LimitSearch:
                 if len(conflicting) == STARTS:
                     least = min(conflicting, key=lambda pair: sum(pair[1].values()))
                     raise infeasible(failure, *least, STARTS, FEASIBLE) from None
-        raise not_found(failure, [stage.description for stage in self._stages]) from None
+        return None
 
 
 def _without_multipliers(guess: Guess) -> Guess:

@@ -16,24 +16,22 @@ import casadi as ca
 import numpy as np
 
 from ...assembly.pose import LARGEST_TURN, PoseProblem
-from ...equations.numeric import LARGE, NumericEquations
+from ...equations.numeric import NumericEquations
 from ...errors import AssemblyError
 from ...model.conditions import Condition, stacked
 from ...model.symbols import Parameter
 from ...numerics.console import without_warnings
 from ...numerics.least_squares import largest, least_norm
 from ...numerics.newton import solve
-from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 from ..phase import BEYOND_STATES, Phase, contains_any, with_parameters
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
+from ..state_conditions import pose_conditions
 from .linear_conditions import straight_path
 
 #: Largest number of steps from place to place, and of parts of a step at high speed.
 STEPS, SUBSTEPS = 40, 20
-#: Rest of a unit row outside the span of others below which it is not used for steering.
-STEERING_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -106,14 +104,14 @@ def kinematic_path(
     places = [_on_positions(w.conditions if through else [], extra) for w in phase.waypoints]
     final = phase.final
     if target is not None:
-        places.append(_steering(numeric, float(segment_times[-1]), target))
+        places.append(pose_conditions(numeric, float(segment_times[-1]), target))
     elif isinstance(final, State):
-        places.append(_steering(numeric, final.t, final.q))
+        places.append(pose_conditions(numeric, final.t, final.q))
     else:
         places.append(_on_positions([*final, *_periodic(problem, phase, start)], extra))
     if poses_at is not None:
         later = zip(segment_times[1:].tolist(), poses_at[1:], strict=True)
-        places = [_steering(numeric, t, pose) for t, pose in later]
+        places = [pose_conditions(numeric, t, pose) for t, pose in later]
     begin = float(segment_times[0])
     times, poses, complete = [np.array([begin])], [start.q], True
     for k, conditions in enumerate(places):
@@ -202,7 +200,7 @@ def _to_assembled_pose(
             target = place.solve(q)
     except AssemblyError:
         return []
-    steering = _steering(numeric, place.t, target)
+    steering = pose_conditions(numeric, place.t, target)
     poses = _steps(numeric, PoseProblem(numeric, steering, float(span[0]), z), steering, [], q, span)
     return poses if len(poses) == span.size - 1 else []
 
@@ -265,17 +263,3 @@ def _periodic(problem: OptimalControlProblem, phase: Phase, start: State) -> lis
             continue
         rows.append(Condition(with_values(condition.expression, value), True, condition.label))
     return rows
-
-
-def _steering(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:
-    """Independent coordinates of a pose and their values; angles first, since they know the number of turns."""
-    eom = numeric.eom
-    symbols = ca.vertsplit(eom.q)
-    order = [*np.flatnonzero(eom.angles).tolist(), *np.flatnonzero(~eom.angles).tolist()]
-    conditions = [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in order]
-    if eom.q.numel() * eom.lam.numel() > LARGE:
-        return conditions
-    joints = unit_rows(numeric.velocity(t, target)[0] * numeric.column_scale)
-    coordinates = np.eye(eom.q.numel())[order]
-    dependent = set(dependent_rows(np.vstack([joints, coordinates]), STEERING_TOLERANCE))
-    return [c for k, c in enumerate(conditions) if k + len(joints) not in dependent]

@@ -24,6 +24,7 @@ from .phase_program import PhaseProgram
 from .rows import Row, condition_rows, stack, violations
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock, SparseProgram
+from .staged_program import StagedProgram
 
 #: Points at which path limits are held besides stages and mesh points: phase, label, point of the interval.
 Held = tuple[tuple[int, str, float], ...]
@@ -56,7 +57,7 @@ class CollocationProgram:
     nlp : SparseProgram
         Cost, rows and derivatives.
     solvers : SolverPool
-        IPOPT functions for it.
+        Functions of its solvers.
     """
 
     def __init__(
@@ -251,6 +252,11 @@ class CollocationProgram:
             intervals.append(np.column_stack([mesh.begin, mesh.length] if free else [points[:-1], np.diff(points)]))
         seen = [intervals[k][i] for block in self.blocks for copy in block.copies for k, i in copy]
         return np.concatenate([*p, *seen])
+
+    @cached_property
+    def staged(self) -> StagedProgram:
+        """The same program in stages."""
+        return StagedProgram(self)
 
     @cached_property
     def rows(self) -> list[Row]:

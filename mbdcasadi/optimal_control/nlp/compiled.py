@@ -13,7 +13,7 @@ from ...model.cache import Cache
 from ...numerics.symbolic import LOCK
 
 if TYPE_CHECKING:
-    from .solver_callback import SolverCallback
+    from .solver_callback import SolverWatch
 
 #: Programs of a problem that are kept: those of the meshes of a refinement, and some more.
 PROGRAMS = 24
@@ -40,13 +40,13 @@ class CompiledProblem:
 
 
 class SolverPool:
-    """IPOPT functions of one program, each lent to one solve at a time.
+    """Solvers of one program, each lent to one solve at a time.
 
-    An IPOPT function holds the statistics of its last solve and calls back to Python: no two threads share one.
+    A solver holds the statistics of its last solve and calls back to Python: no two threads share one.
     """
 
     def __init__(self) -> None:
-        self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverCallback]]] = OrderedDict()
+        self._idle: OrderedDict[Hashable, list[tuple[ca.Function, SolverWatch]]] = OrderedDict()
 
     @property
     def idle(self) -> int:
@@ -56,8 +56,8 @@ class SolverPool:
 
     @contextmanager
     def lent(
-        self, key: Hashable, make: Callable[[], tuple[ca.Function, SolverCallback]]
-    ) -> Iterator[tuple[ca.Function, SolverCallback]]:
+        self, key: Hashable, make: Callable[[], tuple[ca.Function, SolverWatch]]
+    ) -> Iterator[tuple[ca.Function, SolverWatch]]:
         """Lend the solver of a key and its callback, made if none is idle; leaving the context returns it."""
         with LOCK:
             idle = self._idle.setdefault(key, [])

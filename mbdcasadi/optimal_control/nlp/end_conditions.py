@@ -18,9 +18,7 @@ from ..checks.consistency import at_end_alone
 from ..guess.kinematic_guess import KinematicPath
 from ..phase import Phase, contains_any, on_states, with_rates
 from ..problem import OptimalControlProblem
-
-#: Share of its typical change within which an implied condition must stay while the solver runs.
-WINDOW = 0.05
+from ..state_conditions import WINDOW, state_conditions, window
 
 
 class EndConditions:
@@ -91,7 +89,7 @@ class EndConditions:
         end = self._phase.final
         if isinstance(end, State):
             state = (self._end, end.q, end.v, end.z)
-            final = _as_conditions(self._phase, end)
+            final = state_conditions(self._phase.equations, end)
         else:
             state = (self._end, self._path.poses[-1], np.zeros(self._start.q.size), self._start.z)
             final = list(end)
@@ -128,8 +126,7 @@ class EndConditions:
         for condition in rows:
             if condition not in kept:
                 width = self.implied[condition] = self._window(condition, ranks)
-                label = f"{condition.label} (on the same branch)"
-                windows += [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
+                windows += window(condition, width)
         return windows
 
     def _window(self, condition: Condition, ranks: ConditionRank) -> float:
@@ -179,13 +176,3 @@ class EndConditions:
             if rows and ranks.meets_singular(ranks.independent(rows, at), at):
                 return True
         return False
-
-
-def _as_conditions(phase: Phase, end: State) -> list[Condition]:
-    """Conditions that a state sets, by coordinate."""
-    eom = phase.equations
-    symbols, values = ca.vertsplit(ca.vertcat(eom.q, eom.v, eom.z)), np.r_[end.q, end.v, end.z]
-    return [
-        Condition(symbol - float(value), True, f"{symbol.name()} == {value:.6g}")
-        for symbol, value in zip(symbols, values, strict=True)
-    ]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time as clock
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -23,8 +22,10 @@ from .collocation_program import CollocationProgram
 from .elastic_program import ElasticProgram
 from .limit_sides import Bounds
 from .setup import Settings
-from .solver_callback import SolverCallback
+from .solver_callback import SolverCallback, SolverWatch
 from .statistics import SolveStatistics
+
+Made = TypeVar("Made")
 
 #: Options of CasADi for solvers whose failures are reported by their status.
 QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
@@ -45,8 +46,10 @@ DEFAULTS = {
     # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
     "ipopt.adaptive_mu_globalization": "kkt-error",
     "ipopt.mu_max": 1.0,
-    # no step without centring: the first step of a gait led next to its limits, where later ones were short
+    # no step without centring: the first step of a gait led next to its limits, where later ones were short; and limits
+    # as sharp at the end as without it
     "ipopt.sigma_min": 1e-2,
+    "ipopt.compl_inf_tol": 1e-10,
     "ipopt.honor_original_bounds": "yes",
 }
 #: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.
@@ -162,8 +165,13 @@ class Ipopt:
         Executor on which programs are solved.
     """
 
+    name = "ipopt"
+    #: options by the quality of the guess
+    by_warmth: ClassVar[dict[str, dict[str, Any]]] = {warmth: DEFAULTS | more for warmth, more in WARM_START.items()}
+
     def __init__(self, settings: Settings, elsewhere: Elsewhere | None = None):
-        self.settings, self._elsewhere = settings, elsewhere
+        self.settings, self.elsewhere = settings, elsewhere
+        self._own = settings.options_of(self.name)
 
     def run(
         self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None, options: dict[str, Any]
@@ -188,11 +196,7 @@ class Ipopt:
             "lbx": bounds.lower, "ubx": bounds.upper, "lbg": bounds.rows_lower, "ubg": bounds.rows_upper,
         }  # fmt: skip
         arguments |= {"lam_x0": iterate.lam_x, "lam_g0": iterate.lam_g} if iterate else {}
-        if self._elsewhere is not None:
-            result = self._call_elsewhere(begin, self._elsewhere, warmth, options, arguments)
-        else:
-            with self._lent(begin.program, warmth, options) as (solver, callback):
-                result = self._call(begin, solver, callback, arguments)
+        result = self._solve(begin, warmth, options, arguments)
         # IPOPT relaxes bounds by the last digits; a mass must not become negative
         result.answer["x"] = np.clip(result.answer["x"], bounds.lower, bounds.upper)
         return result
@@ -211,7 +215,7 @@ class Ipopt:
         callback = SolverCallback(elastic.size, arguments["lbg"], 1.0, arguments["p"].size)
         with quiet():
             run_options = {"iteration_callback": callback, "ipopt.max_iter": limit}
-            solver = elastic.solver(QUIET | DEFAULTS | run_options | self.settings.options)
+            solver = elastic.solver(QUIET | DEFAULTS | run_options | self.settings.options_of(Ipopt.name))
         result = self._call(begin, solver, callback, arguments)
         x, slacks = elastic.split(result.answer["x"])
         x = np.clip(x, *elastic.limits)
@@ -220,49 +224,48 @@ class Ipopt:
         answer = {"lam_x": np.zeros(x.size), "lam_g": np.zeros(rows.size), "x": x, "g": rows, "f": cost}
         return Result(answer, result.statistics, result.succeeded, result.interrupted), slacks
 
-    def _call(
-        self, begin: Beginning, solver: ca.Function, callback: SolverCallback, arguments: dict[str, Any]
-    ) -> Result:
+    def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
+        """Return the solver of a program without callback, which can travel."""
+        return program.nlp.solver(QUIET | options)
+
+    def make_watched(self, program: CollocationProgram, options: dict[str, Any]) -> tuple[ca.Function, SolverWatch]:
+        """Return the solver of a program and its callback; options of the user prevail."""
+        callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
+        return self.make(program, {"iteration_callback": callback} | options), callback
+
+    def _solve(self, begin: Beginning, warmth: str, more: dict[str, Any], arguments: dict[str, Any]) -> Result:
+        """Solve here or on the executor, by a function that is made once."""
+        options = self.by_warmth[warmth] | more | self._own
+        key = self.name, warmth, *sorted((name, repr(value)) for name, value in (more | self._own).items())
+        if self.elsewhere is not None:
+            packed = begin.program.packed.get_or_create(
+                key, lambda: Packed(_checked(self.make, begin.program, options)), bounded=True
+            )
+            built = clock.perf_counter()
+            with numeric_work():
+                answer, stats = self.elsewhere.run(packed, arguments)
+            return self._result(begin, built, answer, stats, interrupted=False)
+        with begin.program.solvers.lent(key, partial(_checked, self.make_watched, begin.program, options)) as lent:
+            return self._call(begin, *lent, arguments)
+
+    def _call(self, begin: Beginning, solver: ca.Function, callback: SolverWatch, arguments: dict[str, Any]) -> Result:
         built = clock.perf_counter()
         with interruptible(raising=False) as interruption:
             with callback.watching(interruption, self.settings.progress), quiet(), numeric_work():
                 answer = _answer(solver, arguments)
             stats = solver.stats()
-        return _result(begin, built, answer, stats, interruption.requested)
+        return self._result(begin, built, answer, stats, interruption.requested)
 
-    def _call_elsewhere(
-        self, begin: Beginning, elsewhere: Elsewhere, warmth: str, more: dict[str, Any], arguments: dict[str, Any]
+    def _result(
+        self, begin: Beginning, built: float, answer: dict[str, Any], stats: dict[str, Any], interrupted: bool
     ) -> Result:
-        options = DEFAULTS | WARM_START[warmth] | more | self.settings.options
-        make = partial(_make_packed, begin.program, options)
-        packed = begin.program.packed.get_or_create(_key(warmth, more | self.settings.options), make, bounded=True)
-        built = clock.perf_counter()
-        with numeric_work():
-            answer, stats = elsewhere.run(packed, arguments)
-        return _result(begin, built, answer, stats, interrupted=False)
-
-    def _lent(
-        self, program: CollocationProgram, warmth: str, more: dict[str, Any]
-    ) -> AbstractContextManager[tuple[ca.Function, SolverCallback]]:
-        """A compiled solver of a program, and its callback."""
-        options = more | self.settings.options
-        make = partial(_make_solver, program, DEFAULTS | WARM_START[warmth], options)
-        return program.solvers.lent(_key(warmth, options), make)
-
-
-def _result(begin: Beginning, built: float, answer: dict[str, Any], stats: dict[str, Any], interrupted: bool) -> Result:
-    """Result of a run from its answer as arrays, and its statistics in CasADi."""
-    seconds = clock.perf_counter() - begin.began
-    # CasADi leaves the count open if IPOPT refuses to begin
-    iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
-    sizes = begin.program.size, begin.program.lower.size
-    statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
-    return Result(answer, statistics, bool(stats["success"]), interrupted)
-
-
-def _key(warmth: str, options: dict[str, Any]) -> Hashable:
-    """Key of a solver of a program."""
-    return warmth, tuple(sorted((name, repr(value)) for name, value in options.items()))
+        """Result of a run from its answer as arrays, and its statistics in CasADi."""
+        seconds = clock.perf_counter() - begin.began
+        # CasADi leaves the count open if IPOPT refuses to begin
+        iterations, status = max(int(stats["iter_count"]), 0), str(stats["return_status"])
+        sizes = begin.program.size, begin.program.lower.size
+        statistics = SolveStatistics(iterations, status, seconds, built - begin.began, *sizes)
+        return Result(answer, statistics, bool(stats["success"]), interrupted)
 
 
 def run_packed(solver: Packed, arguments: dict[str, Any]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -278,16 +281,11 @@ def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.nd
     return {name: value.full().ravel() for name, value in function(**arguments).items()}
 
 
-def _make_packed(program: CollocationProgram, options: dict[str, Any]) -> Packed:
-    """An IPOPT function without callback, which can travel."""
-    return Packed(_made(program, options))
-
-
-def _made(program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
-    """An IPOPT function."""
+def _checked(make: Callable[..., Made], program: CollocationProgram, options: dict[str, Any]) -> Made:
+    """What a function makes of a program and options, if CasADi takes these."""
     try:
         with quiet():
-            return program.nlp.solver(QUIET | options)
+            return make(program, options)
     except RuntimeError as error:
         raise ModelError(f"optimize: the solver refuses the options: {error}") from None
 
@@ -296,11 +294,3 @@ def rows_at(program: CollocationProgram, x: np.ndarray, data: np.ndarray) -> np.
     """Rows of a program at an iterate, scaled."""
     rows: np.ndarray = program.nlp.evaluate(x, data)[1].full().ravel()
     return rows
-
-
-def _make_solver(
-    program: CollocationProgram, settings: dict[str, Any], options: dict[str, Any]
-) -> tuple[ca.Function, SolverCallback]:
-    """An IPOPT function and its callback; options of the user prevail."""
-    callback = SolverCallback(program.size, program.lower, program.cost_scale, program.nlp.data_size)
-    return _made(program, settings | {"iteration_callback": callback} | options), callback

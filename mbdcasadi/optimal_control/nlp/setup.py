@@ -28,6 +28,9 @@ from ..transcription.controls import CONTROLS, input_basis
 from .end_conditions import EndConditions
 from .scaling import scales_of
 
+#: Values of ``solver=``.
+SOLVERS = ("ipopt", "fatrop")
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -45,6 +48,8 @@ class Settings:
         The transcription as it was given.
     progress : bool
         True if progress is shown.
+    solver : str
+        Name of the solver.
     angles : bool
         True if open chains are left with their angles alone.
     """
@@ -54,6 +59,7 @@ class Settings:
     options: dict[str, Any]
     progress: bool
     chosen: Any
+    solver: str = "ipopt"
     angles: bool = False
 
     @property
@@ -63,7 +69,7 @@ class Settings:
 
     @classmethod
     def read(
-        cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any, angles: bool = False
+        cls, transcription: Any, degree: Any, control: Any, options: Any, progress: Any, solver: Any = "ipopt"
     ) -> Settings:
         """Check what ``optimize`` is given."""
         scheme = _scheme(transcription, degree)
@@ -73,7 +79,14 @@ class Settings:
         chosen = {} if options is None else options
         if not isinstance(chosen, dict) or not all(isinstance(name, str) for name in chosen):
             raise ModelError(f"optimize: options takes a dict such as {{'ipopt.max_iter': 500}}, got {options!r}")
-        return cls(scheme, control, dict(chosen), shown, transcription, angles)
+        if solver not in SOLVERS:
+            raise ModelError(f"optimize: solver must be one of {', '.join(SOLVERS)}, got {solver!r}")
+        return cls(scheme, control, dict(chosen), shown, transcription, solver)
+
+    def options_of(self, solver: str) -> dict[str, Any]:
+        """Options for a solver: those of the other one are not for it, if both may run."""
+        others = [f"{name}." for name in SOLVERS if name != solver and self.solver != "ipopt"]
+        return {name: value for name, value in self.options.items() if not name.startswith(tuple(others))}
 
 
 def _scheme(transcription: Any, degree: Any) -> Transcription:

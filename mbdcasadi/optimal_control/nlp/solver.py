@@ -1,4 +1,4 @@
-"""One problem, one mesh, one solve: program, guess, IPOPT, solution."""
+"""One problem, one mesh, one solve: program, guess, run of a solver, solution."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from ..solution import Solution
 from .best_so_far import BestSoFar
 from .change import ChangeSetup, numeric_at
 from .collocation_program import CollocationProgram, Held
+from .fatrop import Fatrop
 from .held_limits import LIMIT_TOLERANCE, ROUNDS, largest_share, points_to_hold
 from .ipopt import Beginning, Elsewhere, Ipopt, Result, rows_at
 from .limit_sides import Bounds, LimitSides
@@ -46,6 +47,8 @@ BRANCH_TOLERANCE = 1e-3
 START_MOVED = 1e-9
 #: Largest scaled violation of a guess with which a solver is started as warm.
 WARM_VIOLATION = 1e-2
+#: Runs of the solvers by name.
+RUNS: dict[str, type[Ipopt]] = {"ipopt": Ipopt, "fatrop": Fatrop}
 
 
 class Solver:
@@ -82,7 +85,7 @@ class Solver:
         initial: Any = None,
         best: BestSoFar | None = None,
     ):
-        self.problem, self.settings, self._ipopt = problem, settings, Ipopt(settings)
+        self.problem, self.settings, self._runs = problem, settings, RUNS[settings.solver](settings)
         #: points at which path limits are held besides stages and mesh points
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
@@ -112,9 +115,9 @@ class Solver:
             self._set_up_phases(numerics)
 
     def on(self, elsewhere: Elsewhere) -> Solver:
-        """Return the same solver with runs of IPOPT on an executor; several of these work beside each other."""
+        """Return the same solver with its runs on an executor; several of these work beside each other."""
         other = copy(self)
-        other._ipopt = Ipopt(self.settings, elsewhere)
+        other._runs = type(self._runs)(self.settings, elsewhere)
         return other
 
     def _first_state(self, numerics: list[NumericEquations], signals: Signals) -> State:
@@ -291,7 +294,7 @@ class Solver:
         if warmth == "warm" and program.violation(rows_at(program, x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
         options = {} if limit is None else {"ipopt.max_iter": limit}
-        result = self._ipopt.run(begin, begin.bounds, warmth, iterate, options)
+        result = self._runs.run(begin, begin.bounds, warmth, iterate, options)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)
         if error is None:
@@ -335,7 +338,7 @@ class Solver:
         sides = LimitSides(begin.program)
         loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
         warmth = "cold" if begin.iterate is None else "warm"
-        result = self._ipopt.run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
+        result = self._runs.run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
         solution = self._kept(begin, result)
         x = solution.variables / begin.program.scale
         return solution, sides.excess(begin.bounds, x, solution.answer.rows), result.succeeded
@@ -345,7 +348,7 @@ class Solver:
     ) -> tuple[Solution, dict[str, float], bool]:
         """Look for the motion near a guess that violates limits and conditions least; as :meth:`solve_loosened`."""
         begin = self._beginning(meshes, guess)
-        result, slacks = self._ipopt.run_elastic(begin, limit)
+        result, slacks = self._runs.run_elastic(begin, limit)
         return self._kept(begin, result), slacks, result.succeeded
 
     def _kept(self, begin: Beginning, result: Result) -> Solution:

@@ -15,8 +15,54 @@ from ...numerics.progress import progress_bar
 from .rows import violations
 
 
-class SolverCallback(ca.Callback):
-    """Function that the solver calls after every iteration.
+class SolverWatch:
+    """Progress of one solve at a time, and the wish of the user to stop it.
+
+    Parameters
+    ----------
+    lower : numpy.ndarray
+        Lower bounds of the rows.
+    cost_scale : float
+        Size by which the cost was divided.
+    """
+
+    def __init__(self, lower: np.ndarray, cost_scale: float):
+        self._lower, self._cost_scale = lower, cost_scale
+        self._bar: Any = None
+        self.interruption: Interruption | None = None
+
+    @contextmanager
+    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
+        """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
+        self.interruption = interruption
+        form = "{desc}: {n} iterations{postfix}"
+        with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
+            self._bar = bar if show else None
+            try:
+                yield
+            finally:
+                self._bar = None
+
+    @property
+    def is_shown(self) -> bool:
+        """True if progress is shown."""
+        return self._bar is not None
+
+    @property
+    def is_stopped(self) -> bool:
+        """True after Ctrl-C."""
+        return self.interruption is not None and self.interruption.requested
+
+    def show(self, cost: ca.DM, rows: ca.DM) -> None:
+        """Show scaled cost and rows of the next iterate."""
+        worst = float(np.max(violations(rows.full().ravel(), self._lower), initial=0.0))
+        cost_text = f"cost {float(cost) * self._cost_scale:.6g}"
+        self._bar.set_postfix_str(f"{cost_text}, largest scaled violation {worst:.1e}", refresh=False)
+        self._bar.update(1)
+
+
+class SolverCallback(SolverWatch, ca.Callback):
+    """Function that IPOPT calls after every iteration.
 
     It shows iteration, cost and violation if asked to, and stops the
     solver after Ctrl-C, so that the last iterate is not lost.
@@ -34,27 +80,11 @@ class SolverCallback(ca.Callback):
     """
 
     def __init__(self, size: int, lower: np.ndarray, cost_scale: float, data_size: int):
-        super().__init__()
+        ca.Callback.__init__(self)
+        SolverWatch.__init__(self, lower, cost_scale)
         rows = lower.size
         self._sizes = {"x": size, "f": 1, "g": rows, "lam_x": size, "lam_g": rows, "lam_p": data_size}
-        self._lower = lower
-        self._cost_scale = cost_scale
-        self._bar: Any = None
-        self.interruption: Interruption | None = None
         self.construct("callback", {})
-
-    # --- one solve ------------------------------------------------------------------------
-    @contextmanager
-    def watching(self, interruption: Interruption, show: bool) -> Iterator[None]:
-        """Watch one solve; a bar writes to the standard error of now, which the solve redirects."""
-        self.interruption = interruption
-        form = "{desc}: {n} iterations{postfix}"
-        with progress_bar(None, "optimize", " iterations", show=show, bar_format=form, file=sys.stderr) as bar:
-            self._bar = bar if show else None
-            try:
-                yield
-            finally:
-                self._bar = None
 
     # --- what CasADi calls --------------------------------------------------------------------
     def get_n_in(self) -> int:
@@ -75,10 +105,6 @@ class SolverCallback(ca.Callback):
 
     def eval(self, arg: list) -> list:
         """Show the iterate; 1 asks the solver to stop."""
-        if self._bar is not None:
-            rows = arg[2].full().ravel()
-            worst = float(np.max(violations(rows, self._lower), initial=0.0))
-            cost = float(arg[1]) * self._cost_scale
-            self._bar.set_postfix_str(f"cost {cost:.6g}, largest scaled violation {worst:.1e}", refresh=False)
-            self._bar.update(1)
-        return [int(self.interruption is not None and self.interruption.requested)]
+        if self.is_shown:
+            self.show(arg[1], arg[2])
+        return [int(self.is_stopped)]

@@ -13,6 +13,9 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+#: An expression of a piece, and further symbols in it with their values for all copies.
+Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]
+
 
 @dataclass(frozen=True)
 class MappedBlock:
@@ -57,7 +60,7 @@ class SparseProgram:
 
     def __init__(self, size: int, pieces: list[MappedBlock], parameters: ca.SX):
         self.size = size
-        self.pieces = pieces
+        self.pieces, self.parameters = pieces, parameters
         self._x = ca.MX.sym("x", size)
         data = [p.data.numel() * p.index.shape[1] for p in pieces]
         self._p = ca.MX.sym("p", parameters.numel() + sum(data))
@@ -75,10 +78,11 @@ class SparseProgram:
         """Derivatives as IPOPT takes them; all solvers of the program share them."""
         x, p = self._x, self._p
         cost, rows = self._values
+        costs: list[Part] = [(piece.cost, []) for piece in self.pieces]
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
         names = ["x", "p"]
         return {
-            "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, self._gradient()], names, ["f", "grad_f_x"]),
+            "grad_f": ca.Function("nlp_grad_f", [x, p], [cost, self._gradient(costs)], names, ["f", "grad_f_x"]),
             "jac_g": ca.Function("nlp_jac_g", [x, p], [rows, self._jacobian()], names, ["g", "jac_g_x"]),
             "hess_lag": ca.Function(
                 "nlp_hess_l",
@@ -95,6 +99,13 @@ class SparseProgram:
         return ca.nlpsol(
             "motion", "ipopt", {"x": self._x, "p": self._p, "f": cost, "g": rows}, self.derivatives | options
         )
+
+    @cached_property
+    def lagrangian_gradient(self) -> ca.Function:
+        """``(x, p, lam_f, lam_g) -> gradient of lam_f cost + lam_g rows``."""
+        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", self.row_count)
+        gradient = self._gradient(self._lagrangian(lam_f, lam_g))
+        return ca.Function("gradient", [self._x, self._p, lam_f, lam_g], [gradient])
 
     @cached_property
     def evaluate(self) -> ca.Function:
@@ -122,16 +133,29 @@ class SparseProgram:
             rows.append(ca.vec(block))
         return sum(costs[1:], costs[0]), ca.densify(ca.vertcat(*rows))
 
-    def _gradient(self) -> ca.MX:
+    def _gradient(self, parts: list[Part]) -> ca.MX:
+        """Gradient of the sum of one expression for each piece."""
         places, values = [np.zeros(0, int)], [ca.MX(0, 1)]
-        for piece, data in zip(self.pieces, self._data, strict=True):
-            if piece.cost.is_zero():
+        for piece, data, (expression, extra) in zip(self.pieces, self._data, parts, strict=True):
+            if expression.is_zero():
                 continue
-            (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(piece.cost, piece.variables))], [])
+            (gradient,) = self._mapped(piece, data, [ca.densify(ca.gradient(expression, piece.variables))], extra)
             places.append(piece.index.T.ravel())
             values.append(ca.vec(gradient))
         summing = _summing(np.concatenate(places), self.size)
         return ca.densify(ca.mtimes(summing, ca.vertcat(*values)))
+
+    def _lagrangian(self, lam_f: ca.MX, lam_g: ca.MX) -> list[Part]:
+        """``lam_f cost + lam_g rows`` of each piece, with the multipliers of its copies."""
+        parts, first = [], 0
+        for piece in self.pieces:
+            copies, count = piece.index.shape[1], piece.rows.numel()
+            sigma, lam = ca.SX.sym("sigma"), ca.SX.sym("lam", count)
+            block = ca.reshape(lam_g[first : first + count * copies], count, copies)
+            extra = [(sigma, ca.repmat(lam_f, 1, copies)), (lam, block)]
+            parts.append((sigma * piece.cost + ca.dot(lam, piece.rows), extra))
+            first += count * copies
+        return parts
 
     def _jacobian(self) -> ca.MX:
         rows, columns, values, first = [], [], [], 0
@@ -153,21 +177,16 @@ class SparseProgram:
         return ca.MX(sparsity, nonzeros[order.tolist()])
 
     def _hessian(self, lam_f: ca.MX, lam_g: ca.MX) -> ca.MX:
-        rows, columns, values, first = [], [], [], 0
-        for piece, data in zip(self.pieces, self._data, strict=True):
-            copies, count = piece.index.shape[1], piece.rows.numel()
-            sigma, lam = ca.SX.sym("sigma"), ca.SX.sym("lam", count)
-            lagrangian = sigma * piece.cost + ca.dot(lam, piece.rows)
+        rows, columns, values = [], [], []
+        parts = self._lagrangian(lam_f, lam_g)
+        for piece, data, (lagrangian, extra) in zip(self.pieces, self._data, parts, strict=True):
             hessian = ca.triu(ca.hessian(lagrangian, piece.variables)[0])
             local_rows, local_columns = (np.array(x, int) for x in hessian.sparsity().get_triplet())
-            block = ca.reshape(lam_g[first : first + count * copies], count, copies)
-            extra = [(sigma, ca.repmat(lam_f, 1, copies)), (lam, block)]
             (nonzeros,) = self._mapped(piece, data, [ca.vec(hessian.nz[:])], extra)
             one, other = piece.index[local_rows].T.ravel(), piece.index[local_columns].T.ravel()
             rows.append(np.minimum(one, other))
             columns.append(np.maximum(one, other))
             values.append(ca.vec(nonzeros))
-            first += count * copies
         row, column = np.concatenate(rows), np.concatenate(columns)
         entries, entry = np.unique(column * self.size + row, return_inverse=True)
         sparsity, _ = _pattern(self.size, self.size, entries % self.size, entries // self.size)

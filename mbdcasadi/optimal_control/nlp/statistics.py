@@ -119,7 +119,9 @@ class SolveStatistics:
     steps : list of ContinuationStep
         Values of a continuation, including those inserted in between.
     stages : list of Stage
-        Stages of a search with limits that close in, if the solver failed at first.
+        Stages of a search with limits that close in, if the solver failed at first, and runs of fatrop that failed.
+    solver : {"ipopt", "fatrop"}
+        Solver that found the solution.
     """
 
     iterations: int
@@ -132,6 +134,7 @@ class SolveStatistics:
     passes: list[Pass] = field(default_factory=list)
     steps: list[ContinuationStep] = field(default_factory=list)
     stages: list[Stage] = field(default_factory=list)
+    solver: str = "ipopt"
 
 
 @dataclass(frozen=True)

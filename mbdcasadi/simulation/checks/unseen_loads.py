@@ -31,7 +31,7 @@ POINTS = 9
 STEPS = 28
 #: Stops around the middle of a transient, in its durations.
 AROUND = np.array([-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0])
-#: Transients that last longer than this many output intervals are noticed by the steps.
+#: Transients that last longer than this many output intervals are noticed by the steps of a simulation.
 LONG = 8.0
 #: Change of the state that the steps missed, in tolerances, from which a load counts as unseen: errors of a step, of
 #: its dense output, and of the path between outputs are below it.
@@ -56,7 +56,7 @@ class UnseenLoad:
     interval : int
         Output interval of the path.
     stops : numpy.ndarray
-        Times over which no step may go, the last one the end of the interval, s.
+        Times over which no step may go, the last one the end of the load's part that was found, s.
     """
 
     interval: int
@@ -106,7 +106,7 @@ class UnseenLoads:
         """
         if not self.watched or path.times.size < 2:
             return None
-        instants, durations = self._instants(path)
+        instants, durations = self._instants(path, LONG * float(np.max(np.diff(path.times))))
         if not instants.size:
             return None
         n = self._numeric.eom.q.numel()
@@ -119,7 +119,7 @@ class UnseenLoads:
                 return load
             missed = np.abs(found - path.x[k + 1])[n:]
             if np.any(missed > limits):
-                return load
+                return self._from_its_begin(path, outputs, load, limits)
             # the path between outputs was not what the integrator followed
             self._doubt = min(2 * self._doubt, MOST_DOUBT)
         return None
@@ -127,17 +127,17 @@ class UnseenLoads:
     def shortest(self, path: Path, outputs: Outputs, reltol: float, abstol: float) -> float:
         """Duration of the shortest load on a path, whether steps missed it or not, s; infinite if there is none.
 
-        Parameters are those of :meth:`first`. What lasts for several output intervals does not count.
+        Parameters are those of :meth:`first`; the path is that of a whole run, as a load begins in one piece of it and
+        may end in another.
         """
         if not self.watched or path.times.size < 2:
             return np.inf
-        instants, durations = self._instants(path)
+        instants, durations = self._instants(path, float(path.times[-1] - path.times[0]))
         smooth = np.isfinite(durations)
         switches = np.unique(instants[~smooth])
         gaps = np.diff(switches)
-        close = gaps < LONG * float(np.max(np.diff(path.times)))
-        centres = np.r_[instants[smooth], (switches[:-1] + gaps / 2)[close]]
-        halves = np.r_[AROUND[-1] * durations[smooth], 1.5 * gaps[close]]
+        centres = np.r_[instants[smooth], switches[:-1] + gaps / 2]
+        halves = np.r_[AROUND[-1] * durations[smooth], 1.5 * gaps]
         shortest_first = np.argsort(halves)[:MOST_LOADS]
         low = np.maximum((centres - halves)[shortest_first], path.times[0])
         high = np.minimum((centres + halves)[shortest_first], path.times[-1])
@@ -173,8 +173,14 @@ class UnseenLoads:
         q, v, z = x[:, :n], x[:, n : 2 * n], x[:, 2 * n :]
         return self._quantities.rows(times[:, None], q, v, z, self._numeric.p)[0].T
 
-    def _instants(self, path: Path) -> tuple[np.ndarray, np.ndarray]:
-        """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches."""
+    def _instants(self, path: Path, longest: float) -> tuple[np.ndarray, np.ndarray]:
+        """Instants at which quantities are zero, largest or smallest, and durations there; infinite at switches.
+
+        Parameters
+        ----------
+        longest : float
+            Duration from which transients do not count, s.
+        """
         lengths = np.diff(path.times)
         # a load about an end of the path has its peak beyond it
         low, high = self._reach(path)
@@ -182,7 +188,6 @@ class UnseenLoads:
         begins, lasts = np.r_[low, path.times], np.r_[lengths[0], lengths, lengths[-1]]
         times = np.r_[(begins[:, None] + lasts[:, None] * share).ravel(), high]
         values = self._at(path, times)
-        longest = LONG * float(np.max(lengths))
         with np.errstate(all="ignore"):
             rows, roots = self._zeros(path, times, values)
             tops, durations, rows_inside, roots_inside = self._turns(path, times, values, longest)
@@ -286,37 +291,53 @@ class UnseenLoads:
         durations: np.ndarray,
         limits: np.ndarray,
     ) -> list[UnseenLoad]:
-        """Intervals in which the change of the state is not the integral of its rates on the path."""
+        """Intervals with instants of a load in which the change of the state is not the integral of its rates."""
         smooth = np.isfinite(durations)
         marks = np.concatenate([instants, (instants[smooth, None] + durations[smooth, None] * AROUND).ravel()])
-        marks = np.unique(marks[(marks > path.times[0]) & (marks < path.times[-1])])
         rounding = SAME_INSTANT * float(np.max(np.diff(path.times)))
-        owner = np.searchsorted(path.times, marks, side="right") - 1
-        intervals = np.unique(owner)
-        parts, stops = [], {}
+        marks = np.unique(marks[(marks > path.times[0] - rounding) & (marks < path.times[-1] + rounding)])
+        # a mark at an output belongs to the intervals on both sides of it: a load may fill one from end to end
+        near = np.r_[marks - rounding, marks + rounding]
+        intervals = np.unique(np.clip(np.searchsorted(path.times, near, side="right") - 1, 0, path.times.size - 2))
+        stops = []
         for k in intervals:
             start, end = float(path.times[k]), float(path.times[k + 1])
-            inside = marks[owner == k]
-            inside = inside[(inside > start + rounding) & (inside < end - rounding)]
+            inside = marks[(marks > start + rounding) & (marks < end - rounding)]
             inside = inside[np.diff(inside, prepend=start) > rounding] if inside.size else inside
-            stops[int(k)] = np.r_[inside, end]
-            borders = np.r_[start, inside, end]
-            parts.append(np.column_stack([np.full(borders.size - 1, k), borders[:-1], np.diff(borders)]))
-        if not parts:
-            return []
-        of, begins, lengths = np.vstack(parts).T
-        nodes, shares = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
-        times = (begins[:, None] + lengths[:, None] * (nodes + 1) / 2).ravel()
-        weights = (lengths[:, None] * shares / 2).ravel()
-        rates = self._rates(path, outputs, times)
-        n = self._numeric.eom.q.numel()
-        places = np.searchsorted(intervals, np.repeat(of, GAUSS_POINTS).astype(int))
+            stops.append(np.r_[inside, end])
+        missed = self._missed(path, outputs, intervals, stops, limits)
+        return [UnseenLoad(int(intervals[k]), stops[k]) for k in np.flatnonzero(missed)]
+
+    def _missed(
+        self, path: Path, outputs: Outputs, intervals: np.ndarray, stops: list[np.ndarray], limits: np.ndarray
+    ) -> np.ndarray:
+        """True for intervals in which the change of the state is not the integral of its rates (k,).
+
+        Parameters
+        ----------
+        stops : list of numpy.ndarray
+            Ends of the parts of each interval over which its rates are smooth.
+        """
+        if not intervals.size:
+            return np.zeros(0, bool)
+        owner = np.repeat(np.arange(intervals.size), [part.size for part in stops])
+        begins = np.concatenate([np.r_[path.times[k], part[:-1]] for k, part in zip(intervals, stops, strict=True)])
+        lengths = np.concatenate(stops) - begins
+        nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
+        rates = self._rates(path, outputs, (begins[:, None] + lengths[:, None] * (1 + nodes) / 2).ravel())
         integral = np.zeros((intervals.size, rates.shape[1]))
-        np.add.at(integral, places, rates * weights[:, None])
-        change = np.diff(path.x[:, n:], axis=0)[intervals]
-        share = np.abs(change - integral) / limits
-        missed = map(int, intervals[~np.all(share <= 1, axis=1)])
-        return [UnseenLoad(k, stops[k]) for k in missed]
+        shares = (lengths[:, None] * weights / 2).ravel()
+        np.add.at(integral, np.repeat(owner, GAUSS_POINTS), rates * shares[:, None])
+        change = np.diff(path.x[:, self._numeric.eom.q.numel() :], axis=0)[intervals]
+        missed: np.ndarray = ~np.all(np.abs(change - integral) <= limits, axis=1)
+        return missed
+
+    def _from_its_begin(self, path: Path, outputs: Outputs, load: UnseenLoad, limits: np.ndarray) -> UnseenLoad:
+        """The load from the first of the intervals before it that the steps passed over just as well."""
+        before = np.arange(load.interval)
+        missed = self._missed(path, outputs, before, list(path.times[1 : load.interval + 1, None]), limits)
+        first = int(np.max(before[~missed], initial=-1)) + 1
+        return UnseenLoad(first, np.r_[path.times[first + 1 : load.interval + 1], load.stops])
 
     def _rates(self, path: Path, outputs: Outputs, times: np.ndarray) -> np.ndarray:
         """Rates of the velocities and first-order states on the path (k, n_x - n)."""

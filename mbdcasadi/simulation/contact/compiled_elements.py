@@ -21,7 +21,7 @@ from ...integrators.dop853 import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.c_interface import constant_table, definitions, interface
 from ...numerics.symbolic import LOCK
-from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms
+from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, WatchedTerms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
 #: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
@@ -193,9 +193,7 @@ class _Kind:
         if name == "rates":
             return self._tape(name, terms.rates_of(k).call(arguments)[0]), terms.rate_places[k]
         if name == "gaps":
-            numbers, count = terms.numbered(GAP)[k], len(terms.owners)
-            places = np.hstack([numbers, numbers + count, numbers + 2 * count])
-            return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), places
+            return self._tape(name, terms.bounded_gaps[k].call(arguments)[0]), terms.gap_places[k]
         numbers = terms.numbered(COURSES)[k]
         tape = self._tape(name, terms.course_functions[k].call(arguments)[0])
         return tape, np.hstack([numbers, numbers + len(terms.smoothings)])

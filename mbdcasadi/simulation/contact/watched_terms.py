@@ -129,11 +129,14 @@ class WatchedTerms:
     @cached_property
     def rates(self) -> ca.SX:
         """All rates as expressions (size,)."""
-        eom = self.eom
-        column = self.values.column(*eom.symbols, z_rate=eom.z_rate)
-        found = [ca.SX(0)] * self.size
-        for batch, function, places in zip(self.batches, self._rates, self.rate_places, strict=True):
-            for result, own in zip(batch.expanded(function, column), places, strict=True):
+        return self._expressions(self._rates, self.rate_places, self.size, self.eom.z_rate)
+
+    def _expressions(self, functions: list[ca.Function], places: list[np.ndarray], size: int, z_rate: ca.SX) -> ca.SX:
+        """Results of functions of the batches as expressions (size,), at their places (n, rows)."""
+        column = self.values.column(*self.eom.symbols, z_rate=z_rate)
+        found = [ca.SX(0)] * size
+        for batch, function, own_places in zip(self.batches, functions, places, strict=True):
+            for result, own in zip(batch.expanded(function, column), own_places, strict=True):
                 for place, entry in zip(own, ca.vertsplit(result), strict=True):
                     found[int(place)] = entry
         return ca.vertcat(ca.SX(0, 1), *found)
@@ -213,6 +216,19 @@ class WatchedTerms:
             b.function("gaps", ca.vertcat(b.parts[GAP], b.rate(b.parts[GAP]), self._bound(b))) for b in self.batches
         ]
 
+    @property
+    def gap_places(self) -> list[np.ndarray]:
+        """Places of the gaps, rates and bounds of each batch among those of all owners (n, 3)."""
+        count = len(self.owners)
+        return [np.hstack([own, own + count, own + 2 * count]) for own in self.numbered(GAP)]
+
+    @property
+    def gap_expressions(self) -> ca.SX:
+        """Gaps, their rates and bounds of these as expressions (3 owners,)."""
+        # rates of states that depend on accelerations are left out, as at outputs
+        rates = ca.SX.zeros(self.eom.z.numel()) if self._state_rates is None else self.eom.z_rate
+        return self._expressions(self.bounded_gaps, self.gap_places, 3 * len(self.owners), rates)
+
     def _bound(self, batch: Batch) -> ca.SX:
         """Bounds of the rates of gaps whatever direction the velocities have: the normals may turn between outputs."""
         gap = batch.parts[GAP]
@@ -275,6 +291,11 @@ class WatchedTerms:
         own = batch.of_groups("q")
         found[:, self.values.coordinate(batch.places[row][own])] = values[own].T
         return found
+
+
+def watched_terms(eom: Equations) -> WatchedTerms:
+    """Return the watched terms of a mechanism; made once for it."""
+    return eom.mechanism.cache.get_or_create("watched terms", lambda: WatchedTerms(eom))
 
 
 def _conditions(element: Any) -> list[Any]:

@@ -1,0 +1,121 @@
+"""Runs of fatrop, which factors a program stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from ...errors import ModelError
+from ..guess.guess import Iterate
+from .collocation_program import CollocationProgram
+from .ipopt import QUIET, Beginning, Ipopt, Result
+from .limit_sides import Bounds
+from .solver_callback import SolverWatch
+from .statistics import Stage
+
+#: Options of fatrop that were measured best on these programs.
+DEFAULTS: dict[str, Any] = {
+    "fatrop.print_level": 0,
+    "fatrop.tolerance": 1e-8,
+    "fatrop.constr_viol_tol": 1e-10,
+    "fatrop.max_iter": 200,
+    # pivots below this one count as zero: rows of fine meshes are small, and with the default of 1e-5 fatrop took them
+    # for dependent and crept
+    "fatrop.linsol_lu_fact_tol": 1e-12,
+    "fatrop.mu_init": 1e-2,
+}
+#: Further ones for a guess that is a solution of nearly the same problem; fatrop takes no multipliers.
+WARM_START: dict[str, dict[str, Any]] = {
+    "cold": {},
+    "warm": {"fatrop.mu_init": 1e-4},
+    "hot": {"fatrop.mu_init": 1e-6, "fatrop.bound_push": 1e-8, "fatrop.bound_frac": 1e-8},
+}
+
+
+class Fatrop(Ipopt):
+    """Fatrop with the options of the user, and IPOPT for what it does not solve.
+
+    Fatrop gives no reason if it fails: IPOPT then solves the program from the same start, or says why it does not.
+    """
+
+    name = "fatrop"
+    by_warmth: ClassVar[dict[str, dict[str, Any]]] = {warmth: DEFAULTS | more for warmth, more in WARM_START.items()}
+
+    def run(
+        self, begin: Beginning, bounds: Bounds, warmth: str, iterate: Iterate | None, options: dict[str, Any]
+    ) -> Result:
+        """Solve a program between bounds; see :meth:`Ipopt.run`."""
+        limit = {"fatrop.max_iter": options["ipopt.max_iter"]} if "ipopt.max_iter" in options else {}
+        result = super().run(begin, bounds, warmth, iterate, limit)
+        if result.succeeded or result.interrupted:
+            return result
+        ipopt = Ipopt(self.settings, self.elsewhere).run(begin, bounds, warmth, iterate, options)
+        s = result.statistics
+        stages = [Stage(self.name, s.iterations, s.status, s.seconds), *ipopt.statistics.stages]
+        return replace(ipopt, statistics=replace(ipopt.statistics, stages=stages))
+
+    def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
+        """Return the solver of a program without callback, which can travel."""
+        return program.staged.solver(QUIET | options)
+
+    def make_watched(self, program: CollocationProgram, options: dict[str, Any]) -> tuple[ca.Function, SolverWatch]:
+        """Return the solver of a program and the function by which it is watched."""
+        watch = WatchedGradient(program)
+        return program.staged.solver(QUIET | options, watch), watch
+
+    def _solve(self, begin: Beginning, warmth: str, more: dict[str, Any], arguments: dict[str, Any]) -> Result:
+        """Solve the program in stages."""
+        staged = begin.program.staged
+        try:
+            result = super()._solve(begin, warmth, more, staged.arguments(arguments))
+        except RuntimeError as error:  # fatrop reads its options as it begins
+            raise ModelError(f"optimize: the solver refuses the options: {error}") from None
+        status = "Solve_Succeeded" if result.succeeded else f"fatrop stopped with {result.statistics.status}"
+        statistics = replace(result.statistics, status=status, solver=self.name)
+        return replace(result, answer=staged.answer(result.answer), statistics=statistics)
+
+
+class WatchedGradient(SolverWatch, ca.Callback):
+    """Gradient of the cost, which fatrop asks for once an iteration, since it has no callback of its own.
+
+    After Ctrl-C it is not a number, at which fatrop stops and returns the last iterate.
+
+    Parameters
+    ----------
+    program : CollocationProgram
+        The program.
+    """
+
+    def __init__(self, program: CollocationProgram):
+        ca.Callback.__init__(self)
+        SolverWatch.__init__(self, program.lower, program.cost_scale)
+        self._staged = program.staged
+        self.construct(program.staged.gradient.name(), {})
+
+    def get_n_in(self) -> int:
+        """Two: variables and data."""
+        return 2
+
+    def get_name_in(self, i: int) -> str:
+        """Name of a value that fatrop hands over."""
+        return str(self._staged.gradient.name_in(i))
+
+    def get_name_out(self, i: int) -> str:
+        """Name of the gradient."""
+        return str(self._staged.gradient.name_out(i))
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        """Shape of a value that fatrop hands over."""
+        return self._staged.gradient.sparsity_in(i)
+
+    def get_sparsity_out(self, i: int) -> ca.Sparsity:
+        """Shape of the gradient."""
+        return self._staged.gradient.sparsity_out(i)
+
+    def eval(self, arg: list) -> list:
+        """Show the iterate and return the gradient."""
+        if self.is_shown:
+            self.show(*self._staged.evaluate(*arg))
+        return [ca.DM.nan(arg[0].size1(), 1) if self.is_stopped else self._staged.gradient(*arg)]

@@ -1,0 +1,66 @@
+"""A state, or a pose, as conditions at a place of the motion."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from ..equations import Equations
+from ..equations.numeric import LARGE, NumericEquations
+from ..model.conditions import Condition
+from ..numerics.rank import dependent_rows, unit_rows
+from ..results.state import State
+
+#: Rest of a unit row below which a coordinate depends on the joints and on those chosen before it.
+STEERING_TOLERANCE = 1e-3
+#: Share of its typical change within which an implied condition must stay while the solver runs.
+WINDOW = 0.05
+
+
+def state_conditions(eom: Equations, state: State) -> list[Condition]:
+    """Return the conditions that a state sets, by coordinate, velocity and first-order state."""
+    symbols, values = ca.vertsplit(ca.vertcat(eom.q, eom.v, eom.z)), np.r_[state.q, state.v, state.z]
+    return [
+        Condition(symbol - float(value), True, f"{symbol.name()} == {value:.6g}")
+        for symbol, value in zip(symbols, values, strict=True)
+    ]
+
+
+def independent_state_conditions(state: State) -> tuple[Condition, ...]:
+    """Return the conditions of a state on independent coordinates, with limits about the others.
+
+    The joints imply the other coordinates, but only on one branch: the limits keep the solver on it.
+    """
+    eom = state.equations
+    numeric, n = NumericEquations(eom, state.parameters), eom.q.numel()
+    every = state_conditions(eom, state)
+    kept = independent_coordinates(numeric, state.t, state.q)
+    windows = [w for k in sorted({*range(n)} - {*kept}) for w in window(every[k], WINDOW * numeric.typical_step[k])]
+    return (*(every[k] for k in kept), *(every[n + k] for k in kept), *every[2 * n :], *windows)
+
+
+def window(condition: Condition, width: float) -> list[Condition]:
+    """Return limits about a condition that others imply on one branch."""
+    label = f"{condition.label} (on the same branch)"
+    return [Condition(sign * condition.expression - width, False, label) for sign in (1, -1)]
+
+
+def pose_conditions(numeric: NumericEquations, t: float, target: np.ndarray) -> list[Condition]:
+    """Return independent coordinates of a pose and their values."""
+    symbols = ca.vertsplit(numeric.eom.q)
+    chosen = independent_coordinates(numeric, t, target)
+    return [Condition(symbols[k] - float(target[k]), True, symbols[k].name()) for k in chosen]
+
+
+def independent_coordinates(numeric: NumericEquations, t: float, q: np.ndarray) -> list[int]:
+    """Return coordinates that decide a pose; angles first, since they know the number of turns.
+
+    All of them for mechanisms of hundreds of bodies.
+    """
+    eom = numeric.eom
+    order = [*np.flatnonzero(eom.angles).tolist(), *np.flatnonzero(~eom.angles).tolist()]
+    if eom.q.numel() * eom.lam.numel() > LARGE:
+        return order
+    joints = unit_rows(numeric.velocity(t, q)[0] * numeric.column_scale)
+    dependent = set(dependent_rows(np.vstack([joints, np.eye(eom.q.numel())[order]]), STEERING_TOLERANCE))
+    return [coordinate for k, coordinate in enumerate(order) if k + len(joints) not in dependent]
