@@ -98,9 +98,9 @@ class Piece:
         before = self.times <= stops[-1]
         times = np.r_[self.times[before], stops]
         wanted = np.r_[self.wanted[before], np.zeros(stops.size, bool)]
-        own = np.r_[self.stops[before], np.ones(stops.size, bool)]
         times, first = np.unique(times, return_index=True)  # of equal times the one of the run
-        return replace(self, times=times, wanted=wanted[first], stops=own[first], ends_at_jump=False)
+        own = np.isin(times, np.r_[self.times[self.stops], stops])
+        return replace(self, times=times, wanted=wanted[first], stops=own, ends_at_jump=False)
 
     def until(self, time: float) -> Piece:
         """The part of it up to a time between its start and its end."""

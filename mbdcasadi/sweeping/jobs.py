@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from ..errors import MechanismError, ModelError
+from ..errors import MechanismError, ModelError, warn
 from ..sensitivity.compiled_run import MotionSetup
 from ..sensitivity.cuts import Cuts
 from ..sensitivity.differentiable_motion import channel_over
@@ -24,7 +24,7 @@ from .worker import Parcel
 BATCHES, LARGEST_BATCH = 64, 250
 #: Cases, as far from each other as they are spread, from which the absolute tolerance is chosen, and on whose motions
 #: short loads are looked for.
-RANGES, PROBED = 8, 16
+RANGES, PROBED = 8, 200
 
 
 class Jobs:
@@ -70,10 +70,22 @@ class Jobs:
                 continue
         if self.setup.resolve_all(poses):
             self._motion = self.setup.motion(varied, in_state=False)
-        for x0, p, levels in spread:
-            self._motion.load_limit.look(x0, p, levels, channel)
+        self._look_for_loads(self._motion.load_limit, spread, channel)
         self._outputs = self._motion.outputs([e for _, e in named])
         self._parcels: dict[tuple[Any, ...], Parcel] = {}
+
+    def _look_for_loads(
+        self, limit: LoadLimit, spread: list[tuple[np.ndarray, np.ndarray, np.ndarray]], channel: np.ndarray
+    ) -> None:
+        """Limit the steps by loads on the motions of cases; report if these are not all."""
+        for x0, p, levels in spread:
+            limit.look(x0, p, levels, channel)
+        if limit.is_needed and self._plan.count > PROBED:
+            warn(
+                f"sweep: contacts and loads that come and go were looked for in {PROBED} of {self._plan.count} cases, "
+                "as far from each other as can be; the steps may pass over one that is shorter in another case: sweep "
+                f"{PROBED} cases at a time"
+            )
 
     def _spread(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Starts, parameters and numbers of the inputs of the cases whose values are farthest from each other."""
@@ -171,8 +183,7 @@ class WholeJobs(Jobs):
         setup.resolve_all(poses)
         limit = LoadLimit(setup, setup.integrator)
         channel = channel_over(setup.signals, setup.grid)
-        for x0, p, levels in spread:
-            limit.look(x0, p, levels, channel)
+        self._look_for_loads(limit, spread, channel)
         self._load_step = limit.max_step
 
     def courses(self, cases: np.ndarray) -> tuple[dict[int, Any], dict[int, str]]:

@@ -43,6 +43,33 @@ def test_a_sweep_whose_first_case_does_not_meet_the_load(method):
     np.testing.assert_allclose(swept["v"][:, -1], last_speed(cases[speed], cases[width]), atol=1e-6)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "dop853"])
+def test_a_sweep_of_which_one_case_meets_the_load(method):
+    """Only at a dial of 24 of 1, 2 … 40 the sled is fast enough."""
+    model, sled, speed, width, _ = coasting_sled()
+    dial = mbd.Parameter("dial", 1.0)
+    model = model.replace(parameters=[speed, width, dial])
+    cases = {dial: np.arange(1.0, 41.0)}
+    start = 0.1 + 2 * mbd.exp(-((dial - 24) ** 2) * 4)
+    swept = mbd.sweep(
+        model, TIMES, cases, {"v": sled.vx}, initial=[sled.x == 0, sled.vx == start], method=method,
+        parameters={width: 0.02},
+    )  # fmt: skip
+    exact = last_speed(0.1 + 2 * np.exp(-((cases[dial] - 24) ** 2) * 4), 0.02)
+    np.testing.assert_allclose(swept["v"][:, -1], exact, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_sweep_of_many_cases_reports_how_many_were_looked_at(recwarn):
+    model, sled, speed, _, initial = coasting_sled()
+    swept = mbd.sweep(
+        model, TIMES[:2], {speed: np.linspace(0.01, 0.02, 201)}, {"v": sled.vx}, initial=initial, method="dop853"
+    )
+    assert "looked for in 200 of 201 cases" in str(recwarn.pop(mbd.MechanismWarning).message)
+    np.testing.assert_allclose(swept["v"][:, -1], swept.cases[speed], atol=1e-9)
+
+
 def test_a_load_about_the_end_of_a_piece():
     """Its peak is at an output at which a one-step method starts again, and half of it lies on either side."""
     model, sled, speed, width, initial = coasting_sled()

@@ -21,6 +21,27 @@ def test_watch_points_are_spread_evenly_over_the_time(grid):
     np.testing.assert_array_equal(schedule.times[schedule.wanted], grid[1:])
 
 
+@pytest.mark.parametrize("last", [2.0, 2.5])
+def test_an_output_at_the_last_further_stop_stays_one(last):
+    """A piece up to stops about a load, the last of which may be an output."""
+    schedule = Schedule(np.arange(5.0))
+    piece = schedule.piece(0.0, 0, schedule.size - 1).through(np.array([1.5, last]))
+    np.testing.assert_array_equal(piece.times[piece.wanted], [1, 2])
+    np.testing.assert_array_equal(piece.times[piece.stops], [1.5, last])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["idas", "erk", "rosenbrock", "dop853"])
+def test_every_output_is_there_though_a_force_switches_all_the_time(method):
+    """A pendulum with drag, whose sign changes at each turn, at 201 outputs."""
+    arm = mbd.Body("arm", mass=1.0, inertia=1 / 12, pose=(0.5, 0, 0))
+    pin = mbd.Revolute("pin", mbd.ground.at(0, 0), arm.at(-0.5, 0))
+    drag = mbd.Torque("drag", arm, -0.05 * arm.omega * abs(arm.omega))
+    pendulum = mbd.Mechanism(bodies=[arm], joints=[pin], forces=[mbd.Gravity(), drag])
+    times = np.linspace(0, 20, 201)
+    np.testing.assert_array_equal(mbd.simulate(pendulum, times, method=method).t, times)
+
+
 @pytest.mark.parametrize("stops", [[0.2], [0.1, 0.15, 0.2], [0.12], [0.3], [0.5]])
 def test_a_piece_that_ends_at_a_stop_keeps_the_output_there(stops):
     piece = Piece(0.0, np.array([0.1, 0.2, 0.3]), np.array([True, True, False]), np.zeros(3, bool))

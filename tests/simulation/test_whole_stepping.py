@@ -205,6 +205,47 @@ def test_bounces(way):
     np.testing.assert_allclose(found, [t for t in expected if t < 2.0], atol=1e-9)
 
 
+def dropped(law):
+    """A ball of 1 kg and 50 mm dropped by 0.95 m onto a floor."""
+    ball = mbd.Body("ball", mass=1, inertia=1e-3, pose=(0, 1.0, 0))
+    outlines = mbd.Circle(ball.at(0, 0), 0.05), mbd.HalfPlane(mbd.ground.at(0, 0))
+    return mbd.Mechanism([ball], forces=[mbd.Gravity(), mbd.Contact("floor", *outlines, law)]), ball
+
+
+def test_bounces_on_a_linear_spring(way):
+    """Free flight and harmonic motion in turn, each in closed form."""
+    stiffness, g, fall = 1e5, 9.81, 0.95
+    model, ball = dropped(mbd.HuntCrossley(stiffness, damping=0, exponent=1))
+    motion = mbd.simulate(model, np.linspace(0, 3, 301), method="dop853")
+    speed, w = np.sqrt(2 * g * fall), np.sqrt(stiffness)
+    flight, closed = 2 * speed / g, 2 * (np.pi - np.arctan(speed * w / g)) / w
+    phase = (motion.t + flight / 2) % (flight + closed)
+    inside = phase - flight
+    depth = g / w**2 * (1 - np.cos(w * inside)) + speed / w * np.sin(w * inside)
+    exact = 0.05 + np.where(inside < 0, speed * phase - g / 2 * phase**2, -depth)
+    np.testing.assert_allclose(motion[ball.y], exact, atol=1e-7)
+
+
+@pytest.mark.parametrize("stiffness", [1e4, 1e6, 1e9])
+def test_bounces_keep_their_energy(way, stiffness):
+    model, ball = dropped(mbd.HuntCrossley(stiffness, damping=0))
+    motion = mbd.simulate(model, np.linspace(0, 3, 31), method="dop853")
+    depth = np.maximum(0.05 - motion[ball.y], 0)
+    energy = motion[ball.vy] ** 2 / 2 + 9.81 * motion[ball.y] + stiffness * depth**2.5 / 2.5
+    np.testing.assert_allclose(energy, 9.81, atol=5e-6)
+
+
+def test_a_force_that_switches_in_the_state(way):
+    """From x = 1/2 on a force of 1 N: x = t until t = 1/2, and a parabola after it."""
+    body = mbd.Body("body", mass=1, inertia=1)
+    push = mbd.Force("push", body.at(0, 0), (mbd.if_else(body.x > 0.5, 1.0, 0.0), 0))
+    model = mbd.Mechanism([body], forces=[push])
+    for times in (np.linspace(0, 1, 11), np.linspace(0, 1, 8)):
+        motion = mbd.simulate(model, times, initial=[body.vx == 1.0], method="dop853")
+        exact = times + np.maximum(times - 0.5, 0) ** 2 / 2
+        np.testing.assert_allclose(motion[body.x], exact, atol=1e-10)
+
+
 def test_events_between_far_outputs(way):
     """Events inside one long step are found in both directions, and a terminal one ends the run."""
     f = pendulum(angle=0.0)

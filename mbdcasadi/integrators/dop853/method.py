@@ -14,7 +14,8 @@ class DOP853(Integrator):
 
     The fastest method for motion that is smooth and not stiff: 7 to 35 times as fast as
     IDAS at equal error on the models of the benchmarks. Every step is projected onto the constraints, at position
-    and velocity level; events are looked at inside every step.
+    and velocity level; events are looked at inside every step, and steps end where contacts open and close and where
+    comparisons in the state switch.
 
     The equations are interpreted in C at first, and compiled by the compiler of the
     system once that pays; what was compiled is kept for later (in the folder
@@ -23,7 +24,7 @@ class DOP853(Integrator):
     names the code that ran.
 
     It needs rows that do not depend on each other, and forces that do not depend on
-    reactions. Stiff motion, as with hard contacts or stiff bushings, ends in an
+    reactions. Stiff motion, as with stiff bushings or lasting hard contacts, ends in an
     error or takes long: use :class:`IDAS` or :class:`Rosenbrock`.
 
     Parameters

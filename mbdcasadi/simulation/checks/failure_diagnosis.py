@@ -66,8 +66,8 @@ def cause_of_failure(
     fastest = int(np.argmax(np.abs(v[0])))
     advice = "events at the jumps" if method == "rosenbrock" else "method='rosenbrock', or events at the jumps,"
     return (
-        f"{said}; a force may jump there, or grow without bound (fastest coordinate: {eom.coordinate_names[fastest]} "
-        f"at {v[0][fastest]:.3g} per second); {advice} may help{remarks}"
+        f"{said}; a force may jump there, grow without bound or have no slope, as a root at zero (fastest coordinate: "
+        f"{eom.coordinate_names[fastest]} at {v[0][fastest]:.3g} per second); {advice} may help{remarks}"
     )
 
 
