@@ -8,7 +8,7 @@ let pixels = { width: 0, height: 0, ratio: 1, scale: 1, left: 0, top: 0 };
 function fit() {
   const box = DATA.box, wide = box[2] - box[0], high = box[3] - box[1];
   const width = stage.parentElement.clientWidth;
-  const room = Math.max(220, window.innerHeight * (window.innerWidth <= 760 ? 0.55 : 0.86) - (window.innerWidth <= 760 ? 0 : 120));
+  const phone = window.innerWidth <= 760, room = Math.max(220, window.innerHeight * (phone ? 0.55 : 0.86) - (phone ? 0 : 120));
   const height = Math.round(Math.max(Math.min(width * high / wide, room), Math.min(220, width * 0.6)));
   const ratio = window.devicePixelRatio || 1;
   stage.style.height = height + "px";
@@ -53,12 +53,11 @@ function drawStage(time, options) {
   drawGrid(theme);
   pen.lineCap = pen.lineJoin = "round";
   const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
-  const strengths = DATA.items.map(function (item) { return isThere(item, time) ? 1 : 0.2; });
   let traced = false;
   for (const mark of DATA.marks) {
     if (mark.g && !options[mark.g]) continue;
     if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
-    pen.globalAlpha = mark.i === null ? 1 : strengths[mark.i];
+    pen.globalAlpha = mark.i === null ? 1 : strengthOf(DATA.items[mark.i].w, time);
     const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
     trace(mark, poses[mark.f]);
     if (mark.c && pair[0]) { pen.fillStyle = pair[0]; pen.fill(); }
@@ -75,8 +74,8 @@ function drawStage(time, options) {
   if (DATA.live) drawPull();
 }
 
-// Whether an item is part of the mechanism at a time: it appears and disappears in turn.
-function isThere(item, time) { return !item.w || item.w.filter(function (t) { return t <= time; }).length % 2 === 1; }
+// Opacity of an item that appears and disappears in turn at some times, or of one that stays.
+function strengthOf(times, time) { return !times || times.filter(t => t <= time).length % 2 ? 1 : 0.2; }
 
 function drawLabel(label, pose, theme) {
   const c = pose[2], s = pose[3];
@@ -85,12 +84,9 @@ function drawLabel(label, pose, theme) {
   pen.textAlign = "center";
   pen.textBaseline = "middle";
   if (label.e) {
-    pen.beginPath();
-    pen.moveTo(at[0], at[1]);
-    pen.lineTo(at[0] + label.e[0], at[1] - label.e[1]);
     pen.lineWidth = 1;
     pen.strokeStyle = theme.muted;
-    pen.stroke();
+    drawLine(at[0], at[1], at[0] + label.e[0], at[1] - label.e[1]);
   }
   pen.lineWidth = 3;
   pen.strokeStyle = theme.paper;
@@ -110,8 +106,8 @@ function drawTraces(time, theme) {
       pen.beginPath();
       for (let k = 0; k < path.points.length; k++) {
         if (past && path.times[k] > time) break;
-        const at = toScreen(path.points[k][0], path.points[k][1]);
-        if (k === 0) pen.moveTo(at[0], at[1]); else pen.lineTo(at[0], at[1]);
+        const at = toScreen(...path.points[k]);
+        if (k === 0) pen.moveTo(...at); else pen.lineTo(...at);
       }
       if (past) {
         const pose = poseOf(path.frame, time), at = toScreen(pose[0], pose[1]);
@@ -133,24 +129,27 @@ function roundStep(least) {
   return 10 * power;
 }
 
+function drawLine(x, y, u, w) { pen.beginPath(); pen.moveTo(x, y); pen.lineTo(u, w); pen.stroke(); }
+
 function drawGrid(theme) {
   const scale = pixels.scale * view.zoom, step = roundStep(80 / scale), digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  const left = DATA.box[0] + (0 - view.x) / scale - pixels.left / pixels.scale;
-  const top = DATA.box[3] - (0 - view.y) / scale + pixels.top / pixels.scale;
+  const left = DATA.box[0] - view.x / scale - pixels.left / pixels.scale;
+  const top = DATA.box[3] + view.y / scale + pixels.top / pixels.scale;
+  const tick = x => (Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212");
   pen.font = "11px system-ui, sans-serif";
   pen.lineWidth = 1;
   pen.strokeStyle = theme.soil;
   pen.fillStyle = theme.muted;
   for (let x = Math.ceil(left / step) * step; toScreen(x, 0)[0] < pixels.width; x += step) {
     const at = toScreen(x, 0)[0];
-    pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, pixels.height); pen.stroke();
+    drawLine(at, 0, at, pixels.height);
     // the unit stands in the corner
-    if (at < pixels.width - 48) pen.fillText((Math.abs(x) < 1e-9 * step ? 0 : x).toFixed(digits).replace("-", "\u2212"), at + 3, pixels.height - 4);
+    if (at < pixels.width - 48) pen.fillText(tick(x), at + 3, pixels.height - 4);
   }
   for (let y = Math.floor(top / step) * step; toScreen(0, y)[1] < pixels.height - 24; y -= step) {
     const at = toScreen(0, y)[1];
-    pen.beginPath(); pen.moveTo(0, at); pen.lineTo(pixels.width, at); pen.stroke();
-    if (at > 14) pen.fillText((Math.abs(y) < 1e-9 * step ? 0 : y).toFixed(digits).replace("-", "\u2212"), 3, at - 3);
+    drawLine(0, at, pixels.width, at);
+    if (at > 14) pen.fillText(tick(y), 3, at - 3);
   }
   pen.fillText("m", pixels.width - 14, pixels.height - 4);
 }

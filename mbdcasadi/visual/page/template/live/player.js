@@ -118,7 +118,7 @@ function drawPull() {
   const point = pointOf(pull.body, pull.place, now), from = toScreen(point.x, point.y), to = toScreen(pull.target[0], pull.target[1]);
   pen.strokeStyle = (state.dark ? DATA.dark : DATA.light).motion;
   pen.lineWidth = 2;
-  pen.beginPath(); pen.moveTo(from[0], from[1]); pen.lineTo(to[0], to[1]); pen.stroke();
+  drawLine(from[0], from[1], to[0], to[1]);
   pen.beginPath(); pen.arc(to[0], to[1], 4, 0, 7); pen.stroke();
 }
 
