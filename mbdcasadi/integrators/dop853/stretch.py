@@ -71,15 +71,30 @@ class ExplicitSystem:
         ``(t, q, v, a, z, lam, u, p) ->`` rates of the integrals.
     projection : casadi.Function
         ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
+    slopes : casadi.Function, optional
+        ``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by ``(q, v, z)``, dense: then
+        the method is an implicit one.
     written : Written, optional
-        C code of the dynamics and the quadrature.
+        C code of the dynamics, the quadrature and the slopes.
     """
 
     input: ca.Function
     dynamics: ca.Function
     quadrature: ca.Function
     projection: ca.Function
+    slopes: ca.Function | None = None
     written: Written | None = None
+
+    @property
+    def method(self) -> str:
+        """Name of the method that integrates it."""
+        return "dop853" if self.slopes is None else "bdf"
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """Functions that do not depend on inputs and events, by name."""
+        found = {"dynamics": self.dynamics, "projection": self.projection, "quadrature": self.quadrature}
+        return found if self.slopes is None else found | {"slopes": self.slopes}
 
     @cached_property
     def coordinates(self) -> int:

@@ -99,6 +99,14 @@ class RepeatedElements:
         """Instructions of one element of each kind; those of its quantities watched at outputs are as many again."""
         return sum(2 * kind.size for kind in self._kinds)
 
+    @cached_property
+    def slopes(self) -> tuple[str, np.ndarray, np.ndarray, int]:
+        """``jac_forces`` in C, with the forces compiled before it: slopes of the forces by the column of values.
+
+        Besides the code the rows and columns of what it returns (k,), and the length of its work array.
+        """
+        return _slopes(self.terms, self._kinds)
+
     def watch_by(self, library: str) -> None:
         """Evaluate the quantities watched at outputs by a library with the loops."""
         self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
@@ -273,7 +281,8 @@ def _gathered(name: str, places: str, count: int) -> str:
     )
 
 
-def _table(kind: str, name: str, entries: np.ndarray) -> str:
+def array_in_c(kind: str, name: str, entries: np.ndarray) -> str:
+    """Code of a constant array in C."""
     content = ", ".join(map(repr, entries.ravel().tolist())) or "0"
     return f"static const {kind} {name}[] = {{{content}}};\n"
 
@@ -289,15 +298,15 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
     loops = {name: _Loops() for name in sizes}
     for kind in kinds:
         number, batch = kind.number, kind.batch
-        text.append(_table("int", f"places_{number}", batch.places))
-        text.append(_table("int", f"rate_places_{number}", batch.rate_places))
-        text.append(_table("double", f"constants_{number}", batch.constants))
+        text.append(array_in_c("int", f"places_{number}", batch.places))
+        text.append(array_in_c("int", f"rate_places_{number}", batch.rate_places))
+        text.append(array_in_c("double", f"constants_{number}", batch.constants))
         text += [] if kind.apart is None else [kind.apart.as_c]
         for name in sizes:
             if name == "forces" and not kind.has_forces:
                 continue
             tape, rows = kind.results(name)
-            text += [tape.as_c, _table("int", f"{name}_places_{number}", rows)]
+            text += [tape.as_c, array_in_c("int", f"{name}_places_{number}", rows)]
             is_gap = name == "gaps"  # gaps are needed of elements that are apart too
             loops[name].add(
                 kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
@@ -310,9 +319,17 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
 
 
 def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
-    """The library of an implicit method: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
+    """The library of IDAS: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
     n, size = terms.eom.q.numel(), terms.values.size
-    text, slopes = [_common(terms, kinds, outputs=False)[0]], _Loops()
+    slopes, rows, columns, work = _slopes(terms, kinds)
+    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
+    interface = _interface("jac_forces", [_dense(size), _dense(n)], [_sparse(sparsity)], work)
+    return "\n".join([_common(terms, kinds, outputs=False)[0], slopes, interface])
+
+
+def _slopes(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[str, np.ndarray, np.ndarray, int]:
+    n, slopes = terms.eom.q.numel(), _Loops()
+    text: list[str] = []
     acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
     entries = [columns * n + rows for _, _, rows, columns in acting]
     pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
@@ -320,13 +337,11 @@ def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
         table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, entry_places)
         # slopes are long code that is evaluated seldom: optimising it costs more time than it saves
         text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
-        text.append(_table("int", table, into))
+        text.append(array_in_c("int", table, into))
         slopes.add(kind, tape, into, table)
     columns, rows = np.divmod(pattern, n)
-    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
     text.append(slopes.function("jac_forces", pattern.size))
-    text.append(_interface("jac_forces", [_dense(size), _dense(n)], [_sparse(sparsity)], slopes.work))
-    return "\n".join(text)
+    return "\n".join(text), rows, columns, slopes.work
 
 
 def _dense(size: int) -> list[int]:
@@ -344,7 +359,7 @@ def _interface(name: str, inputs: Sequence[list[int]], outputs: Sequence[list[in
         tables = []
         for k, pattern in enumerate(patterns):
             tables.append(f"{name}_{what}_{k}")
-            text.append(_table("long long int", tables[-1], np.array(pattern)))
+            text.append(array_in_c("long long int", tables[-1], np.array(pattern)))
         choice = "".join(f"if (i == {k}) return {table}; " for k, table in enumerate(tables))
         text.append(f"long long int {name}_n_{what}(void) {{ return {len(patterns)}; }}\n")
         text.append(f"const long long int* {name}_sparsity_{what}(long long int i) {{ {choice}return 0; }}\n")
