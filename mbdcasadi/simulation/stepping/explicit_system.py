@@ -112,12 +112,17 @@ def explicit_system(
     eom = numeric.eom
 
     def quadrature() -> ca.Function:
-        content = ca.SX(0, 1) if terms is None else ca.densify(terms.rates)
+        if terms is None:
+            content = ca.SX(0, 1)
+        elif implicit and repeated is not None:  # an implicit method runs the loops alone: the size is enough
+            content = ca.SX.zeros(terms.size)
+        else:
+            content = ca.densify(terms.rates)
         return ca.Function("quadrature", list(eom.symbols), [content])
 
     cache = eom.mechanism.cache
-    integrals = cache.get_or_create(("explicit quadrature", terms is None), quadrature)
     repeated = None if terms is None else repeated_elements(terms)
+    integrals = cache.get_or_create(("explicit quadrature", terms is None, implicit), quadrature)
     slopes = _slopes_of(numeric, signals, repeated) if implicit else None
     written = None
     if repeated is not None:
