@@ -21,6 +21,7 @@ from .changes.friction_modes import FrictionModes
 from .changes.modes import Modes, SingleMode
 from .checks.accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
 from .checks.stiffness import is_stiff
+from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
 from .tolerances import absolute_tolerance
@@ -65,13 +66,14 @@ def simulate(
         Parameter to number.
     events : sequence of Event, optional
         Looked for during the run.
-    method : {"idas", "dop853", "erk", "rosenbrock", "auto"} or Integrator
+    method : {"idas", "dop853", "bdf", "erk", "rosenbrock", "auto"} or Integrator
         IDAS (BDF of variable order) for anything; :class:`DOP853` for smooth
-        motion that is not stiff, several times faster; Rosenbrock of order
+        motion that is not stiff, several times faster; :class:`BDF` for many contacts of
+        bodies that no joint holds, several times faster; Rosenbrock of order
         5 for stiff motion at tight tolerance; "erk" is CasADi's explicit
-        Runge–Kutta 5(4), for redundant constraints too. "auto" takes DOP853 if the
-        motion at the start is not stiff, no rows are redundant and no force
-        depends on reactions, else "erk" or "idas".
+        Runge–Kutta 5(4), for redundant constraints too. "auto" takes BDF for many
+        such contacts if there is a C compiler, DOP853 if the motion at the start is not
+        stiff, no rows are redundant and no force depends on reactions, else "erk" or "idas".
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
@@ -217,6 +219,7 @@ def chosen_integrator(
         stiff = numeric.eom.Q_depends_on_lam or is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
         whole = analysis == "simulate" and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if whole else "erk"
+        method = "bdf" if whole and has_many_contacts(numeric) else method
     return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
 
 

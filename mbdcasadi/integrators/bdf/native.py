@@ -101,7 +101,13 @@ class NativeIntegrator(CompiledIntegrator):
             p[:parameters],
             p[parameters : parameters + levels],
             np.ones(system.coordinates),
-            *(max(t / TIGHTER, min(t, TIGHTEST)) for t in (self.integrator.reltol, self.integrator.abstol)),
+            _tightened(self.integrator.reltol),
+            _tightened(self.integrator.abstol),
             min(limits, default=np.inf),
             self._runner.slice(),
         )
+
+
+def _tightened(tolerance: float) -> float:
+    """Local tolerance of the multistep method, whose global error is well above it."""
+    return max(tolerance / TIGHTER, min(tolerance, TIGHTEST))

@@ -18,7 +18,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...integrators.compiled import IntegrationFailure
 from ..contact.gap_closings import Closing, GapClosings
-from ..contact.watched_terms import WatchedTerms
+from ..contact.watched_terms import watched_terms
 from ..path import Path, WayFrom
 
 #: Share of a smoothed quantity's span that the steps may miss (measured on a belt with v_t = 1e-4 m/s: below 0.07
@@ -97,7 +97,7 @@ class Resolution:
     def __init__(self, numeric: NumericEquations):
         self._numeric = numeric
         eom = numeric.eom
-        self.terms = terms = eom.mechanism.cache.get_or_create("watched terms", lambda: WatchedTerms(eom))
+        self.terms = terms = watched_terms(eom)
         self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
         self._validity = terms.validity
         self._closings = GapClosings(numeric, terms)

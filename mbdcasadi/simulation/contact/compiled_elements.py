@@ -17,10 +17,11 @@ import casadi as ca
 import numpy as np
 
 from ...equations.batches import Values
+from ...equations.numeric import NumericEquations
 from ...integrators.dop853 import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.symbolic import LOCK
-from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms
+from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms, watched_terms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
 #: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
@@ -147,6 +148,14 @@ def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str
         return None, ""
     with LOCK:
         return repeated.library
+
+
+def has_many_contacts(numeric: NumericEquations) -> bool:
+    """Return True for bodies that nothing joins with so many elements of a kind that loops over them pay, in C."""
+    eom = numeric.eom
+    if eom.lam.numel() or numeric.massless or build.compiler() is None:
+        return False
+    return repeated_elements(watched_terms(eom)) is not None
 
 
 class _Kind:

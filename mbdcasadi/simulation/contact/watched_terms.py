@@ -287,6 +287,11 @@ class WatchedTerms:
         return found
 
 
+def watched_terms(eom: Equations) -> WatchedTerms:
+    """Return the watched quantities of a mechanism, which are made once for it."""
+    return eom.mechanism.cache.get_or_create("watched terms", lambda: WatchedTerms(eom))
+
+
 def _conditions(element: Any) -> list[Any]:
     """Validity conditions of an element that hold between outputs too."""
     return [c for c in getattr(element, "validity_conditions", ()) if c.between_outputs]
