@@ -14,6 +14,7 @@ from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .changes.events import read_events
@@ -113,35 +114,42 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    read = read_events(events)
-    if any(event.becomes is not None for event in read):
-        chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
-        given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
-        return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
-    setup = Setup(
-        mechanism,
-        "simulate",
-        times=times,
-        duration=duration,
-        initial=initial,
-        inputs=inputs,
-        parameters=parameters,
-        takes_controller=True,
-    )
-    modes = _modes(setup, read)
-    asked = chosen_integrator(
-        method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
-    )
-    integrator = suited_to_friction(asked, modes.numeric(modes.free))
-    run = Run(setup, modes, read, integrator, progress=bool(progress))
-    motion = run.run()
-    if integrator.abstol < asked.abstol:
-        motion.statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
-    may_repeat = abstol is None and asked is not method and setup.signals.controller is None
-    run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
+    found: list[Trajectory] = []
+    with keyboard_interrupts("simulate", lambda: found[-1] if found else None):
+        read = read_events(events)
+        if any(event.becomes is not None for event in read):
+            chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+            given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+            return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
+        setup = Setup(
+            mechanism,
+            "simulate",
+            times=times,
+            duration=duration,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            takes_controller=True,
+        )
+        modes = _modes(setup, read)
+        asked = chosen_integrator(
+            method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
+        )
+        integrator = suited_to_friction(asked, modes.numeric(modes.free))
+        run = Run(setup, modes, read, integrator, progress=bool(progress))
+        found.append(run.run())
+        if integrator.abstol < asked.abstol:
+            found[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+        may_repeat = abstol is None and asked is not method and setup.signals.controller is None
+        found.append(_checked(*_resolved(run, found[-1], may_repeat=may_repeat, progress=bool(progress))))
+    return found[-1]
+
+
+def _checked(run: Run, motion: Trajectory) -> Trajectory:
+    """A motion with notes on its tolerances, after warnings of what it passed."""
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + range_near_rounding(motion.q)
     motion.statistics.notes += grown_error(motion, run.steps)
-    _report_exceeded_limits(mechanism, motion)
+    _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
     return motion
 
