@@ -18,6 +18,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -32,6 +33,8 @@ import numpy as np  # noqa: E402  (after the threads are set)
 
 import mbdcasadi as mbd  # noqa: E402
 
+#: Folder of the package.
+PACKAGE = os.path.dirname(mbd.__file__)
 #: Seed of the random times.
 SEED = 5
 
@@ -179,11 +182,12 @@ def interrupted(name: str, analysis: Callable[[], Any], expected: Any, duration:
             timer.start()
             analysis()
             timer.join()  # a signal that comes later is not of this analysis
-            outcome["done before"] += 1
+            outcome["before or after"] += 1
         except mbd.Interrupted:
             outcome["Interrupted"] += 1
-        except KeyboardInterrupt:
-            outcome["KeyboardInterrupt"] += 1
+        except KeyboardInterrupt as stopped:
+            inside = any(PACKAGE in frame.filename for frame in traceback.extract_tb(stopped.__traceback__))
+            outcome["KeyboardInterrupt inside" if inside else "before or after"] += 1
         except Exception as error:
             outcome["wrong"] += 1
             print(f"  {name}: {type(error).__name__}: {error}")

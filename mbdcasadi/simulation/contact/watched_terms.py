@@ -39,8 +39,8 @@ class WatchedTerms:
     Attributes
     ----------
     elements, smoothings, smoothed, owners, validity : list
-        Elements that are watched, smoothed quantities and the element of each, elements with gaps, and conditions
-        between outputs too.
+        Elements that are watched, smoothed quantities and the element of each (elements that are alike share those of
+        the first), elements with gaps, and conditions between outputs too.
     normal : list of int
         Place among the smoothings of the normal force of each owner.
     values : Values
