@@ -22,14 +22,14 @@ SIZE, DPI, FRAMES, SECONDS, COLOURS = (3.2, 2.4), 90, 30, 3.0, 48
 
 
 def save_tile(found: Iterable[Any], path: Path) -> None:
-    """Write the film of the last motion among the names of an example, or a drawing of its mechanism."""
+    """Write the film of the last motion of most phases among the names of an example, or draw its mechanism."""
     found = list(found)
     motions = [x.trajectory if isinstance(x, mbd.Solution) else x for x in found]
     motions = [x for x in motions if isinstance(x, mbd.Trajectory) and len(x) > 1 and x.t[-1] > x.t[0]]
     if not motions:
         models = [x for x in found if isinstance(x, mbd.Mechanism | mbd.library.Model)]
         motions = [_standing(models[0])]
-    motion = motions[-1]
+    motion = max(reversed(motions), key=lambda motion: len(motion.phases))
     duration = float(motion.t[-1] - motion.t[0])
     taken = film(motion, Options(), None, FRAMES / SECONDS, duration / SECONDS, "")
     scene = replace(taken.scene.without("velocities").without("loads"), labels=[])
@@ -41,8 +41,8 @@ def save_tile(found: Iterable[Any], path: Path) -> None:
     for limits, ends, size in ((axes.set_xlim, (low, high), SIZE[0]), (axes.set_ylim, (bottom, top), SIZE[1])):
         limits(sum(ends) / 2 - scale * size / 2, sum(ends) / 2 + scale * size / 2)
     drawn, frames = Canvas(axes, scene), []
-    for pose in taken.poses:
-        drawn.show(pose)
+    for pose, time in zip(taken.poses, taken.t, strict=True):
+        drawn.show(pose, time)
         canvas.draw()
         frames.append(_picture(np.asarray(canvas.buffer_rgba())))
     palette = frames[0].quantize(COLOURS, dither=0)

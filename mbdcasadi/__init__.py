@@ -75,8 +75,6 @@ from .model.validity import Smoothing, ValidityCondition
 from .results.state import State
 from .results.trajectory import Trajectory
 from .results.trajectory_files import read_trajectory
-from .sensitivity.cost import CostFunction, cost_function
-from .sensitivity.sensitivities import Sensitivities, sensitivities
 from .simulation.simulate import simulate
 
 if _typing.TYPE_CHECKING:
@@ -102,6 +100,8 @@ if _typing.TYPE_CHECKING:
     from .optimal_control.storage import read_solution
     from .optimal_control.transcription import GaussLegendre, HermiteSimpson, Transcription
     from .optimal_control.transcription.points import CollocationPoint
+    from .sensitivity.cost import CostFunction, cost_function
+    from .sensitivity.sensitivities import Sensitivities, sensitivities
     from .statics.equilibrium import Equilibrium, EquilibriumError, equilibrium
     from .statics.path import EquilibriumPath, equilibrium_path
     from .sweeping.cases import full_factorial, latin_hypercube
@@ -140,6 +140,8 @@ _LATER = {
     "optimal_control.storage": "read_solution",
     "optimal_control.transcription": "GaussLegendre HermiteSimpson Transcription",
     "optimal_control.transcription.points": "CollocationPoint",
+    "sensitivity.cost": "CostFunction cost_function",
+    "sensitivity.sensitivities": "Sensitivities sensitivities",
     "statics.equilibrium": "Equilibrium EquilibriumError equilibrium",
     "statics.path": "EquilibriumPath equilibrium_path",
     "sweeping.cases": "full_factorial latin_hypercube",

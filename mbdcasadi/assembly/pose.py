@@ -21,6 +21,7 @@ from ..numerics.homotopy import Step, follow
 from ..numerics.least_squares import largest
 from ..numerics.nearest import multipliers_at, nearest, nearest_by_ipopt, project_with_inequalities
 from ..numerics.newton import Equations, Outcome, refine_root, solve
+from ..numerics.scattered import scattered
 
 #: Largest turn of a body in one step of the continuation, rad.
 LARGEST_TURN = 0.3
@@ -129,7 +130,7 @@ class PoseProblem:
 
     def _perturbed(self, q: np.ndarray) -> np.ndarray:
         """Pose beside one in which a row may have no slope (the ends of a link at one point); always the same."""
-        return q + SINGULAR_PERTURBATION * self._sizes * np.random.default_rng(0).uniform(-1, 1, q.size)
+        return q + SINGULAR_PERTURBATION * self._sizes * scattered(q.size)
 
     def _from_other_starts(self, rows: Equations, estimate: np.ndarray) -> np.ndarray | None:
         """Gauss–Newton from a few turned estimates; the solution nearest to the estimate."""

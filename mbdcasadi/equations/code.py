@@ -3,23 +3,52 @@
 from __future__ import annotations
 
 import re
-import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from ..errors import FileError, ModelError
+from ..errors import ModelError
+from ..numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
+from ..numerics.c_interface import definitions, interface
 from ..numerics.writing import whole_file
+from .newton_code import NewtonLoop, newton_step, why_not_unique
 from .numeric import NumericEquations
-from .saddle import forward_dynamics
 
 if TYPE_CHECKING:
     from .derivation import Equations
 
-#: Last lines of both files that CasADi writes.
-_END = '#ifdef __cplusplus\n} /* extern "C" */\n#endif\n'
-_NAMES = ["t", "q", "v", "a", "z", "lam", "u", "p"]
+#: Frame of both files: C++ must not change the names, and ``casadi_real`` is the name CasADi's files have for double.
+_FRAME = """/* Equations of motion in the calling convention of CasADi; matrices are stored by columns. */
+{before}#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#ifndef casadi_real
+#define casadi_real double
+#endif
+
+#ifndef casadi_int
+#define casadi_int long long int
+#endif
+
+{content}
+#ifdef __cplusplus
+}} /* extern "C" */
+#endif
+"""
+_SHOWN = """#include <math.h>
+
+#ifdef _WIN32
+#define SHOWN __declspec(dllexport)
+#else
+#define SHOWN
+#endif
+
+"""
+#: Arguments of the residual, and those of the explicit functions.
+_NAMES, _KNOWN = ["t", "q", "v", "a", "z", "lam", "u", "p"], ["t", "q", "v", "z", "u", "p"]
 
 
 def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
@@ -34,74 +63,87 @@ def generate_c(eom: Equations, path: str | Path) -> tuple[Path, Path]:
         )
     if not target.resolve().parent.is_dir():
         raise ModelError(f"generate_c: there is no folder {str(target.resolve().parent)!r}")
-    generator = ca.CodeGenerator(target.name, {"with_header": True})
-    for function in _functions(eom, stem):
-        generator.add(function)
+    numeric = NumericEquations(eom, eom.parameter_values)
+    if (redundant := numeric.has_redundant_rows(0.0, eom.estimate[0])) and eom.Q_depends_on_lam:
+        raise ModelError(f"generate_c: {why_not_unique(eom)}")
+    try:
+        functions = [*_implicit(eom, stem), *_explicit(numeric, stem, redundant=redundant)]
+    except UnsupportedOperation as error:
+        raise ModelError(
+            f"generate_c: the model contains the operation '{error.operation}', which has no C code"
+        ) from None
     header = target.with_suffix(".h")
     with whole_file(target) as source_part, whole_file(header) as header_part:
-        source_text, header_text = _generated(generator, target)
+        source_text, header_text = _files(functions)
         source_part.write_text(source_text, encoding="utf-8")
         header_part.write_text(header_text, encoding="utf-8")
     return target, header
 
 
-def _generated(generator: ca.CodeGenerator, target: Path) -> tuple[str, str]:
-    """Return source and header.
-
-    CasADi writes them to files itself and reports no failure, so it is
-    checked that neither was cut off by a full disk.
-    """
-    with tempfile.TemporaryDirectory(dir=target.resolve().parent, prefix=f".{target.stem}.") as folder:
-        generator.generate(folder + "/")
-        source, header = (
-            (Path(folder) / target.with_suffix(ending).name).read_text(encoding="utf-8") for ending in (".c", ".h")
-        )
-    if generator.dump() not in source or not (source.endswith(_END) and header.endswith(_END)):
-        raise FileError(f"{target}: the file cannot be written: the code was cut off, as by a full disk")
-    return source, header
+# --- the functions ----------------------------------------------------------------------------
+def _tape(name: str, arguments: Mapping[str, ca.SX], results: Mapping[str, ca.SX]) -> Tape:
+    function = ca.Function(name, list(arguments.values()), list(results.values()), list(arguments), list(results))
+    return tape_of(simplified(function, densify=False))
 
 
-def _functions(eom: Equations, stem: str) -> list[ca.Function]:
-    residual = ca.densify(
-        ca.vertcat(
-            eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q,
-            eom.Phi,
-            eom.Phi_q @ eom.v - eom.nu,
-            eom.Phi_q @ eom.a - eom.gamma,
-        )
+def _implicit(eom: Equations, stem: str) -> list[Tape]:
+    """Functions whose arguments are accelerations and multipliers, or neither depends on nor returns them."""
+    residual = ca.vertcat(
+        eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q,
+        eom.Phi,
+        eom.Phi_q @ eom.v - eom.nu,
+        eom.Phi_q @ eom.a - eom.gamma,
     )
-    unknown = dict(zip(_NAMES[1:6], eom.symbols[1:6], strict=True))
-    slopes = [ca.densify(ca.jacobian(residual, symbol)) for symbol in unknown.values()]
-    whole = list(eom.symbols)
-    arguments, known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p], ["t", "q", "v", "z", "u", "p"]
-    functions = [
-        ca.Function(f"{stem}_mass_matrix", [eom.p], [ca.densify(eom.M)], ["p"], ["M"]),
-        ca.Function(
+    whole = dict(zip(_NAMES, eom.symbols, strict=True))
+    slopes = {f"r_{name}": ca.jacobian(residual, whole[name]) for name in _NAMES[1:6]}
+    return [
+        _tape(f"{stem}_mass_matrix", {"p": eom.p}, {"M": eom.M}),
+        _tape(
             f"{stem}_constraints",
-            [eom.t, eom.q, eom.p],
-            [ca.densify(eom.Phi), ca.densify(eom.Phi_q), ca.densify(eom.nu)],
-            ["t", "q", "p"],
-            ["Phi", "Phi_q", "nu"],
+            {"t": eom.t, "q": eom.q, "p": eom.p},
+            {"Phi": eom.Phi, "Phi_q": eom.Phi_q, "nu": eom.nu},
         ),
-        ca.Function(f"{stem}_residual", whole, [residual], _NAMES, ["r"]),
-        ca.Function(f"{stem}_jacobians", whole, slopes, _NAMES, [f"r_{name}" for name in unknown]),
-        ca.Function(f"{stem}_state_rates", whole, [ca.densify(eom.z_rate)], _NAMES, ["z_rate"]),
+        _tape(f"{stem}_residual", whole, {"r": residual}),
+        _tape(f"{stem}_jacobians", whole, slopes),
+        _tape(f"{stem}_state_rates", whole, {"z_rate": eom.z_rate}),
     ]
-    forward = _forward(eom, f"{stem}_forward_dynamics")
-    closed = forward.is_a("SXFunction")
-    symbols = [(ca.SX if closed else ca.MX).sym(name, *s.shape) for name, s in zip(known, arguments, strict=True)]
-    t, q, v, z, u, p = symbols
-    a, lam = forward(*symbols)
-    rates = ca.Function("z_rate", whole, [eom.z_rate])(t, q, v, a, z, lam, u, p)
-    right = ca.Function(f"{stem}_right_side", symbols, [ca.densify(ca.vertcat(v, a, rates))], known, ["rate"])
-    return [*functions, forward, right]
 
 
-def _forward(eom: Equations, name: str) -> ca.Function:
-    """Forward dynamics in the form that this mechanism needs, with solvers that can be written as C."""
-    numeric = NumericEquations(eom, eom.parameter_values)
-    redundant = numeric.has_redundant_rows(0.0, eom.estimate[0])
-    function = forward_dynamics(eom, augmentation=numeric.augmentation, redundant=redundant, portable=True)
-    symbols = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
-    results = [ca.densify(result) for result in function(*symbols)]
-    return ca.Function(name, symbols, results, function.name_in(), function.name_out())
+def _explicit(numeric: NumericEquations, stem: str, *, redundant: bool) -> list[Tape | NewtonLoop]:
+    """Forward dynamics and right side, in the form that this mechanism needs."""
+    eom = numeric.eom
+    known = {name: symbol for name, symbol in zip(_NAMES, eom.symbols, strict=True) if name in _KNOWN}
+    unknown = ca.vertcat(eom.a, eom.lam)
+    results = {
+        f"{stem}_forward_dynamics": {"a": eom.a, "lam": eom.lam},
+        f"{stem}_right_side": {"rate": ca.vertcat(eom.v, eom.a, eom.z_rate)},
+    }
+    if eom.Q_depends_on_lam:
+        step = tape_of(simplified(newton_step(eom, f"{stem}_newton_step", numeric.augmentation)))
+        arguments = known | {"unknown": unknown}
+        return [NewtonLoop(name, step, _tape(f"{name}_results", arguments, of)) for name, of in results.items()]
+    solution = ca.vertcat(*numeric.forward_dynamics(redundant=redundant)(*known.values()))
+    return [
+        _tape(name, known, dict(zip(of, ca.substitute([*of.values()], [unknown], [solution]), strict=True)))
+        for name, of in results.items()
+    ]
+
+
+# --- the files ----------------------------------------------------------------------------------
+def _files(functions: Sequence[Tape | NewtonLoop]) -> tuple[str, str]:
+    """Return source and header."""
+    bodies: dict[str, str] = {}
+    declared: dict[str, str] = {}
+    lengths = ""
+    for function in functions:
+        name, called = function.name, [function.step, function.results] if isinstance(function, NewtonLoop) else []
+        bodies |= {code.name: code.as_c for code in (*called, function)}
+        inputs, outputs = function.arguments
+        declared |= {f"int {name}({SIGNATURE})": ""} | interface(name, inputs, outputs, function.work_in_c)
+        sizes = {"ARG": len(inputs), "RES": len(outputs), "IW": 0, "W": function.work_in_c}
+        lengths += "".join(f"#define {name}_SZ_{array} {size}\n" for array, size in sizes.items())
+    around = {declaration: body for declaration, body in declared.items() if SIGNATURE not in declaration}
+    shown = "".join(f"SHOWN {declaration};\n" for declaration in declared)
+    content = "\n".join([shown, *bodies.values(), definitions(around)])
+    prototypes = "".join(f"{declaration};\n" for declaration in declared)
+    return _FRAME.format(before=_SHOWN, content=content), _FRAME.format(before="", content=prototypes + lengths)

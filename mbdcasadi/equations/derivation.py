@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import ExpressionError, ModelError
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
-from ..model.symbols import describe, role_of, symbols_of
+from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
 from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
@@ -98,7 +98,7 @@ class Equations:
         self.u = _column(mechanism.inputs)
         self.p = _column(mechanism.parameters)
         self.z_rate = _column([mechanism.state_rates[z] for z in mechanism.states])
-        masses = [ca.SX(value) for b in bodies for value in (b.mass, b.mass, b.inertia)]
+        masses = [as_sx(value) for b in bodies for value in (b.mass, b.mass, b.inertia)]
         self.mass_diagonal = ca.vertcat(*masses, ca.SX.zeros(len(extra)))
         self.M = ca.diag(self.mass_diagonal)
         self.coordinate_names = tuple(s.name() for s in ca.vertsplit(self.q))
@@ -129,14 +129,14 @@ class Equations:
 
     def _collect_forces(self, elements: Sequence[Any]) -> None:
         self.Q = self.generalised_forces(elements)
-        self.potential = sum((ca.SX(e.potential) for e in elements), ca.SX(0))
+        self.potential = sum((as_sx(e.potential) for e in elements), ca.SX(0))
         self.kinetic = 0.5 * ca.dot(self.v, self.mass_diagonal * self.v)
 
     def generalised_forces(self, elements: Sequence[Any]) -> ca.SX:
         """Return the generalised forces of some elements (n,)."""
         pairs = [pair for element in elements for pair in element.virtual_work]
-        displacement = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(d)) for d, _ in pairs])
-        force = ca.vertcat(ca.SX(0, 1), *[ca.vec(ca.SX(f)) for _, f in pairs])
+        displacement = ca.vertcat(ca.SX(0, 1), *[ca.vec(as_sx(d)) for d, _ in pairs])
+        force = ca.vertcat(ca.SX(0, 1), *[ca.vec(as_sx(f)) for _, f in pairs])
         return ca.densify(ca.jtimes(displacement, self.q, force, True)) if pairs else ca.SX.zeros(self.q.numel())
 
     # --- sizes and properties ------------------------------------------------------

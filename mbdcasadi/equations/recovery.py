@@ -120,9 +120,8 @@ def _position_step(eom: Equations) -> ca.Function:
     jacobian = eom.Phi_q[[int(k) for k in eom.position_rows], :]
     towards, quality = _towards(jacobian, weights, eom.angular_rows[eom.position_rows])
     moved = ca.densify(eom.q - towards(eom.Phi))
-    left = ca.Function("left", [eom.t, eom.q, eom.p], [ca.norm_inf(ca.densify(eom.Phi))])
-    results = ca.cse([moved, left(eom.t, moved, eom.p), quality])
-    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], results)
+    left = ca.Function("left", [eom.t, eom.q, eom.p], ca.cse([ca.norm_inf(ca.densify(eom.Phi))]))
+    return ca.Function("position_step", [eom.t, eom.q, eom.p, weights], [moved, left(eom.t, moved, eom.p), quality])
 
 
 def _velocity_step(eom: Equations) -> ca.Function:
@@ -131,7 +130,7 @@ def _velocity_step(eom: Equations) -> ca.Function:
     v = eom.v
     for _ in range(2):  # the second step removes the rounding of the first
         v = v - towards(eom.Phi_q @ v - eom.nu)
-    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], ca.cse([ca.densify(v)]))
+    return ca.Function("velocity_step", [eom.t, eom.q, eom.v, eom.p, weights], [ca.densify(v)])
 
 
 def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[Callable[[ca.SX], ca.SX], ca.SX]:
@@ -144,7 +143,7 @@ def _towards(jacobian: ca.SX, weights: ca.SX, angular: np.ndarray) -> tuple[Call
     branch. Repeated steps converge nevertheless.
     """
     over = ca.diag(1 / weights) @ jacobian.T
-    schur = jacobian @ over
+    over, schur = ca.cse([over, jacobian @ over])  # what follows repeats little, and takes long to look through
     pivots, lower, order = shifted(schur, angular)
     smallest = ca.mmin(ca.densify(pivots)) * schur.size1() / ca.trace(schur)
     return lambda residual: over @ ca.ldl_solve(ca.densify(residual), pivots, lower, order), smallest

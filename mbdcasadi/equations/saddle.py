@@ -51,14 +51,26 @@ class SaddlePoint:
         Right sides (n,), (m,).
     angular : numpy.ndarray
         True for rows in rad (m,).
+    force_slope : casadi.SX, optional
+        Derivative of the force by the multipliers (n, m), which is then subtracted from ``Phi_q^T``: a step of
+        Newton's method for forces that depend on reactions.
     """
 
-    def __init__(self, mass_diagonal: ca.SX, jacobian: ca.SX, force: ca.SX, gamma: ca.SX, angular: np.ndarray):
+    def __init__(
+        self,
+        mass_diagonal: ca.SX,
+        jacobian: ca.SX,
+        force: ca.SX,
+        gamma: ca.SX,
+        angular: np.ndarray,
+        force_slope: ca.SX | None = None,
+    ):
         self.mass_diagonal = mass_diagonal
         self.jacobian = jacobian
         self.force = force
         self.gamma = gamma
         self.angular = angular
+        self.force_slope = force_slope
 
     def solution(
         self,
@@ -94,15 +106,18 @@ class SaddlePoint:
 
         if jacobian.size1() == 0:
             return over_mass(force), ca.SX(0, 1)
-        schur = jacobian @ over_mass(jacobian.T)
+        columns = jacobian.T if self.force_slope is None else jacobian.T - self.force_slope
+        schur = jacobian @ over_mass(columns)
         right = jacobian @ over_mass(force) - self.gamma
-        if redundant:
+        if self.force_slope is not None:
+            lam = ca.solve(schur, right)
+        elif redundant:
             # the eigenvalues of A^½ S A^½ lie between 0 and 1
             sizes = None if augmentation is None else 1 / augmentation
             lam = solve_redundant(schur, right, self.angular, refinements, sizes)
         else:
             lam = ca.ldl_solve(right, *ca.ldl(schur))
-        return over_mass(force - jacobian.T @ lam), lam
+        return over_mass(force - columns @ lam), lam
 
 
 def shifted(matrix: ca.SX, angular: np.ndarray, sizes: np.ndarray | None = None) -> tuple[ca.SX, ca.SX, list[int]]:
@@ -165,12 +180,11 @@ def forward_dynamics(
     augmentation: np.ndarray | None = None,
     redundant: bool = False,
     refinements: int = REPORT_REFINEMENTS,
-    portable: bool = False,
 ) -> ca.Function:
     """Compile ``(t, q, v, z, u, p) -> (a, lam)``.
 
     If a force depends on the multipliers (friction) the system is not
-    linear, and Newton's method solves it; `portable` takes one that can be written as C.
+    linear, and Newton's method solves it.
     """
     arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
     names = ["t", "q", "v", "z", "u", "p"]
@@ -179,15 +193,13 @@ def forward_dynamics(
         return ca.Function("forward_dynamics", arguments, [a, lam], names, ["a", "lam"])
     unknowns = ca.vertcat(eom.a, eom.lam)
     residual = ca.vertcat(eom.mass_diagonal * eom.a + eom.Phi_q.T @ eom.lam - eom.Q, eom.Phi_q @ eom.a - eom.gamma)
-    plugin, options = ("fast_newton", {}) if portable else ("newton", NEWTON)
     function = ca.Function("r", [unknowns, *arguments], [residual])
-    root = ca.rootfinder("newton", plugin, function, options)
+    root = ca.rootfinder("newton", "newton", function, NEWTON)
     symbols = [ca.MX.sym(name, *arg.shape) for name, arg in zip(names, arguments, strict=True)]
     solution = root(ca.MX.zeros(unknowns.numel()), *symbols)
     n = eom.q.numel()
-    if not portable:
-        # the iteration may stop above its own tolerance by rounding; what is no solution becomes NaN
-        left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
-        solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
-        solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))
+    # the iteration may stop above its own tolerance by rounding; what is no solution becomes NaN
+    left_over = ca.mmax(ca.fabs(ca.densify(function(solution, *symbols))))
+    solved = left_over <= SOLUTION_TOLERANCE * (1 + ca.mmax(ca.fabs(solution)))
+    solution = ca.if_else(solved, solution, ca.MX.nan(unknowns.numel()))
     return ca.Function("forward_dynamics", symbols, [solution[:n], solution[n:]], names, ["a", "lam"])

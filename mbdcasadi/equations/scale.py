@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from ..numerics.scattered import scattered
 from .derivation import Equations
 
-#: Poses with random angles in which levers are looked at, beside the estimate.
+#: Poses with scattered angles in which levers are looked at, beside the estimate.
 POSES = 3
 #: Levers below this share of the size of the mechanism are rounding.
 LEVER_TOLERANCE = 1e-9
@@ -84,9 +85,9 @@ def scale_of(eom: Equations, p: np.ndarray, mass: np.ndarray) -> Scale:
 
 
 def generic_poses(eom: Equations) -> np.ndarray:
-    """The estimated pose, and the same with random angles (k, n)."""
+    """The estimated pose, and the same with scattered angles (k, n)."""
     poses = np.tile(eom.estimate[0], (POSES + 1, 1))
-    poses[1:, eom.angles] += np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, int(np.sum(eom.angles))))
+    poses[1:, eom.angles] += np.pi * scattered(POSES, int(np.sum(eom.angles)))
     return poses
 
 
@@ -152,4 +153,7 @@ def _gyration(eom: Equations, mass: np.ndarray) -> float:
     """Median radius of gyration of the bodies that have mass and inertia, m."""
     properties = mass[: 3 * len(eom.mechanism.bodies)].reshape(-1, 3)
     both = (properties[:, 0] > 0) & (properties[:, 2] > 0)
-    return float(np.sqrt(np.median(properties[both, 2] / properties[both, 0]))) if np.any(both) else 0.0
+    squares = np.sort(properties[both, 2] / properties[both, 0])
+    # numpy.median imports the masked arrays, which takes as long as an assembly
+    middle = squares[(squares.size - 1) // 2 : squares.size // 2 + 1]
+    return float(np.sqrt(np.mean(middle))) if middle.size else 0.0

@@ -11,7 +11,9 @@ import numpy as np
 
 from ..assembly.consistent_start import levels_of
 from ..equations import Equations
+from ..equations.newton_code import NewtonLoop, linearised, newton_step, why_not_unique
 from ..equations.numeric import NumericEquations
+from ..equations.saddle import SaddlePoint
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -20,7 +22,6 @@ from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
 from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions
-from ..simulation.checks.uniqueness import loaded_by_reactions
 from ..simulation.contact.watched_terms import has_gap
 from ..simulation.stepping.explicit_system import dynamics_of, projection_of
 
@@ -85,57 +86,32 @@ class Model:
         eom = self.eom
         return [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
 
-    @cached_property
-    def has_newton(self) -> bool:
-        """True if forces depend on reactions, so that accelerations come from Newton's method."""
-        return self.eom.Q_depends_on_lam
-
     def refuse_unsupported(self) -> None:
-        """Raise for equations that have no form in C."""
-        numeric, eom = self.numeric, self.eom
-        if not self.has_newton or (numeric.augmentation is None and not self.is_redundant):
-            return
-        owners = loaded_by_reactions(eom)
-        obstacle = "constraints depend on each other" if self.is_redundant else "bodies have little or no mass"
-        raise ModelError(
-            f"export_fmu: the force of {', '.join(owners[:3])} depends on reactions, and {obstacle}, which together "
-            "have no form in a unit; take LoadIndependentFriction, or "
-            + ("remove the redundant rows (see check)" if self.is_redundant else "give these bodies more mass")
-        )
-
-    @cached_property
-    def _newton_matrix(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """``Phi_q M⁻¹ (Phi_q^T - Q_lam)``, ``M⁻¹`` and ``Phi_q^T - Q_lam``, for forces that depend on reactions."""
-        eom = self.eom
-        inverse = ca.diag(1 / eom.mass_diagonal)
-        columns = eom.Phi_q.T - ca.jacobian(eom.Q, eom.lam)
-        return eom.Phi_q @ inverse @ columns, inverse, columns
+        """Raise if the reactions on which forces depend are not unique."""
+        if self.eom.Q_depends_on_lam and self.is_redundant:
+            raise ModelError(f"export_fmu: {why_not_unique(self.eom)}")
 
     def _solve(self, force: ca.SX, gamma: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Changes of (a, lam) that a force and the right side of the acceleration equation cause."""
-        eom = self.eom
-        if self.has_newton:
-            matrix, inverse, columns = self._newton_matrix
-            lam = ca.solve(matrix, eom.Phi_q @ (inverse @ force) - gamma) if eom.lam.numel() else eom.lam
-            return inverse @ (force - columns @ lam), lam
-        saddle = type(eom.saddle_point)(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
-        return saddle.solution(augmentation=self.numeric.augmentation, redundant=self.is_redundant)
-
-    def _residual(self) -> tuple[ca.SX, ca.SX]:
-        eom = self.eom
-        return eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
+        """Changes of (a, lam) that changes of the force and of the right side of the acceleration equation cause."""
+        eom, augmentation = self.eom, self.numeric.augmentation
+        if eom.Q_depends_on_lam:
+            return linearised(eom, force, gamma, augmentation)
+        saddle = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
+        return saddle.solution(augmentation=augmentation, redundant=self.is_redundant)
 
     @property
-    def _dynamics(self) -> list[ca.Function]:
+    def _dynamics(self) -> list[Tape | NewtonLoop]:
+        """Code of ``(t, q, v, z, u, p) -> (a, rate of z, lam, regularity)``, after that of the functions it calls."""
         eom = self.eom
-        if not self.has_newton:
-            return [_renamed(dynamics_of(self.numeric, redundant=self.is_redundant), "dynamics")]
-        force, gamma = self._residual()
-        a, lam = self._solve(force, gamma)
-        unknown, known = ca.vertcat(eom.a, eom.lam), self._known
-        size = ca.mmax(ca.fabs(ca.densify(ca.vertcat(a, lam))))
-        newton = ca.Function("newton", [*known, unknown], [ca.densify(unknown + ca.vertcat(a, lam)), size])
-        return [newton, ca.Function("state_rates", [*known, unknown], [ca.densify(eom.z_rate)])]
+        if not self.eom.Q_depends_on_lam:
+            return [_tape(_renamed(dynamics_of(self.numeric, redundant=self.is_redundant), "dynamics"))]
+        results = [eom.a, ca.densify(eom.z_rate), eom.lam, ca.SX(1)]
+        functions = [
+            newton_step(eom, "dynamics_step", self.numeric.augmentation),
+            ca.Function("dynamics_results", [*self._known, ca.vertcat(eom.a, eom.lam)], results),
+        ]
+        step, results_of = map(_tape, functions)
+        return [step, results_of, NewtonLoop("dynamics", step, results_of)]
 
     @property
     def _projection(self) -> ca.Function:
@@ -155,8 +131,8 @@ class Model:
         eom = self.eom
         along = [ca.SX.sym(f"d{name}", symbol.numel()) for name, symbol in zip("qvzup", self._seeded, strict=True)]
         symbols, seeds = ca.vertcat(*self._seeded), ca.vertcat(*along)
-        force, gamma = self._residual()
-        da, dlam = self._solve(*(ca.jtimes(ca.densify(row), symbols, seeds) for row in (force, gamma)))
+        residuals = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam, eom.gamma - eom.Phi_q @ eom.a
+        da, dlam = self._solve(*(ca.jtimes(ca.densify(row), symbols, seeds) for row in residuals))
         everything = ca.vertcat(symbols, eom.a, eom.lam)
         every_seed = ca.vertcat(seeds, da, dlam)
 
@@ -291,14 +267,13 @@ class Model:
     # --- all of them ----------------------------------------------------------------------------
     @cached_property
     def functions(self) -> list[ca.Function]:
-        """All functions that the C code of a unit calls."""
+        """All functions that the C code of a unit calls besides those of the dynamics."""
         eom = self.eom
         state = [eom.t, eom.q, eom.v, eom.z, eom.p]
         margins = ca.vertcat(ca.SX(0, 1), *[ca.SX(value) for value, _, _ in self.checks])
         valid = ca.vertcat(ca.SX(0, 1), *[c.expression for c in self.validity])
         forces = ca.vertcat(ca.SX(0, 1), *[part for part, _ in self.forces])
         return [
-            *self._dynamics,
             self._projection,
             ca.Function("outputs", list(eom.symbols), [self._outputs]),
             self._tangent,
@@ -310,8 +285,8 @@ class Model:
         ]
 
     @cached_property
-    def tapes(self) -> list[Tape]:
-        """The same as instructions.
+    def code(self) -> list[Tape | NewtonLoop]:
+        """What is written as C, functions that are called before those that call them.
 
         Raises
         ------
@@ -319,10 +294,10 @@ class Model:
             For an operation that is not written as C.
         """
         try:
-            return [tape_of(simplified(f)) for f in self.functions]
+            return [*self._dynamics, *map(_tape, self.functions)]
         except UnsupportedOperation as error:
             raise ModelError(
-                f"export_fmu: the model holds the operation '{error.operation}', which has no C code"
+                f"export_fmu: the model contains the operation '{error.operation}', which has no C code"
             ) from None
 
     # --- structure --------------------------------------------------------------------------------
@@ -333,7 +308,7 @@ class Model:
         known = ca.vertcat(eom.q, eom.v, eom.z, eom.u)
         unknown = ca.vertcat(eom.a, eom.lam)
         reach = np.ones((unknown.numel(), known.numel()), bool)
-        if not self.has_newton:
+        if not self.eom.Q_depends_on_lam:
             a, _, lam, _ = dynamics_of(self.numeric, redundant=self.is_redundant)(*self._known)
             reach = _pattern(ca.vertcat(a, lam), known)
         rates = ca.vertcat(eom.v + self._drift[0], eom.a + self._drift[1], eom.z_rate)
@@ -352,6 +327,10 @@ def _pattern(expression: ca.SX, symbols: ca.SX) -> np.ndarray:
     sparsity = ca.jacobian_sparsity(ca.densify(expression), symbols)
     found: np.ndarray = ca.DM(sparsity, 1).full() != 0
     return found
+
+
+def _tape(function: ca.Function) -> Tape:
+    return tape_of(simplified(function))
 
 
 def _renamed(function: ca.Function, name: str) -> ca.Function:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from ..integrators.dop853.native import engine_source
 from ..integrators.dop853.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE
+from ..numerics.c_interface import constant_table
 from .functions import Model
 from .variables import Variables
 
@@ -42,9 +42,9 @@ def source_files(
     tolerances : dict of str to float
         ``DEFAULT_RELTOL``, ``DEFAULT_ABSTOL``, and ``LARGEST_ABSTOL``, which the friction asks for.
     """
-    equations = "#include <math.h>\n\n" + "\n".join(
-        _prefixed(tape.as_c, tape.function.name(), identifier) for tape in model.tapes
-    )
+    names = [function.name for function in model.code]
+    equations = "#include <math.h>\n\n" + "\n".join(function.as_c for function in model.code)
+    equations = re.sub(rf"\b({'|'.join(names)})(?=\(|_\d+\()", rf"{identifier}_\1", equations)
     engine = engine_source()
     # two units in one program must not share the symbols of their libraries
     prefixes = "".join(
@@ -64,10 +64,6 @@ def source_files(
     return {"model.h": header + identity, **files}
 
 
-def _prefixed(text: str, name: str, identifier: str) -> str:
-    return re.sub(rf"\b{name}(?=\(|_\d+\()", f"{identifier}_{name}", text)
-
-
 def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[str]:
     """Lines with what is a whole number."""
     eom = model.eom
@@ -85,7 +81,6 @@ def _sizes(model: Model, variables: Variables, kinds: frozenset[str]) -> list[st
         "N_CHECKS": len(model.checks),
         "N_VALIDITY": len(model.validity),
         "N_FORCES": len(model.forces),
-        "HAS_NEWTON": int(model.has_newton),
         "HAS_CO_SIMULATION": int("co-simulation" in kinds),
         "HAS_MODEL_EXCHANGE": int("model-exchange" in kinds),
         "POSE_IS_NEAREST": int(model.pose_is_nearest),
@@ -102,7 +97,7 @@ def _numbers(model: Model, tolerances: dict[str, float]) -> list[str]:
 
 def _functions(model: Model, identifier: str) -> list[str]:
     """Lines with the functions of the equations, and the work that they need."""
-    work = {tape.function.name(): tape.work_in_c for tape in model.tapes}
+    work = {function.name: function.work_in_c for function in model.code}
     largest = max(work.values()) + 2 * (model.eom.q.numel() + model.eom.lam.numel())
     return [
         *(f"#define WORK_{name} {size}" for name, size in work.items()),
@@ -137,16 +132,10 @@ def _tables(model: Model, variables: Variables, levels: np.ndarray) -> list[str]
         "FORCE_OWNERS": [owner for _, owner in model.forces],
     }
     return [
-        *(_array("double", name, [_number(x) for x in values]) for name, values in arrays.items()),
-        *(_array("int", name, [str(x) for x in values]) for name, values in integers.items()),
-        *(_array("char* const", name, [_string(x) for x in values]) for name, values in texts.items()),
+        *(constant_table("double", name, map(_number, values)) for name, values in arrays.items()),
+        *(constant_table("int", name, values) for name, values in integers.items()),
+        *(constant_table("char* const", name, map(_string, values)) for name, values in texts.items()),
     ]
-
-
-def _array(kind: str, name: str, values: Sequence[str]) -> str:
-    """A constant table; C knows none without entries."""
-    inside = ", ".join(values) or "0"
-    return f"static const {kind} {name}[] = {{{inside}}};"
 
 
 def _number(value: float) -> str:

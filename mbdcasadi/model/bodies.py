@@ -13,15 +13,16 @@ from .geometry.shapes import Shape, rotation_matrix
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Quantities, in_radians, quantity, triple
 from .rates import time_derivative
-from .symbols import check_name, register
+from .symbols import as_sx, check_name, register
 
 __all__ = ["Body", "Ground", "Marker", "as_body", "as_marker", "ground", "markers_on_two", "rotation"]
 
 
 def rotation(angle: Any) -> ca.SX:
     """Return the rotation matrix ``A(angle)`` (2, 2), which takes vectors from the rotated frame to the fixed one."""
-    c, s = ca.cos(ca.SX(angle)), ca.sin(ca.SX(angle))
-    return ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
+    angle = as_sx(angle)
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.blockcat([[c, -s], [s, c]])
 
 
 class Body(Immutable, HoldsSymbols):
@@ -182,6 +183,11 @@ class Body(Immutable, HoldsSymbols):
         """Accelerations ``[ax, ay, alpha]``."""
         return ca.vertcat(self.ax, self.ay, self.alpha)
 
+    @cached_property
+    def axes(self) -> ca.SX:
+        """Matrix ``A`` (2, 2) whose columns are the body's axes."""
+        return rotation(self.phi)
+
     @property
     def is_ground(self) -> bool:
         """True for the global frame."""
@@ -204,10 +210,10 @@ class Body(Immutable, HoldsSymbols):
         """
         what = f"body '{self.name}'"
         point = [quantity(value, what, f"marker {axis}") for value, axis in ((x, "x"), (y, "y"))]
-        local = ca.vertcat(*[ca.SX(p) for p in point]) - self._shape_centroid
+        local = ca.vertcat(*[as_sx(p) for p in point]) - self._shape_centroid
         angle = quantity(angle, what, "marker angle")
         in_radians(angle, what, "the angle of a marker")
-        return Marker(self, local, ca.SX(angle))
+        return Marker(self, local, as_sx(angle))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, mass={self.mass}, inertia={self.inertia})"
@@ -236,7 +242,7 @@ class Marker(Immutable):
     @cached_property
     def position(self) -> ca.SX:
         """``r^P = r + A s'`` (2,), m."""
-        return self.body.position + rotation(self.body.phi) @ self.local
+        return self.body.position + self.body.axes @ self.local
 
     @cached_property
     def velocity(self) -> ca.SX:

@@ -17,7 +17,7 @@ from ..errors import ExpressionError, ModelError
 from .bodies import Body, Marker, ground
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit
-from .symbols import check_name, register, role_of, symbols_of
+from .symbols import as_sx, check_name, register, role_of, symbols_of
 from .validity import Smoothing, ValidityCondition
 
 
@@ -114,8 +114,8 @@ class Element(Immutable, HoldsSymbols):
 
     def expressions(self) -> list[ca.SX]:
         """Expressions that enter the equations, for the check of their symbols."""
-        pairs = [ca.SX(part) for pair in self.virtual_work for part in pair]
-        return [self.rows, self.velocity_rows, *pairs, ca.SX(self.potential), *self.rates.values()]
+        pairs = [as_sx(part) for pair in self.virtual_work for part in pair]
+        return [self.rows, self.velocity_rows, *pairs, as_sx(self.potential), *self.rates.values()]
 
     def acting_on(self, bodies: Sequence[Body]) -> Element:
         """Return the element of a mechanism with these bodies (gravity acts on all of them)."""

@@ -14,7 +14,7 @@ from .drivers import Driver
 from .element import ConstraintElement, Element
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit, entries, listed, quantity
-from .symbols import Coordinate, Input, Parameter, StateVariable, describe, role_of, symbols_of, t, varying_in
+from .symbols import Coordinate, Input, Parameter, StateVariable, as_sx, describe, role_of, symbols_of, t, varying_in
 
 
 class Mechanism(Immutable, HoldsSymbols):
@@ -134,10 +134,10 @@ class Mechanism(Immutable, HoldsSymbols):
                 seen.add(name)
 
     def _check_connections(self) -> None:
-        known = {body.name for body in self.bodies}
+        known, listed = {body.name for body in self.bodies}, set(self.bodies)  # bodies are equal if they are the same
         for element in self.elements:
             for body in element.bodies:
-                if not body.is_ground and not any(body is listed for listed in self.bodies):
+                if not body.is_ground and body not in listed:
                     also = " (another body of that name is)" if body.name in known else ""
                     raise ModelError(
                         f"{element.description} uses body '{body.name}', which is not among bodies= of "
@@ -146,7 +146,7 @@ class Mechanism(Immutable, HoldsSymbols):
 
     def _check_symbols(self) -> None:
         allowed = self.symbol_hashes
-        sources = [(f"body '{b.name}'", [ca.SX(b.mass), ca.SX(b.inertia)]) for b in self.bodies]
+        sources = [(f"body '{b.name}'", [as_sx(b.mass), as_sx(b.inertia)]) for b in self.bodies]
         sources += [(e.description, e.expressions()) for e in self.elements]
         sources += [(f"the rate of state variable '{z.label}'", [rate]) for z, rate in self.state_rates.items()]
         for what, expressions in sources:

@@ -307,9 +307,14 @@ def as_expression(value: Any, what: str) -> ca.SX:
         raise ExpressionError(f"{what}: expected a casadi.SX expression or numbers, got {value!r}") from None
 
 
+def as_sx(value: Any) -> ca.SX:
+    """Return a number as an expression, and an expression as it is: copies by ``casadi.SX`` take 50 µs each."""
+    return value if isinstance(value, ca.SX) else ca.SX(value)
+
+
 def symbols_of(expression: Any) -> list[ca.SX]:
     """Return the scalar symbols on which an expression depends, in the order in which they occur."""
-    return ca.symvar(expression if isinstance(expression, ca.SX) else ca.SX(expression))
+    return ca.symvar(as_sx(expression))
 
 
 def values_of(expression: Any) -> np.ndarray:

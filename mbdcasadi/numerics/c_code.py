@@ -118,6 +118,20 @@ class Tape:
     work: int
 
     @property
+    def name(self) -> str:
+        """Name of the function."""
+        return str(self.function.name())
+
+    @property
+    def arguments(self) -> tuple[dict[str, tuple[int, int]], dict[str, tuple[int, int]]]:
+        """Shapes of the arguments and results by name, in order; in C all are dense."""
+        f = self.function
+        return (
+            {f.name_in(k): f.size_in(k) for k in range(f.n_in())},
+            {f.name_out(k): f.size_out(k) for k in range(f.n_out())},
+        )
+
+    @property
     def size(self) -> int:
         """Number of instructions."""
         return len(self.instructions)
@@ -147,24 +161,21 @@ def tape_of(function: ca.Function) -> Tape:
     """
     if not function.is_a("SXFunction"):
         raise UnsupportedOperation(function, function.class_name())
-    count = function.n_instructions()
-    instructions = np.zeros((count, 4), np.int32)
+    instructions: list[tuple[int, int, int, int]] = []
     constants: list[float] = []
-    for row, k in zip(instructions, range(count), strict=True):
+    for k in range(function.n_instructions()):
         operation = function.instruction_id(k)
         if operation not in _CODES:
             raise UnsupportedOperation(function, _NAMES.get(operation, str(operation)))
-        code = _CODES[operation]
+        code, results = _CODES[operation], function.instruction_output(k)
         if code == CONSTANT:
-            row[:3] = code, function.instruction_output(k)[0], len(constants)
+            instructions.append((code, results[0], len(constants), 0))
             constants.append(float(function.instruction_constant(k)))
-        elif code == OUTPUT:
-            number, nonzero = function.instruction_output(k)
-            row[:] = code, number, function.instruction_input(k)[0], nonzero
         else:
             operands = function.instruction_input(k)
-            row[:] = code, function.instruction_output(k)[0], operands[0], operands[-1]
-    return Tape(function, instructions, np.array(constants), function.sz_w())
+            instructions.append((code, results[0], operands[0], results[1] if code == OUTPUT else operands[-1]))
+    table = np.array(instructions, np.int32).reshape(-1, 4)
+    return Tape(function, table, np.array(constants), function.sz_w())
 
 
 def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
@@ -173,10 +184,10 @@ def applied(code: int, first: ca.SX, second: ca.SX) -> ca.SX:
     return ca.SX.binary(operation, first, second) if "{y}" in _TEMPLATES[code] else ca.SX.unary(operation, first)
 
 
-def simplified(function: ca.Function) -> ca.Function:
+def simplified(function: ca.Function, *, densify: bool = True) -> ca.Function:
     """Return a function whose common subexpressions are evaluated once."""
     arguments = function.sx_in()
-    results = ca.cse([ca.densify(result) for result in function.call(arguments)])
+    results = ca.cse([ca.densify(result) if densify else result for result in function.call(arguments)])
     return ca.Function(function.name(), arguments, results, function.name_in(), function.name_out())
 
 
@@ -189,7 +200,7 @@ def interpreter_in_c() -> str:
 
 
 class _Writer:
-    """C code of one tape.
+    """C code of one tape; results that are sparse are written as dense ones.
 
     Every instruction defines a value of its own. A value that is used in its own
     piece alone is a local variable; others have a place in ``w``, which is
@@ -198,7 +209,9 @@ class _Writer:
 
     def __init__(self, tape: Tape):
         self.tape = tape
-        self.name = tape.function.name()
+        self.name = tape.name
+        patterns = [tape.function.sparsity_out(k) for k in range(tape.function.n_out())]
+        self.sparse = {k: pattern for k, pattern in enumerate(patterns) if not pattern.is_dense()}
         self._number()
         self._place()
 
@@ -206,6 +219,7 @@ class _Writer:
         """Operands as the instructions that define them."""
         instructions = self.tape.instructions.tolist()
         last: dict[int, int] = {}
+        dense = {k: pattern.find() for k, pattern in self.sparse.items()}
         self.lines: list[tuple[int, int, int, int]] = []
         self.constants: dict[int, str] = {}
         self.inputs: dict[int, tuple[int, int]] = {}
@@ -215,7 +229,8 @@ class _Writer:
             elif code == INPUT:
                 self.inputs[k] = first, second
             elif code == OUTPUT:
-                self.lines.append((code, result, last[first], second))
+                place = dense[result][second] if result in dense else second
+                self.lines.append((code, result, last[first], place))
                 continue
             else:
                 self.lines.append((code, k, last[first], last[second]))
@@ -256,15 +271,19 @@ class _Writer:
 
     def text(self) -> str:
         """The function, with the pieces before it."""
+        zeros = "".join(
+            f"  if (res[{k}]) for (int i = 0; i < {pattern.numel()}; ++i) res[{k}][i] = 0.0;\n"
+            for k, pattern in self.sparse.items()
+        )
         if len(self.pieces) == 1:
-            body = self._piece(self.pieces[0])
+            body = zeros + self._piece(self.pieces[0])
             return f"int {self.name}({SIGNATURE}) {{\n{body}  return 0;\n}}\n"
         parts = []
         for number, piece in enumerate(self.pieces):
             head = f"static void {self.name}_{number}(const double** arg, double** res, double* w)"
             parts.append(f"{head} {{\n{self._piece(piece)}}}\n")
         calls = "".join(f"  {self.name}_{number}(arg, res, w);\n" for number in range(len(self.pieces)))
-        parts.append(f"int {self.name}({SIGNATURE}) {{\n{calls}  return 0;\n}}\n")
+        parts.append(f"int {self.name}({SIGNATURE}) {{\n{zeros}{calls}  return 0;\n}}\n")
         return "\n".join(parts)
 
     def _piece(self, piece: Sequence[tuple[int, int, int, int]]) -> str:

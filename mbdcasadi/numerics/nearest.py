@@ -10,10 +10,13 @@ import numpy as np
 from .console import quiet
 from .least_squares import largest, least_norm, row_scale
 from .newton import Equations, backtrack, refine_root, solve
+from .rank import inverse_of_independent
 from .tolerances import EPSILON
 
 #: Newton steps, and products with the Hessian in each.
 STEPS, PRODUCTS = 100, 50
+#: Distance from the target, relative to ``1 + |x|``, that is rounding of the sizes by which unknowns are divided.
+SAME = 8 * EPSILON
 #: Change of the largest entry by which curvature is measured, and the step that counts as none (relative).
 PROBE, NO_STEP = 3e-5, 1e-9
 #: Eigenvalue of ``J J^T`` below which rows depend on each other (relative).
@@ -31,7 +34,7 @@ PULL_TOLERANCE = 1e-9
 
 
 class _Tangent:
-    """Projection onto the null space of a Jacobian, by the eigenvectors of the normal equations.
+    """Projection onto the null space of a Jacobian, by the normal equations; by their eigenvectors if need be.
 
     Combinations of rows that vanish are left out: dividing by a small shift
     instead would turn their rounding into motion. Applied twice, since once
@@ -40,9 +43,13 @@ class _Tangent:
 
     def __init__(self, jacobian: np.ndarray):
         self.jacobian = jacobian
-        values, vectors = np.linalg.eigh(jacobian @ jacobian.T)
-        held = values > DEPENDENT_EIGENVALUE * np.max(values, initial=np.finfo(float).tiny)
-        self._inverse = (vectors[:, held] / values[held]) @ vectors[:, held].T
+        square = jacobian @ jacobian.T
+        inverse = inverse_of_independent(square)
+        if inverse is None:
+            values, vectors = np.linalg.eigh(square)
+            held = values > DEPENDENT_EIGENVALUE * np.max(values, initial=np.finfo(float).tiny)
+            inverse = (vectors[:, held] / values[held]) @ vectors[:, held].T
+        self._inverse = inverse
 
     def split(self, vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tangent part ``v + J^T lam`` of a vector, and the multipliers that make it tangent."""
@@ -96,7 +103,7 @@ def nearest(
         return sizes * nearest(in_sizes, feasible / sizes, target / sizes, weights * sizes**2)
     root = np.sqrt(weights)
     x = refine_root(equations, np.array(feasible, float), weights)
-    if largest(x - target) <= EPSILON * (1 + largest(x)):
+    if largest(x - target) <= SAME * (1 + largest(x)):
         return x
     for _ in range(STEPS):
         _, jacobian = equations(x)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from .scattered import scattered
 from .tolerances import RANK
 
 #: Smallest singular value, relative to the largest one, from which rows are independent without a closer look.
@@ -71,17 +72,18 @@ def surely_independent(matrix: np.ndarray) -> bool:
         (m, n), with rows of length one.
     """
     m, n = matrix.shape
-    if m > n:
-        return False
-    if m == 0:
-        return True
-    square = matrix @ matrix.T
+    return m <= n and inverse_of_independent(matrix @ matrix.T) is not None
+
+
+def inverse_of_independent(square: np.ndarray) -> np.ndarray | None:
+    """Return the inverse of ``A A^T``, if the rows of A are independent by far; else None."""
     try:
         inverse = np.linalg.inv(square)
     except np.linalg.LinAlgError:
-        return False
+        return None
     # the square of the largest singular value is at most a sum of absolute values
-    return bool(np.max(np.sum(np.abs(square), axis=1)) * np.linalg.norm(inverse) < 1 / INDEPENDENT**2)
+    condition = np.max(np.sum(np.abs(square), axis=1), initial=0.0) * np.linalg.norm(inverse)
+    return inverse if condition < 1 / INDEPENDENT**2 else None
 
 
 def surely_independent_sparse(matrix: ca.DM) -> bool:
@@ -93,7 +95,7 @@ def surely_independent_sparse(matrix: ca.DM) -> bool:
     pivots, lower, order = ca.ldl(square)
     if not np.all(pivots.full() > 0):  # neither if one is not finite
         return False
-    vector, size = ca.DM(np.random.default_rng(0).standard_normal(m)), np.inf
+    vector, size = ca.DM(scattered(m)), np.inf
     for _ in range(INVERSE_ITERATIONS):
         vector = ca.ldl_solve(vector / ca.norm_2(vector), pivots, lower, order)
         size = float(ca.norm_2(vector))

@@ -22,7 +22,7 @@ from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
 from ..model.symbols import t as time
 from ..printing import to_text
 from ..results.state import State
-from .cost_parts import split_parts
+from .cost_parts import CostParts, parameter_parts, split_along_path
 from .placeholders import marked, markers_of
 
 #: Kinds of symbols whose values positions, velocities and first-order states do not decide.
@@ -42,7 +42,8 @@ class Waypoint(Immutable):
         point at its time, for instance where an input jumps. A free one finds the jump with ``control="constant"``;
         polynomials imitate a jump inside an interval as well, and ``optimize(tolerance=…)`` finds it for them.
     cost : expression, default 0
-        Added to the cost, with the values of that time.
+        Added to the cost, with the values of that time; :func:`positive_part` and :func:`absolute` of an expression add
+        a free parameter each.
 
     Examples
     --------
@@ -58,11 +59,28 @@ class Waypoint(Immutable):
         self.time = time_span(time, "Waypoint", "time")
         self.conditions: tuple[Condition, ...] = read_conditions(conditions)
         self.cost = read_cost(cost, "cost of a waypoint")
+        #: parameters in place of parts of the cost
+        self.parameters: tuple[Parameter, ...] = ()
 
     def __repr__(self) -> str:
         low, high = self.time
         time = f"{low:g} s" if low == high else f"{low:g} … {high:g} s"
         return f"Waypoint({time}{': ' if self.conditions else ''}{', '.join(c.label for c in self.conditions)})"
+
+
+class _SplitWaypoint(Waypoint):
+    """A waypoint with parameters in place of the parts in its cost."""
+
+    def __init__(self, waypoint: Waypoint, cost: ca.SX, parts: CostParts):
+        super().__init__(waypoint.time, (*waypoint.conditions, *parts.limits), cost)
+        self.parameters = (*waypoint.parameters, *parts.symbols)
+
+
+def _without_parts(waypoint: Waypoint) -> Waypoint:
+    """The same waypoint, or one with parameters in place of the parts in its cost."""
+    parts = parameter_parts()
+    cost = parts.split(waypoint.cost, "cost of a waypoint")
+    return _SplitWaypoint(waypoint, cost, parts) if parts.symbols else waypoint
 
 
 class Phase(Immutable):
@@ -120,13 +138,14 @@ class Phase(Immutable):
     ):
         self.name = check_name(name, "Phase")
         what = f"phase '{name}'"
-        parts = split_parts(mechanism, read_conditions(path), read_cost(running_cost, "running_cost"))
-        self.mechanism, self.path, self.running_cost = parts
+        cost = read_cost(running_cost, "running_cost")
+        parts = split_along_path(mechanism, read_conditions(path), lambda parts: [parts.split(cost, "running_cost")])
+        self.mechanism, self.path, (self.running_cost,) = parts
         self.equations: Equations = equations(self.mechanism)
         self.span = time_span(duration, what, "duration", instant=True)
         self.initial = read_state_or_conditions(initial, mechanism)
         self.final = read_state_or_conditions(final, mechanism)
-        self.waypoints = _read_waypoints(waypoints, self.span)
+        self.waypoints = tuple(map(_without_parts, _read_waypoints(waypoints, self.span)))
         self.restitution: dict[Any, float] = read_restitution(restitution, what)
         if self.restitution:
             _ = self.law  # refuses joints that cannot bounce

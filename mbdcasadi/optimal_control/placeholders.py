@@ -117,10 +117,11 @@ def at_end(expression: Any) -> ca.SX:
 
 
 def positive_part(expression: Any) -> ca.SX:
-    """Return a term for ``max(x, 0)`` in a running cost, without its kink: work of a motor without recovery.
+    """Return a term for ``max(x, 0)`` in a cost, without its kink: work of a motor without recovery.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= 0`` along the path. This is exact if
-    the cost grows with s.
+    An input s that occurs in no force takes its place in a running cost or an integral, with ``s >= x`` and ``s >= 0``
+    along the path; a free parameter in the terminal cost or that of a waypoint. This is exact if the cost grows with s;
+    an integral of it may have an upper limit.
 
     Parameters
     ----------
@@ -131,10 +132,11 @@ def positive_part(expression: Any) -> ca.SX:
 
 
 def absolute(expression: Any) -> ca.SX:
-    """Return a term for ``|x|`` in a running cost, without its kink: fuel, or work of a motor in both directions.
+    """Return a term for ``|x|`` in a cost, without its kink: fuel, or work of a motor in both directions.
 
-    An input s that occurs in no force takes its place, with ``s >= x`` and ``s >= -x`` along the path. This is exact if
-    the cost grows with s.
+    An input s that occurs in no force takes its place in a running cost or an integral, with ``s >= x`` and ``s >= -x``
+    along the path; a free parameter in the terminal cost or that of a waypoint. This is exact if the cost grows with s;
+    an integral of it may have an upper limit.
 
     Parameters
     ----------

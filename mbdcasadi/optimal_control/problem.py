@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -17,6 +18,7 @@ from ..model.symbols import Parameter, describe, role_of, symbols_of
 from ..numerics.symbolic import symbolic
 from ..results.state import State
 from .checks.consistency import check_conditions
+from .cost_parts import CostParts, parameter_parts, split_along_path
 from .nlp.compiled import CompiledProblem
 from .phase import Phase, Waypoint, read_cost, time_span
 from .placeholders import PARTS, Placeholder, is_marker, placeholders_in, with_values
@@ -40,7 +42,8 @@ class OptimalControlProblem(Immutable):
         expression of the model, rates of inputs (``tau.rate``) included.
     running_cost, terminal_cost : expression
         Minimised: the integral of the former and the value of the latter at the
-        end, where ``mbd.t`` is the duration and :func:`integral` may occur.
+        end, where ``mbd.t`` is the duration and :func:`integral` may occur. :func:`positive_part` and :func:`absolute`
+        of an expression add an input each, and a free parameter each in the terminal cost.
     boundary : sequence of relations
         Between :func:`at_start`, :func:`at_end`, :func:`integral` and parameters.
     waypoints : sequence of Waypoint
@@ -81,18 +84,28 @@ class OptimalControlProblem(Immutable):
         free_parameters: Sequence[Parameter] = (),
         phases: Sequence[Phase] | None = None,
     ):
+        self.phases: tuple[Phase, ...]
         one = (mechanism, duration, initial, final, path, running_cost, waypoints)
-        self.phases: tuple[Phase, ...] = _one_phase(*one) if phases is None else _read_phases(phases, one)
+        cost, rows = read_cost(terminal_cost, "terminal_cost"), read_conditions(boundary)
+        if phases is None:
+            self.phases, cost, rows = _one_phase(one, cost, rows)
+        else:
+            self.phases = _read_phases(phases, one)
         #: whether the motion was given by phases
         self.is_phased = phases is not None
         phase = self.phases[0]
         self.mechanism, self.equations, self.duration = phase.mechanism, phase.equations, phase.span
         self.initial, self.final, self.path, self.waypoints = phase.initial, phase.final, phase.path, phase.waypoints
         self.running_cost = phase.running_cost
-        self.free_parameters: tuple[Parameter, ...] = listed(free_parameters, Parameter, "free_parameters=")
-        refuse_twice(self.free_parameters, "free_parameters=")
-        self.terminal_cost = read_cost(terminal_cost, "terminal_cost")
-        self.boundary = read_conditions(boundary)
+        free = listed(free_parameters, Parameter, "free_parameters=")
+        refuse_twice(free, "free_parameters=")
+        parts = parameter_parts()
+        self.terminal_cost = parts.split(cost, "terminal_cost")
+        self.boundary = (*rows, *parts.limits)
+        own = [*(p for phase in self.phases for w in phase.waypoints for p in w.parameters), *parts.symbols]
+        self.free_parameters: tuple[Parameter, ...] = (*free, *own)
+        #: arguments before parts of the cost have become parameters
+        self._whole = {"terminal_cost": cost, "boundary": rows, "free_parameters": free}
         self.compiled = CompiledProblem()
         self._check()
         check_conditions(self)
@@ -120,7 +133,7 @@ class OptimalControlProblem(Immutable):
         """Return a new problem with some arguments replaced."""
         names = list(type(self).__signature__.parameters)
         own = {"phases", "terminal_cost", "boundary", "free_parameters"} if self.is_phased else {*names} - {"phases"}
-        arguments = {name: getattr(self, name) for name in names if name in own}
+        arguments = {name: getattr(self, name) for name in names if name in own} | self._whole
         unknown = set(changes) - own
         if unknown:
             raise ModelError(
@@ -162,7 +175,7 @@ class OptimalControlProblem(Immutable):
         for where, expression in expressions.items():
             for placeholder in placeholders_in(expression):
                 if placeholder.kind in PARTS:
-                    raise ExpressionError(f"{where} contains {placeholder.label}, which belongs in running_cost=")
+                    raise ExpressionError(f"{where} contains {placeholder.label}, which belongs in a cost")
                 phase = self.phase_of(placeholder)
                 if not any(phase is own for own in self.phases):
                     raise ExpressionError(
@@ -198,7 +211,7 @@ class OptimalControlProblem(Immutable):
         for where, expression in expressions.items():
             marked = placeholders_in(expression)
             for misplaced in [x for p in marked for x in placeholders_in(p.expression)] if placeholders else marked:
-                place = "running_cost=" if misplaced.kind in PARTS else "boundary= or terminal_cost="
+                place = "a cost" if misplaced.kind in PARTS else "boundary= or terminal_cost="
                 raise ExpressionError(f"{where} contains {misplaced.label}, which belongs in {place}")
             for symbol in symbols_of(expression):
                 if symbol.element_hash() not in known and not (placeholders and is_marker(symbol)):
@@ -218,14 +231,35 @@ class OptimalControlProblem(Immutable):
         return f"OptimalControlProblem({self.mechanism!r}, duration {time})"
 
 
-def _one_phase(mechanism: Any, duration: Any, *others: Any) -> tuple[Phase, ...]:
-    """The motion of one mechanism as a phase."""
+def _one_phase(
+    one: Sequence[Any], cost: ca.SX, rows: Sequence[Condition]
+) -> tuple[tuple[Phase, ...], ca.SX, tuple[Condition, ...]]:
+    """The motion of one mechanism as a phase, and terminal cost and boundary conditions by its symbols."""
+    mechanism, duration, initial, final, path, running_cost, waypoints = one
     if mechanism is None or duration is None:
         raise ModelError("OptimalControlProblem: give a mechanism and a duration, or phases=")
-    initial, final, path, running_cost, waypoints = others
+
+    def split(parts: CostParts) -> list[ca.SX]:
+        split = [parts.split_integrals(cost, "terminal_cost")]
+        return split + [parts.split_integrals(c.expression, f"boundary: {c.label}") for c in rows]
+
+    mechanism, path, (cost, *sides) = split_along_path(mechanism, read_conditions(path), split)
     phase = Phase("motion", mechanism, duration, initial, final, path, running_cost, waypoints)
     time_span(duration, "phase 'motion'", "duration")  # refuses 0
-    return (phase,)
+    boundary = tuple(_with_side(c, side) for c, side in zip(rows, sides, strict=True))
+    return (phase,), cost, boundary
+
+
+def _with_side(condition: Condition, side: ca.SX) -> Condition:
+    """A boundary condition with symbols in place of the parts in its integrals."""
+    if side.element_hash() == condition.expression.element_hash():
+        return condition
+    if condition.equality:
+        raise ExpressionError(
+            f"boundary: {condition.label} prescribes an integral with positive_part or absolute, which can have an "
+            "upper limit alone"
+        )
+    return replace(condition, expression=side)
 
 
 def _read_phases(phases: Any, others: Sequence[Any]) -> tuple[Phase, ...]:

@@ -238,6 +238,19 @@ class PhasedTrajectory(Trajectory):
             return self
         return PhasedTrajectory(parts, self.mechanism, self._values, events=self.events, statistics=self.statistics)
 
+    def appearances(self, part: Any) -> tuple[float, ...] | None:
+        """Return the times at which a body or an element appears and disappears in turn, s; None if it stays.
+
+        One that is there from the start appears at the start, one that is never there not at all. Forces of one name
+        are the same one.
+        """
+        there = [
+            any(type(x) is type(part) and x.name == part.name for x in (*m.bodies, *m.joints, *m.drivers, *m.forces))
+            for m in (phase.mechanism for phase in self._parts)
+        ]
+        turns = zip(self._parts, [False, *there], there, strict=False)
+        return None if all(there) else tuple(float(phase.t[0]) for phase, before, now in turns if before != now)
+
     @cached_property
     def last_seen(self) -> np.ndarray:
         """Last known values of the coordinates (n,)."""

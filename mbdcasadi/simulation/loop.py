@@ -271,11 +271,12 @@ class Run:
 
     def _joined(self, size: int) -> int:
         """Times of the pieces that follow the first: more, if a multistep method would mostly be starting."""
-        arc = self._arc
+        arc, left = self._arc, self._schedule.size - self._index
         steps, restarts = arc.stepper.steps, any(map(resets_or_ends, arc.watch.events))
         if not self.integrator.is_multistep or restarts or steps >= STEPS_PER_PIECE:
             return size
-        return size * -(-STEPS_PER_PIECE // max(steps, 1))
+        pieces = max(1, round(left / size * steps / STEPS_PER_PIECE))
+        return max(size, -(-left // pieces))  # of equal length: an integrator is made for each pattern of outputs
 
     # --- one piece ----------------------------------------------------------------------------------
     def _advance(self, last: int) -> bool:

@@ -101,7 +101,7 @@ class Stage:
     def image(self, k: int) -> np.ndarray:
         """Frame k as an array (height, width, 3) of bytes."""
         film = self.film
-        self._picture.show(film.poses[k])
+        self._picture.show(film.poses[k], film.t[k])
         passed = np.searchsorted(film.fine, film.t[k])
         for number, line in enumerate(self._traces):
             line.set_data(*np.vstack([film.paths[:passed, number], self._heads[k, number]]).T)

@@ -1,8 +1,9 @@
-"""Positive parts and magnitudes in running costs, without kinks."""
+"""Positive parts and magnitudes in costs, without kinks."""
 
 import numpy as np
 import pytest
 from motions import rest_to_rest
+from scipy.optimize import brentq
 
 import mbdcasadi as mbd
 
@@ -48,19 +49,103 @@ def test_the_motion_goes_on_with_the_model_of_the_user():
     assert motion.final[block.x] == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("where", ["terminal_cost", "boundary", "path", "integral"])
-def test_elsewhere_it_is_refused(where):
+@pytest.mark.parametrize(("price", "x"), [(10.0, 10 / 24), (100.0, 1.0)])
+def test_a_price_on_the_end(price, x):
+    """Rest after x in 1 s costs 12 x², and k |x - 1| at the end: x = k / 24, or 1 if that is beyond."""
+    problem, _u, block = rest_to_rest(1.0, 1.0)
+    cost = price * mbd.absolute(block.x - 1)
+    solution = mbd.optimize(problem.replace(final=[block.vx == 0], terminal_cost=cost), intervals=6)
+    assert solution.cost == pytest.approx(12 * x**2 + price * (1 - x), rel=1e-6)
+    assert solution.trajectory[block.x][-1] == pytest.approx(x, rel=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1e5])
+def test_a_price_on_a_place_on_the_way(unit):
+    """Out to x and back costs 192 x², and k max(0.3 - x, 0) on the way: x = k / 384; the same in any unit of costs."""
+    problem, u, block = rest_to_rest(1.0, 1.0)
+    there = mbd.Waypoint(0.5, cost=unit * 20 * mbd.positive_part(0.3 - block.x))
+    back = problem.replace(final=[block.x == 0, block.vx == 0], running_cost=unit * u**2, waypoints=[there])
+    solution = mbd.optimize(back, intervals=6)
+    x = 20 / 384
+    assert solution.cost / unit == pytest.approx(192 * x**2 + 20 * (0.3 - x), rel=1e-6)
+    (part,) = back.free_parameters
+    assert solution.parameters[part] == pytest.approx(0.3 - x, rel=1e-6)
+    assert back.replace(duration=2.0).free_parameters == back.free_parameters
+
+
+def test_one_waypoint_twice():
+    """The same object at two times has a part at each."""
+    problem, u, block = rest_to_rest(1.0, 1.0)
+    there = mbd.Waypoint((0.2, 0.8), cost=20 * mbd.positive_part(0.3 - block.x))
+    twice = problem.replace(waypoints=[there, there], running_cost=u**2)
+    assert len(twice.free_parameters) == 2
+    assert not problem.replace(waypoints=twice.waypoints[:0]).free_parameters
+
+
+def test_a_part_of_the_old_cost_goes_with_it():
+    """A replaced terminal cost leaves neither a parameter nor a condition behind."""
+    problem, _u, block = rest_to_rest(1.0, 1.0)
+    priced = problem.replace(terminal_cost=mbd.absolute(block.x - 1))
+    assert len(priced.free_parameters) == 1 and len(priced.boundary) == 2
+    plain = priced.replace(terminal_cost=block.x)
+    assert not plain.free_parameters and not plain.boundary
+
+
+def test_a_budget_of_fuel():
+    """Least ``∫u²`` with ``∫|u|`` at most B: u = ± a (|1 - t| - s) before and after a time of coasting."""
+    problem, u, block = rest_to_rest(1.0, 2.0)
+    budget = 1.25
+
+    def way(s):
+        a = budget / (1 - s) ** 2
+        return 2 * a * ((1 - s**3) / 3 - s * (1 - s**2) / 2)
+
+    s = brentq(lambda s: way(s) - 1, 0.0, 0.9)
+    exact = 2 / 3 * (budget / (1 - s) ** 2) ** 2 * (1 - s) ** 3
+    saving = problem.replace(boundary=[mbd.integral(mbd.absolute(u)) <= budget])
+    solution = mbd.optimize(saving, intervals=40)
+    assert solution.cost == pytest.approx(exact, rel=1e-4)
+    assert solution.trajectory[block.x][-1] == pytest.approx(1, abs=1e-8)
+    assert len(saving.replace(duration=3.0).mechanism.inputs) == 2
+
+
+@pytest.mark.parametrize(
+    ("where", "arguments"),
+    [
+        ("boundary", lambda part: {"boundary": [part <= 1]}),
+        ("path", lambda part: {"path": [part <= 1]}),
+        ("path", lambda part: {"running_cost": mbd.positive_part(part)}),
+    ],
+)
+def test_elsewhere_it_is_refused(where, arguments):
     """With the place where it belongs."""
     problem, u, _block = rest_to_rest()
-    part = mbd.absolute(u)
-    changes = {
-        "terminal_cost": {"terminal_cost": part},
-        "boundary": {"boundary": [part <= 1]},
-        "path": {"path": [part <= 1]},
-        "integral": {"terminal_cost": mbd.integral(part)},
-    }
-    with pytest.raises(mbd.ExpressionError, match=r"absolute\(u\), which belongs in running_cost="):
-        problem.replace(**changes[where])
+    with pytest.raises(mbd.ExpressionError, match=rf"{where}: .*absolute\(u\), which belongs in a cost"):
+        problem.replace(**arguments(mbd.absolute(u)))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        lambda part: {"running_cost": 1 - part},
+        lambda part: {"terminal_cost": -2 * part},
+        lambda part: {"terminal_cost": -mbd.integral(part)},
+        lambda part: {"boundary": [mbd.integral(part) >= 1]},
+        lambda part: {"waypoints": [mbd.Waypoint(0.5, cost=-part)]},
+    ],
+)
+def test_what_falls_with_a_part_is_refused(arguments):
+    """Its symbol is at least the part, not the part: a cost that falls with it would have no minimum."""
+    problem, u, _block = rest_to_rest()
+    with pytest.raises(mbd.ExpressionError, match=r"falls with absolute\(u\)"):
+        problem.replace(**arguments(mbd.absolute(u)))
+
+
+def test_an_integral_of_a_part_has_no_prescribed_value():
+    """For the same reason."""
+    problem, u, _block = rest_to_rest()
+    with pytest.raises(mbd.ExpressionError, match="prescribes an integral with positive_part or absolute"):
+        problem.replace(boundary=[mbd.integral(mbd.absolute(u)) == 1])
 
 
 def test_the_message_of_a_kink_leads_there():

@@ -9,6 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from ...numerics.scattered import scattered
 from ..derivation import Equations
 from .time_breaks import AWAY_FROM_CORNERS, TimeBreaks, TimeFunctions, merge_breaks, resolution
 
@@ -124,7 +125,7 @@ class ExplicitTime:
         symbols = eom.q, eom.v, eom.z, eom.a, eom.lam, eom.u
         values = [*eom.estimate, np.ones(eom.a.numel()), np.ones(eom.lam.numel()), eom.input_values]
         near = np.concatenate(values)
-        return ca.vertcat(*symbols), near + _GENERIC * np.random.default_rng(0).uniform(-1, 1, near.size)
+        return ca.vertcat(*symbols), near + _GENERIC * scattered(near.size)
 
     def _functions(self, expression: ca.SX) -> TimeFunctions:
         return TimeFunctions(expression, self._eom.t, self._eom.p, self._typical)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
+from ...numerics.scattered import scattered
 from .switch_functions import nesting_depths
 
 #: Samples at first, and at most, on which a function of time that is not affine is looked over for roots.
@@ -214,6 +215,6 @@ class SampledRoots:
 def _samples(borders: np.ndarray, count: int) -> np.ndarray:
     """Points of all intervals between borders, not evenly spaced, so that nothing periodic hides between them."""
     each = max(count // (borders.size - 1), 16)
-    share = (np.arange(each) + np.random.default_rng(0).uniform(0.25, 0.75, each)) / each
+    share = (np.arange(each) + 0.5 + scattered(each) / 4) / each
     width = np.diff(borders)[:, None]
     return (borders[:-1, None] + width * np.r_[1e-9, share, 1 - 1e-9]).ravel()

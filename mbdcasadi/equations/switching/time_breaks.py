@@ -18,6 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ...numerics.scattered import scattered
 from .switch_functions import depending_on_time, distinct, divisors_among, time_switches
 from .switch_times import SwitchTimes
 
@@ -160,7 +161,7 @@ class TimeFunctions:
         if self._others is None:
             known = {symbol.element_hash() for symbol in ca.vertsplit(ca.vertcat(self._t, self._p))}
             rest = [symbol for symbol in ca.symvar(self._expressions) if symbol.element_hash() not in known]
-            others = ca.vertcat(ca.SX(0, 1), *rest), np.random.default_rng(0).uniform(0.5, 1.5, len(rest))
+            others = ca.vertcat(ca.SX(0, 1), *rest), 1 + scattered(len(rest)) / 2
         else:
             others = self._others
         return ca.substitute(self._expressions, others[0], ca.DM(others[1]))

@@ -92,42 +92,6 @@ static int find_levels(const double** arg, double** res, long long int* iw, doub
   return 0;
 }
 
-#if HAS_NEWTON
-/* Forces that depend on reactions: Newton's method for (a, lam), from zero. */
-static int find_dynamics(const double** arg, double** res, long long int* iw, double* w, int mem) {
-  const int count = N_COORDINATES + N_MULTIPLIERS;
-  double *found = w, *next = w + count, *work = next + count, left = INFINITY;
-  int solved = 0, k, i;
-  memset(found, 0, sizeof(double) * (size_t)count);
-  for (k = 0; k < 60 && !solved; ++k) {
-    const double* known[7] = {arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found};
-    double* given[2] = {next, &left};
-    double change = 0.0, size = 0.0;
-    newton(known, given, iw, work, mem);
-    for (i = 0; i < count; ++i) {
-      change = fmax(change, fabs(next[i] - found[i]));
-      size = fmax(size, fabs(next[i]));
-    }
-    memcpy(found, next, sizeof(double) * (size_t)count);
-    if (!isfinite(change)) break;
-    solved = change <= 1e-13 * (1.0 + size) || (k > 8 && change <= 1e-10 * (1.0 + size));
-  }
-  if (!solved) for (i = 0; i < count; ++i) found[i] = NAN;
-  if (res[0]) memcpy(res[0], found, sizeof(double) * N_COORDINATES);
-  if (res[1]) {
-    const double* known[7] = {arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found};
-    double* given[1] = {res[1]};
-    state_rates(known, given, iw, work, mem);
-  }
-  if (res[2]) memcpy(res[2], found + N_COORDINATES, sizeof(double) * N_MULTIPLIERS);
-  if (res[3]) *res[3] = 1.0;
-  return 0;
-}
-#define WORK_dynamics (2 * (N_COORDINATES + N_MULTIPLIERS) + WORK_newton + WORK_state_rates)
-#else
-#define find_dynamics dynamics
-#endif
-
 /* --- life ---------------------------------------------------------------------------------------------- */
 
 static void reset(instance* s) {
@@ -195,7 +159,7 @@ static instance* create(report_t report, void* host) {
   s->system.multipliers = N_MULTIPLIERS;
   s->system.inputs = N_INPUTS;
   s->system.input.code = find_levels;
-  s->system.dynamics.code = find_dynamics;
+  s->system.dynamics.code = dynamics;
   s->system.dynamics.work = WORK_dynamics;
   s->system.projection.code = projection;
   s->system.projection.work = WORK_projection;

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib.metadata import PackageNotFoundError, version
 
 import casadi as ca
 import numpy as np
@@ -29,6 +28,8 @@ SAVED = 0.7
 @cache
 def package_version() -> str:
     """Version of this package."""
+    from importlib.metadata import PackageNotFoundError, version  # imports e-mail and archives
+
     try:
         return version("mbdcasadi")
     except PackageNotFoundError:
@@ -78,18 +79,12 @@ class Code:
         Time that interpreting them has taken so far, s.
     said : str
         Compiler and time, or the reason for which they are not compiled, in words.
-
-    Raises
-    ------
-    UnsupportedOperation
-        For a function that is not written as C.
     """
 
     def __init__(self, functions: Sequence[ca.Function], written: Written | None = None):
-        bodies = {} if written is None else written.bodies
         self._written = written
-        self.functions = [f if f.name() in bodies else simplified(f) for f in functions]
-        self.tapes: list[Tape] = [_no_tape(f) if f.name() in bodies else tape_of(f) for f in self.functions]
+        self._bodies = {} if written is None else written.bodies
+        self.functions = [f if f.name() in self._bodies else simplified(f) for f in functions]
         self.library: ctypes.CDLL | None = None
         self.spent = 0.0
         self.said = ""
@@ -98,9 +93,21 @@ class Code:
         self._lock = threading.Lock()
 
     @cached_property
+    def tapes(self) -> list[Tape]:
+        """Their instructions, of which a library that was built before has no need.
+
+        Raises
+        ------
+        UnsupportedOperation
+            For a function that is not written as C.
+        """
+        return [_no_tape(f) if f.name() in self._bodies else tape_of(f) for f in self.functions]
+
+    @cached_property
     def size(self) -> int:
         """Number of instructions."""
-        return sum(tape.size for tape in self.tapes) + (0 if self._written is None else self._written.size)
+        own = sum(f.n_instructions() for f in self.functions if f.name() not in self._bodies)
+        return own + (0 if self._written is None else self._written.size)
 
     @property
     def price(self) -> float:
@@ -144,11 +151,10 @@ class Code:
             self.said = f"equations compiled by {using.name} in {time.perf_counter() - began:.2g} s"
 
     def _source(self) -> str:
-        bodies = {} if self._written is None else self._written.bodies
         parts = ["#include <math.h>\n", "" if self._written is None else self._written.shared]
         for tape in self.tapes:
             name = tape.function.name()
-            text, work = bodies[name] if name in bodies else (tape.as_c, tape.work_in_c)
+            text, work = self._bodies.get(name) or (tape.as_c, tape.work_in_c)
             parts += [text, f"const long long {name}_work = {work};\n"]
         return "\n".join(parts)
 

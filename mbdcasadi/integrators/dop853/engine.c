@@ -31,12 +31,14 @@ typedef struct {
    dynamics (t, q, v, z, u, p) -> (a, rate of z, lam, regularity)
    quadrature (t, q, v, a, z, lam, u, p) -> rates of the integrals
    projection (t, q, v, p, weights) -> (q, v, largest |Phi| that is left)
+   switching (t, q, v, z, p) -> quantities at whose zeros the equations switch
    event (t, q, v, a, z, lam, u, p) -> values
+
    slopes (t, q, v, z, u, p, levels, channel) -> slopes of (a, rate of z) by (q, v, z), by columns; of implicit methods */
 typedef struct {
-  integer coordinates, states, multipliers, inputs, integrals, events;
+  integer coordinates, states, multipliers, inputs, integrals, switches, events;
   integer event_needs_dynamics;
-  function_t input, dynamics, quadrature, projection, event, slopes;
+  function_t input, dynamics, quadrature, projection, switching, event, slopes;
 } system_t;
 
 enum status { DONE, PAUSED, FULL, HALTED, EVENT, SINGULAR, STIFF, TOO_SMALL, NOT_FINITE, APART };
@@ -92,6 +94,10 @@ typedef struct {
   double *u, *lam, *accelerations, *work;
   double* events;             /* three rows of values, and one of times */
   double* sign;
+  double passed;              /* when a zero was passed last */
+  int across;                 /* whether a tiny step is to go across one */
+  double *from, *now;         /* what switches, at the start of a step and at a trial end */
+  double *before, *beyond;    /* and at both ends of a bracket of the first zero */
   double hint;                /* least regularity since it was set */
   const stretch_t* task;
   const double* channel;
@@ -123,11 +129,12 @@ run_t* mbd_new(const system_t* system) {
   work = largest(work, system->dynamics.work);
   work = largest(work, system->quadrature.work);
   work = largest(work, system->projection.work);
+  work = largest(work, system->switching.work);
   work = largest(work, system->event.work);
   work = largest(work, system->slopes.work);
   const integer m = system->slopes.work ? n_x - n : 0;
   const integer size = (ROWS + 7 + 6) * n_y + n_x + system->inputs + system->multipliers + n + work +
-                       5 * system->events + 3 + m * (n_x + m);
+                       5 * system->events + 3 + 4 * system->switches + m * (n_x + m);
   double* place = calloc((size_t)size, sizeof(double));
   run->pivots = calloc((size_t)m + 1, sizeof(int));
   if (!place || !run->pivots) { free(place); free(run->pivots); free(run); return NULL; }
@@ -149,6 +156,10 @@ run_t* mbd_new(const system_t* system) {
   run->sign = place; place += system->events;
   run->slopes = place; place += m * n_x;
   run->matrix = place; place += m * m;
+  run->from = place; place += system->switches;
+  run->before = place; place += system->switches;
+  run->beyond = place; place += system->switches;
+  run->now = place; place += system->switches;
   run->work = place;
   return run;
 }
@@ -209,6 +220,12 @@ static void find_events(run_t* run, double t, const double* x, double* values) {
   const double* arg[8] = {&t, x, x + run->n, run->accelerations, x + 2 * run->n, run->lam, run->u, run->task->p};
   double* res[1] = {values};
   evaluate(&s->event, arg, res, run->work);
+}
+
+static void find_switches(run_t* run, double t, const double* x, double* values) {
+  const double* arg[5] = {&t, x, x + run->n, x + 2 * run->n, run->task->p};
+  double* res[1] = {values};
+  evaluate(&run->system->switching, arg, res, run->work);
 }
 
 /* Bring a state onto the constraints; 0 if this does not succeed. */
@@ -350,6 +367,53 @@ static void record(run_t* run, stretch_t* task, double t, const double* y, integ
            (size_t)run->system->integrals * sizeof(double));
 }
 
+/* --- switches ---------------------------------------------------------------------------------------- */
+
+/* Across a zero of these quantities the equations, or their derivatives, jump, which the estimate of the error does
+   not show. A step that passes one and is not exact there is shortened until it ends just before the zero, and a tiny
+   one goes across. */
+
+typedef struct {
+  double low, high;            /* lengths of a step that ends before the first zero, and of one that passes it; or 0 */
+  double left;                 /* from where it ends to the zero, if that is near; else 0 */
+  int trials;
+} bracket_t;
+
+/* Part of the way between two ends at which the first quantity is zero that changes its sign; infinite if none does. */
+static double first_zero(const run_t* run, const double* from, const double* to) {
+  double size = 1.0, first = INFINITY;
+  for (integer i = 0; i < run->n_x; ++i) size = fmax(size, fabs(run->y[i]));
+  for (integer i = 0; i < run->system->switches; ++i) {
+    if (!(fmin(fabs(from[i]), fabs(to[i])) > SAME_SIDE * size) || (from[i] > 0.0) == (to[i] > 0.0)) continue;
+    first = fmin(first, from[i] / (from[i] - to[i]));
+  }
+  return first;
+}
+
+/* Length with which a step is to be tried again, as it passes a zero, or ends far before it; 0 if it may stay. */
+static double length_to_switch(run_t* run, double t, double h, double* error, bracket_t* at) {
+  const size_t bytes = (size_t)run->system->switches * sizeof(double);
+  if (!bytes || !isfinite(*error)) return 0.0;
+  find_switches(run, t + h, run->next, run->now);
+  const int passes = first_zero(run, run->from, run->now) <= 1.0;
+  if (passes || t - run->passed < h) *error *= DOUBT;
+  if (passes ? run->across && *error < 1.0 : at->high == 0.0) return 0.0;
+  if (!passes && *error >= 1.0) {   /* not the switch limits the step */
+    at->low = at->high = 0.0;
+    memcpy(run->before, run->from, bytes);
+    return 0.0;
+  }
+  if (++at->trials > SEARCHES) return 0.0;
+  memcpy(passes ? run->beyond : run->before, run->now, bytes);
+  if (passes) at->high = h; else at->low = h;
+  const double between = at->high - at->low, left = first_zero(run, run->before, run->beyond) * between;
+  if (!passes && (left <= NEARLY * h || left > between)) {   /* near to the zero, or there by rounding */
+    at->left = 2.0 * fmin(left, NEARLY * h);
+    return 0.0;
+  }
+  return at->low + (at->trials % 3 ? left * (1.0 - BEFORE) : between / 2.0);
+}
+
 static int sign_of(double x) { return x > 0.0 ? 1 : x < 0.0 ? -1 : 0; }
 
 /* True if a parabola through three values of one sign comes near to zero between them. */
@@ -454,6 +518,9 @@ int mbd_advance(run_t* run, stretch_t* task) {
   const integer margin = s->events || task->keep_samples || task->fall > 0.0 ? MOST_SAMPLES + 4 : 4;
   double step = task->step;
   integer stop = 0, near_steps = 0;
+  run->across = 0;
+  run->passed = -INFINITY;
+  if (s->switches) find_switches(run, t, y, run->now);
   while (task->reached < task->count) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
     const double end = task->times[stop];
@@ -461,16 +528,25 @@ int mbd_advance(run_t* run, stretch_t* task) {
     step = fmin(step, task->max_step);
     const double tried = step;
     int clipped = 0, repeated = 0;
+    bracket_t at = {0.0, 0.0, 0.0, 0};
+    memcpy(run->from, run->now, (size_t)s->switches * sizeof(double));
+    memcpy(run->before, run->now, (size_t)s->switches * sizeof(double));
     double h = step, arrival = t + h, error;
     if (t + 1.01 * h >= end) { h = end - t; arrival = end; clipped = 1; }
     else if (t + 2.0 * h > end) { h = (end - t) / 2.0; arrival = t + h; clipped = 1; }
     for (;;) {
       run->hint = INFINITY;
       error = attempt(run, task, t, h);
-      if (error < 1.0 && arrive(run, arrival)) break;
+      const double length = length_to_switch(run, t, h, &error, &at);
+      if (length == 0.0 && error < 1.0 && arrive(run, arrival)) break;
       ++task->rejected;
-      repeated = 1;
       clipped = 0;
+      if (length > 0.0) {
+        h = length;
+        arrival = t + h;
+        continue;
+      }
+      repeated = 1;
       h *= isfinite(error) && error >= 1.0 ? fmax(LEAST, SAFETY * pow(error, -1.0 / 8.0)) : LEAST;
       arrival = t + h;
       if (!(h > least_step(t))) {
@@ -483,6 +559,9 @@ int mbd_advance(run_t* run, stretch_t* task) {
     const double factor = error > 0.0 ? fmin(MOST, SAFETY * pow(error, -1.0 / 8.0)) : MOST;
     step = h * (repeated ? fmin(factor, 1.0) : factor);
     if (clipped) step = fmax(step, tried);
+    if (at.left > 0.0) step = at.left;
+    else if (run->across) { run->passed = t; step = 0.0; }
+    run->across = at.left > 0.0;
     if (task->stiff_after) {
       if (stability(run, h) > STABILITY) {
         task->not_stiff = 0;

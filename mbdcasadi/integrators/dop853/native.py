@@ -41,6 +41,11 @@ CONSTANTS = (
     "FORGOTTEN",
     "MOST_SAMPLES",
     "NEAR_STEPS",
+    "SAME_SIDE",
+    "DOUBT",
+    "NEARLY",
+    "SEARCHES",
+    "BEFORE",
 )
 
 _HEAD = """\
@@ -70,9 +75,12 @@ class _Function(ctypes.Structure):
 
 class _System(ctypes.Structure):
     _fields_ = (
-        *((name, c_longlong) for name in ("coordinates", "states", "multipliers", "inputs", "integrals", "events")),
-        ("event_needs_dynamics", c_longlong),
-        *((name, _Function) for name in ("input", "dynamics", "quadrature", "projection", "event", "slopes")),
+        *((name, c_longlong) for name in ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")),
+        *((name, c_longlong) for name in ("events", "event_needs_dynamics")),
+        *(
+            (name, _Function)
+            for name in ("input", "dynamics", "quadrature", "projection", "switching", "event", "slopes")
+        ),
     )
 
 
@@ -199,7 +207,7 @@ class NativeRun:
     system : ExplicitSystem
         The equations.
     codes : sequence of Code
-        Of the dynamics, projection and quadrature; of the input; of the events.
+        Of the dynamics, projection, quadrature and what switches; of the input; of the events.
     watched : Watched, optional
         Events.
     """
@@ -216,6 +224,7 @@ class NativeRun:
             multipliers=system.multipliers,
             inputs=system.inputs,
             integrals=system.integrals,
+            switches=system.switches,
             events=0 if watched is None else watched.size,
             event_needs_dynamics=watched is not None and watched.needs_dynamics,
         )
@@ -424,12 +433,13 @@ class _Arrays:
 
 def _entry(code: Code, k: int) -> _Function:
     """A function for the engine: compiled if it is."""
+    if code.library is not None:
+        address, work = code.entry(k)
+        return _Function(code=address, work=work + 1)
     tape: Tape = code.tapes[k]
-    address, work = code.entry(k) if code.library is not None else (0, 0)
     return _Function(
-        code=address or None,
         tape=tape.instructions.ctypes.data,
         constants=tape.constants.ctypes.data,
         count=tape.size,
-        work=max(work, tape.work) + 1,
+        work=tape.work + 1,
     )

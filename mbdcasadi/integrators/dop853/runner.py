@@ -74,6 +74,8 @@ class Runner:
             self._codes = self._code(using)
             for code in self._codes:
                 code.look_for_library(using)
+                if code.library is None:
+                    _ = code.tapes  # raises for what cannot be interpreted
         except (build.CompilationError, UnsupportedOperation) as error:
             return self._stepwise(str(error))
         if self._compiles:
@@ -114,7 +116,7 @@ class Runner:
         if self.watched is not None:
             return StepwiseRun(self.system, self.watched, self._cache)
         s = self.system
-        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection)
+        key = ("stepwise", s.input, s.dynamics, s.quadrature, s.projection, s.switching)
         run: StepwiseRun = self._lending.borrow(key, lambda: StepwiseRun(s, None, self._cache))
         self._borrowed = key, run
         return run
@@ -183,14 +185,14 @@ class Runner:
         """Run cases one after the other in C; see :meth:`NativeRun.run_cases`. None without C."""
         if self._using is None or not isinstance(self._run, NativeRun):
             return None
+        code = self._cache.get_or_create(("code", output), lambda: Code((output,)))
+        code.look_for_library(self._using)
         try:
-            code = self._cache.get_or_create(("code", output), lambda: Code((output,)))
+            if self._compiles and code.pays(np.inf):
+                code.compile(self._using)
+            return self._run.run_cases(cases, common, code, values)
         except UnsupportedOperation:
             return None
-        code.look_for_library(self._using)
-        if self._compiles and code.pays(np.inf):
-            code.compile(self._using)
-        return self._run.run_cases(cases, common, code, values)
 
     def halt(self) -> None:
         """Stop a run in another thread."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time as clock
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -20,6 +21,8 @@ from .recording import Recording
 from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
 from .stretch import (
     ACCURACY,
+    BEFORE,
+    DOUBT,
     DRIFT,
     FORGOTTEN,
     LEAST,
@@ -27,9 +30,12 @@ from .stretch import (
     MOST,
     MOST_SAMPLES,
     NEAR_STEPS,
+    NEARLY,
     PROJECTIONS,
     SAFETY,
+    SAME_SIDE,
     SAMPLES,
+    SEARCHES,
     SLIGHT,
     STABILITY,
     ExplicitSystem,
@@ -56,8 +62,9 @@ class StepwiseRun:
 
     def __init__(self, system: ExplicitSystem, watched: Watched | None, cache: Cache):
         self.system, self.watched = system, watched
-        functions = (system.input, system.dynamics, system.quadrature, system.projection)
+        functions = (system.input, system.dynamics, system.quadrature, system.projection, system.switching)
         self.step_functions = Steps(cache.get_or_create(("stepwise", *functions), partial(StepFunctions, system)))
+        self.switching = BufferedFunction(simplified(system.switching)) if system.switches else None
         self.event = None if watched is None else BufferedFunction(simplified(watched.function))
         self.halted = threading.Event()
 
@@ -85,12 +92,41 @@ class StepwiseRun:
         return a, lam, u
 
 
+@dataclass
+class _Bracket:
+    """The first zero of what switches in a step.
+
+    Attributes
+    ----------
+    start, before, beyond : numpy.ndarray
+        What switches at the start, and at the ends of steps of both lengths.
+    low, high : float
+        Lengths of a step that ends before the zero, and of one that passes it; or 0, s.
+    left : float
+        From the end of the step to the zero, if that is near; else 0, s.
+    error : float
+        Error of the last trial, relative to the tolerances.
+    trials : int
+        Trials to come near to the zero.
+    """
+
+    start: np.ndarray
+    before: np.ndarray
+    beyond: np.ndarray
+    low: float = 0.0
+    high: float = 0.0
+    left: float = 0.0
+    error: float = 0.0
+    trials: int = 0
+
+
 class _StretchRun:
     """One stretch, step by step."""
 
     def __init__(self, owner: StepwiseRun, s: Stretch, progress: Progress):
         steps, system = owner.step_functions, owner.system
         self._f, self._system, self._watched, self._event = steps, system, owner.watched, owner.event
+        self._switching = owner.switching
         self._halt, self.s, self.progress = owner.halted, s, progress
         self.n, self.n_x = system.coordinates, system.size
         self.n_y = self.n_x + system.integrals
@@ -189,6 +225,49 @@ class _StretchRun:
     def _dense_output(self, part: float) -> np.ndarray:
         return interpolated(self._f.y, self._f.coefficients, part)
 
+    # --- switches ------------------------------------------------------------------------------
+    def _switches(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Quantities at whose zeros the equations switch."""
+        if self._switching is None:
+            return np.zeros(0)
+        n = self.n
+        values: np.ndarray = self._switching(t, y[:n], y[n : 2 * n], y[2 * n : self.n_x], self.s.p)[0].copy()
+        return values
+
+    def _first_zero(self, before: np.ndarray, after: np.ndarray) -> float:
+        """Part of the way between two ends at which the first quantity is zero that changes its sign; else infinite."""
+        least = SAME_SIDE * max(1.0, float(np.max(np.abs(self._f.y[: self.n_x]))))
+        passed = (np.minimum(np.abs(before), np.abs(after)) > least) & ((before > 0) != (after > 0))
+        before, after = before[passed], after[passed]
+        return float(np.min(before / (before - after), initial=np.inf))
+
+    def _length_to_switch(self, t: float, h: float, at: _Bracket) -> float:
+        """Length with which a step that passes a zero, or ends far before it, is tried again; 0 if it may stay."""
+        if self._switching is None or not math.isfinite(at.error):
+            return 0.0
+        self._now = now = self._switches(t + h, self._f.end)
+        passes = self._first_zero(at.start, now) <= 1.0
+        if passes or t - self._passed < h:
+            at.error *= DOUBT
+        if self._across and at.error < 1.0 if passes else at.high == 0.0:
+            return 0.0
+        if not passes and at.error >= 1.0:  # not the switch limits the step
+            at.before, at.low, at.high = at.start, 0.0, 0.0
+            return 0.0
+        at.trials += 1
+        if at.trials > SEARCHES:
+            return 0.0
+        if passes:
+            at.beyond, at.high = now, h
+        else:
+            at.before, at.low = now, h
+        between = at.high - at.low
+        left = self._first_zero(at.before, at.beyond) * between
+        if not passes and (left <= NEARLY * h or left > between):  # near to the zero, or there by rounding
+            at.left = 2.0 * min(left, NEARLY * h)
+            return 0.0
+        return at.low + (left * (1.0 - BEFORE) if at.trials % 3 else between / 2.0)
+
     # --- events --------------------------------------------------------------------------------
     def _values(self, t: float, y: np.ndarray) -> np.ndarray:
         assert self._event is not None and self._watched is not None
@@ -261,6 +340,7 @@ class _StretchRun:
             return self._returned()
         if self._event is not None:
             self._watch_from(t)
+        self._now, self._passed, self._across = self._switches(t, f.y), -np.inf, False
         step, stop, self._near_steps = progress.step, 0, 0
         while record.reached < count:
             while stop < count - 1 and (stop < record.reached or not s.stops[stop]):
@@ -302,6 +382,7 @@ class _StretchRun:
     def _step(self, t: float, end: float, step: float) -> tuple[float, float, float] | None:
         """Take a step: its length, its end and the length of the next one; None if it goes no further."""
         clipped = repeated = False
+        at = _Bracket(self._now, self._now, self._now)
         h, arrival = step, t + step
         if t + 1.01 * h >= end:
             h, arrival, clipped = end - t, end, True
@@ -310,11 +391,17 @@ class _StretchRun:
             arrival = t + h
         while True:
             self._hint = np.inf
-            error = self._attempt(t, h)
-            if error < 1.0 and self._arrive(arrival):
+            at.error = self._attempt(t, h)
+            length = self._length_to_switch(t, h, at)
+            error = at.error
+            if length == 0.0 and error < 1.0 and self._arrive(arrival):
                 break
             self.rejected += 1
-            repeated, clipped = True, False
+            clipped = False
+            if length > 0.0:
+                h, arrival = length, t + length
+                continue
+            repeated = True
             too_large = math.isfinite(error) and error >= 1.0
             h *= max(LEAST, SAFETY * error ** (-1.0 / EXPONENT)) if too_large else LEAST
             arrival = t + h
@@ -325,7 +412,13 @@ class _StretchRun:
         self.steps += 1
         factor = min(MOST, SAFETY * error ** (-1.0 / EXPONENT)) if error > 0.0 else MOST
         following = h * (min(factor, 1.0) if repeated else factor)
-        return h, arrival, max(following, step) if clipped else following
+        following = max(following, step) if clipped else following
+        if at.left > 0.0:
+            following = at.left
+        elif self._across:  # beyond the switch the motion is another one
+            self._passed, following = t, 0.0
+        self._across = at.left > 0.0
+        return h, arrival, following
 
     def _look_back(self, t: float, h: float, arrival: float) -> None:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""

@@ -33,6 +33,13 @@ FORGOTTEN = 6
 NEAR_STEPS = 200
 #: Samples inside one step at most.
 MOST_SAMPLES = 1000
+#: Size of a quantity that switches, relative to 1 + |x|, below which its sign is rounding.
+SAME_SIDE = 1e-12
+#: Factor on the estimate of the error of steps that pass a switch, or begin at one (measured: up to 20).
+DOUBT = 20.0
+#: Distance from the end of a step to a switch, in its lengths, that a tiny step goes across; trials to come so near,
+#: and share of the estimated way that they leave out to end before the switch.
+NEARLY, SEARCHES, BEFORE = 1e-6, 24, 1e-7
 
 
 class Status(IntEnum):
@@ -71,6 +78,8 @@ class ExplicitSystem:
         ``(t, q, v, a, z, lam, u, p) ->`` rates of the integrals.
     projection : casadi.Function
         ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
+    switching : casadi.Function
+        ``(t, q, v, z, p) ->`` quantities at whose zeros the equations, or their derivatives, jump.
     slopes : casadi.Function, optional
         ``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by ``(q, v, z)``, dense: then
         the method is an implicit one.
@@ -82,6 +91,7 @@ class ExplicitSystem:
     dynamics: ca.Function
     quadrature: ca.Function
     projection: ca.Function
+    switching: ca.Function
     slopes: ca.Function | None = None
     written: Written | None = None
 
@@ -93,7 +103,7 @@ class ExplicitSystem:
     @cached_property
     def functions(self) -> dict[str, ca.Function]:
         """Functions that do not depend on inputs and events, by name."""
-        found = {"dynamics": self.dynamics, "projection": self.projection, "quadrature": self.quadrature}
+        found = {name: getattr(self, name) for name in ("dynamics", "projection", "quadrature", "switching")}
         return found if self.slopes is None else found | {"slopes": self.slopes}
 
     @cached_property
@@ -120,6 +130,11 @@ class ExplicitSystem:
     def channel(self) -> int:
         """Number of values that change by interval."""
         return int(self.input.numel_in(6))
+
+    @cached_property
+    def switches(self) -> int:
+        """Number of quantities that switch."""
+        return int(self.switching.numel_out(0))
 
     @cached_property
     def integrals(self) -> int:

@@ -17,7 +17,8 @@ from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
 from .failure import OptimizationError
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Least share that a determinant has of the largest one in the same pose, for its sign to count.
 REGULAR = 0.1

@@ -13,7 +13,8 @@ from ...model.symbols import symbols_of
 
 if TYPE_CHECKING:
     from ..nlp.change import Change
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Times of a phase at which it is looked whether something passes.
 POINTS = 400

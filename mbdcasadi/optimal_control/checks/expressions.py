@@ -13,7 +13,8 @@ from ..phase import Phase
 from ..placeholders import placeholders_in
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Operations whose slope jumps, or that jump themselves.
 _KINKS = (ca.OP_FABS, ca.OP_FMAX, ca.OP_FMIN, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL)
@@ -39,7 +40,7 @@ def kinks_of(solution: Solution) -> str:
         return ""
     return (
         f"{', '.join(named)}, and the solver needs derivatives: mbd.absolute(x) and mbd.positive_part(x) stand for "
-        "fabs(x) and fmax(x, 0) in running_cost=; elsewhere an input s that occurs in no force states the same without "
+        "fabs(x) and fmax(x, 0) in costs; elsewhere an input s that occurs in no force states the same without "
         "a kink, s >= x and s >= -x in path= for fabs(x), s >= x and s >= 0 for fmax(x, 0), with s in the cost"
     )
 

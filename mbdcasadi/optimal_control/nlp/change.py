@@ -16,8 +16,9 @@ from ...model.symbols import Parameter
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.phases import places_in
 from ..transcription.points import CollocationPoint
-from .phase_program import Block, Edge, PhaseProgram, condition_rows
-from .rows import Rows, stack
+from .blocks import Block, Edge
+from .phase_program import PhaseProgram
+from .rows import Rows, condition_rows, stack
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock
 

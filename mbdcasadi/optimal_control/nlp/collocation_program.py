@@ -16,10 +16,12 @@ from ..phase import Phase
 from ..placeholders import Placeholder, placeholders_in, with_values
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
+from .blocks import Block, Edge
 from .change import Change, ChangeSetup
 from .compiled import OPTION_SETS, SolverPool
-from .phase_program import Block, Edge, InstantProgram, PhaseProgram, condition_rows
-from .rows import Row, stack, violations
+from .instant_program import InstantProgram
+from .phase_program import PhaseProgram
+from .rows import Row, condition_rows, stack, violations
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock, SparseProgram
 

@@ -17,7 +17,8 @@ from ...errors import warn
 from ...model.conditions import Condition, stacked
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Points of an interval at which limits are looked at, both ends included.
 POINTS = 21

@@ -45,6 +45,8 @@ DEFAULTS = {
     # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
     "ipopt.adaptive_mu_globalization": "kkt-error",
     "ipopt.mu_max": 1.0,
+    # no step without centring: the first step of a gait led next to its limits, where later ones were short
+    "ipopt.sigma_min": 1e-2,
     "ipopt.honor_original_bounds": "yes",
 }
 #: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -19,7 +19,8 @@ from ..placeholders import Placeholder
 from ..problem import OptimalControlProblem
 from ..refinement.mesh import Mesh
 from ..transcription.points import CollocationPoint, Interval
-from .rows import OWN_UNIT, Rows, stack
+from .blocks import Block, Edge, Unknowns
+from .rows import OWN_UNIT, Rows, condition_rows, stack
 from .scaling import Sizes, parameter_size
 from .setup import PhaseSetup
 from .sparse_program import MappedBlock
@@ -28,75 +29,6 @@ from .sparse_program import MappedBlock
 SHORTEST_SEGMENT = 1e-3
 #: The same of an interval beside a mesh point that moves: one in which an input switches shrinks to it.
 SHORTEST_SWITCH = 1e-6
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """Scaled variables and data of one interval, and what they stand for.
-
-    Attributes
-    ----------
-    variables, free, data : casadi.SX
-        Scaled variables without the free parameters, those, and the data.
-    interval : Interval
-        In physical units.
-    integrals, next_integrals : casadi.SX
-        Integrals up to the mesh points before and after.
-    extra : casadi.SX
-        Free parameters that the mechanism does not have.
-    """
-
-    variables: ca.SX
-    free: ca.SX
-    data: ca.SX
-    interval: Interval
-    integrals: ca.SX
-    next_integrals: ca.SX
-    extra: ca.SX
-
-
-@dataclass(frozen=True)
-class Block:
-    """Rows of one kind, and their part of the program.
-
-    Attributes
-    ----------
-    piece : MappedBlock
-        Expressions and places of the variables.
-    groups : list of Rows
-        Rows of one copy.
-    copies : tuple
-        For each copy the intervals that it sees, as (phase, interval); its rows stand on the last one.
-    repeated : bool
-        True if every interval has a copy.
-    """
-
-    piece: MappedBlock
-    groups: list[Rows]
-    copies: tuple[tuple[tuple[int, int], ...], ...]
-    repeated: bool = False
-
-
-@dataclass(frozen=True)
-class Edge:
-    """Start or end of a phase in the program.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-        Variables of the interval beside it.
-    at : CollocationPoint
-        State there.
-    index : numpy.ndarray
-        Places of the variables (k, 1).
-    interval : tuple of int
-        Phase and interval.
-    """
-
-    unknowns: Unknowns
-    at: CollocationPoint
-    index: np.ndarray
-    interval: tuple[int, int]
 
 
 class PhaseProgram:
@@ -532,79 +464,3 @@ class PhaseProgram:
             bound[scheme.point_size : self.point_size] = 0.0
             bounds.append(bound)
         return bounds[0], bounds[1]
-
-
-class InstantProgram(PhaseProgram):
-    """Variables of a phase of no duration: the state just after a change, and its time if a time is free."""
-
-    def unknowns(self, free: ca.SX | None = None) -> Unknowns:
-        """New symbols; `free` are scaled parameters to be shared."""
-        point, times = ca.SX.sym("w", self.point_size), ca.SX.sym("m", self.time_count)
-        free = ca.SX.sym("f", self.free_scale.size) if free is None else free
-        data, none = ca.SX.sym("d", 2), ca.SX(0, 1)
-        p, extra = self._parameters(ca.DM(self.free_scale) * free)
-        start = self.scales.time * times[0] if self.time_count else data[0]
-        values = ca.DM(self.point_scale) * point
-        interval = Interval(values, none, values, start, ca.SX(0), p)
-        return Unknowns(ca.vertcat(point, times), free, data, interval, none, none, extra)
-
-    def edge(self, at_end: bool, free: ca.SX | None = None) -> Edge:
-        """The state, which is start and end at once."""
-        unknowns, eom = self.unknowns(free), self.scheme.eom
-        parts = self.scheme.split_point(unknowns.interval.first)
-        zeros = [ca.SX.zeros(size) for size in (eom.q.numel(), eom.lam.numel(), eom.u.numel(), eom.u.numel())]
-        a, lam, u, rate = zeros
-        at = CollocationPoint(unknowns.interval.start, parts["q"], parts["v"], a, parts["z"], lam, u, rate)
-        index = self._first + np.arange(self.size)
-        return Edge(unknowns, at, index[:, None], (self.number, 0))
-
-    def blocks(self, free_index: np.ndarray, p: ca.SX, cost_scale: float) -> list[Block]:
-        """Conditions on the state that are stated as those of its end."""
-        if not self.final:
-            return []
-        edge = self.edge(True)
-        groups = self._conditions(self.final, edge.at, edge.unknowns, 0.0, "final: ")
-        variables = ca.vertcat(edge.unknowns.variables, edge.unknowns.free)
-        index = np.vstack([edge.index, free_index[:, None]])
-        piece = MappedBlock(variables, edge.unknowns.data, p, stack(groups), ca.SX(0), index)
-        return [Block(piece, [g for g in groups if g.labels], ((edge.interval,),))]
-
-    def time_blocks(self, p: ca.SX) -> list[Block]:
-        """Nothing: the time is that of the end of the phase before."""
-        return []
-
-    def bounds(self, start: State, mesh_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the variables, scaled."""
-        n, mechanism = self.scheme.eom.q.numel(), self.phase.mechanism
-        sides = []
-        for side, (name, infinite) in enumerate((("lower", -np.inf), ("upper", np.inf))):
-            z = [getattr(x, name) for x in mechanism.states]
-            point = np.r_[np.full(2 * n, infinite), z]
-            point = np.r_[point, np.zeros(self.point_size - point.size)]  # inputs have no effect at an instant
-            sides.append(np.r_[point, np.full(self.time_count, self.begins[side])] / self.scale)
-        return sides[0], sides[1]
-
-
-def condition_rows(
-    values: dict[Condition, ca.SX], sizes: dict[Condition, float], tau: float, prefix: str = ""
-) -> list[Rows]:
-    """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
-    groups = []
-    lower_sides = {c.opposite for c in values if c.opposite in values}
-    for equality in (True, False):
-        chosen = [c for c in values if c.equality is equality and c not in lower_sides]
-        if chosen:
-            pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
-            group = Rows(
-                ca.vertcat(*[values[c] for c in chosen]),
-                tuple(prefix + c.label for c in chosen),
-                tau,
-                np.array([sizes[c] for c in chosen]),
-                (OWN_UNIT,) * len(chosen),
-                equality,
-                condition=True,
-                spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
-                opposites=tuple(prefix + other.label if other else "" for other in pairs),
-            )
-            groups.append(group)
-    return groups

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from ...model.conditions import Condition
+
 #: Unit of a row whose expression the user wrote.
 OWN_UNIT = "in the units of the condition"
 
@@ -112,3 +114,28 @@ def stack(groups: list[Rows]) -> ca.SX:
     filled = [group for group in groups if group.labels]
     sizes = np.concatenate([np.zeros(0), *[group.scale for group in filled]])
     return ca.vertcat(ca.SX(0, 1), *[group.expression for group in filled]) / ca.DM(sizes)
+
+
+def condition_rows(
+    values: dict[Condition, ca.SX], sizes: dict[Condition, float], tau: float, prefix: str = ""
+) -> list[Rows]:
+    """Conditions with their values at a place: equalities, and limits, of which two-sided ones are one row."""
+    groups = []
+    lower_sides = {c.opposite for c in values if c.opposite in values}
+    for equality in (True, False):
+        chosen = [c for c in values if c.equality is equality and c not in lower_sides]
+        if chosen:
+            pairs = [c.opposite if c.opposite in lower_sides else None for c in chosen]
+            group = Rows(
+                ca.vertcat(*[values[c] for c in chosen]),
+                tuple(prefix + c.label for c in chosen),
+                tau,
+                np.array([sizes[c] for c in chosen]),
+                (OWN_UNIT,) * len(chosen),
+                equality,
+                condition=True,
+                spans=np.array([c.span if other else np.inf for c, other in zip(chosen, pairs, strict=True)]),
+                opposites=tuple(prefix + other.label if other else "" for other in pairs),
+            )
+            groups.append(group)
+    return groups

@@ -13,7 +13,8 @@ from ...errors import warn
 from ...numerics.collocation import gauss
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Local error of an interval, in rad or sizes of the mechanism, velocities times the duration, from which the mesh
 #: counts as coarse. At 0.02 the swing-up of a cart-pole ends 0.1 off when its force is replayed, at 0.001 0.007 off.

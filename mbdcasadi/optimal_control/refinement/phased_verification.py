@@ -21,7 +21,8 @@ from .local_error import local_errors
 from .verification import Verification
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Share of the duration of a phase by which the simulation goes on behind its planned end to find what closes.
 BEYOND = 0.05

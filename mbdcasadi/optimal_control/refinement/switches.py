@@ -14,7 +14,8 @@ import numpy as np
 from ..nlp.limits import activity
 
 if TYPE_CHECKING:
-    from ..solution import PhaseSolution, Solution
+    from ..phase_solution import PhaseSolution
+    from ..solution import Solution
 
 #: Scaled slack below which a limit counts as active, whatever its multiplier: on long arcs both may be small.
 SLACK = 3e-4

@@ -6,6 +6,7 @@ import casadi as ca
 import numpy as np
 
 from ...equations.derivation import Equations
+from ...equations.newton_code import loaded_by_reactions
 from ...equations.numeric import NumericEquations
 
 
@@ -58,15 +59,6 @@ class Uniqueness:
             "jams, and none or more than one set of reactions meets the equations; lower the coefficient, lengthen the "
             "guide or thin the pin, or move the load nearer to the joint"
         )
-
-
-def loaded_by_reactions(eom: Equations) -> list[str]:
-    """Return the descriptions of the elements whose forces depend on reactions."""
-    return [
-        element.description
-        for element in eom.mechanism.elements
-        if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in element.virtual_work)
-    ]
 
 
 def _systems(eom: Equations) -> ca.Function:

@@ -19,6 +19,7 @@ from ...equations import Equations
 from ...equations.numeric import NumericEquations
 from ...equations.switching.switch_functions import state_switches
 from ...integrators.compiled import IntegrationFailure
+from ...model.symbols import as_sx
 from ...numerics.evaluation import Evaluator
 from ..contact.watched_terms import has_gap
 from ..outputs import Outputs
@@ -41,9 +42,8 @@ MOST_DOUBT = 1e3
 SAMPLES, MOST_LOADS = 33, 500
 #: Instants closer than this share of an output interval are one.
 SAME_INSTANT = 1e-7
-#: Nodes and weights of Gauss's quadrature over [0, 1].
-_NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(4))
-_NODES = _NODES + 0.5
+#: Points of Gauss's quadrature over an interval.
+GAUSS_POINTS = 4
 _GOLDEN = (np.sqrt(5.0) - 1) / 2
 
 
@@ -305,11 +305,12 @@ class UnseenLoads:
         if not parts:
             return []
         of, begins, lengths = np.vstack(parts).T
-        times = (begins[:, None] + lengths[:, None] * _NODES).ravel()
-        weights = (lengths[:, None] * _WEIGHTS).ravel()
+        nodes, shares = np.polynomial.legendre.leggauss(GAUSS_POINTS)  # here, as it is slow to import
+        times = (begins[:, None] + lengths[:, None] * (nodes + 1) / 2).ravel()
+        weights = (lengths[:, None] * shares / 2).ravel()
         rates = self._rates(path, outputs, times)
         n = self._numeric.eom.q.numel()
-        places = np.searchsorted(intervals, np.repeat(of, _NODES.size).astype(int))
+        places = np.searchsorted(intervals, np.repeat(of, GAUSS_POINTS).astype(int))
         integral = np.zeros((intervals.size, rates.shape[1]))
         np.add.at(integral, places, rates * weights[:, None])
         change = np.diff(path.x[:, n:], axis=0)[intervals]
@@ -363,17 +364,17 @@ class _Quantities:
     def __init__(self, eom: Equations, signals: Signals):
         # kept with the functions that are made of it: a hash in the structure is unique only while the node lives
         self._expressions = signals.parametrised
-        switches, transients = _state_quantities(eom, signals)
+        switches, transients = state_quantities(eom, signals)
         column = ca.vertcat(ca.SX(0, 1), *switches, *transients)
         self.switches, self.number = len(switches), column.numel()
         known = [eom.t, eom.q, eom.v, eom.z, eom.p]
         self.function = Evaluator(ca.Function("quantities", known, [ca.densify(column)]))
 
 
-def _state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
+def state_quantities(eom: Equations, signals: Signals) -> tuple[list[ca.SX], list[ca.SX]]:
     """Quantities that switch, and others that may pass quickly."""
     elements = [e for e in eom.mechanism.elements if not has_gap(e) and not getattr(e, "smoothings", ())]
-    loads = [ca.vec(ca.SX(x)) for e in elements for pair in e.virtual_work for x in pair]
+    loads = [ca.vec(as_sx(x)) for e in elements for pair in e.virtual_work for x in pair]
     loads += [ca.vec(ca.SX(rate)) for rate in eom.mechanism.state_rates.values()]
     loads += [eom.Phi, eom.velocity_rows]
     everything = ca.vertcat(ca.SX(0, 1), *loads)

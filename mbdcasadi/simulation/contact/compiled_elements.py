@@ -20,6 +20,7 @@ from ...equations.batches import Values
 from ...equations.numeric import NumericEquations
 from ...integrators.dop853 import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
+from ...numerics.c_interface import constant_table, definitions, interface
 from ...numerics.symbolic import LOCK
 from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms, watched_terms
 
@@ -290,12 +291,6 @@ def _gathered(name: str, places: str, count: int) -> str:
     )
 
 
-def array_in_c(kind: str, name: str, entries: np.ndarray) -> str:
-    """Code of a constant array in C."""
-    content = ", ".join(map(repr, entries.ravel().tolist())) or "0"
-    return f"static const {kind} {name}[] = {{{content}}};\n"
-
-
 def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
     """Code of the functions of a run, forces and rates of all kinds, and the length of their work array.
 
@@ -307,15 +302,15 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
     loops = {name: _Loops() for name in sizes}
     for kind in kinds:
         number, batch = kind.number, kind.batch
-        text.append(array_in_c("int", f"places_{number}", batch.places))
-        text.append(array_in_c("int", f"rate_places_{number}", batch.rate_places))
-        text.append(array_in_c("double", f"constants_{number}", batch.constants))
+        text.append(constant_table("int", f"places_{number}", batch.places.flat))
+        text.append(constant_table("int", f"rate_places_{number}", batch.rate_places.flat))
+        text.append(constant_table("double", f"constants_{number}", batch.constants.ravel().tolist()))
         text += [] if kind.apart is None else [kind.apart.as_c]
         for name in sizes:
             if name == "forces" and not kind.has_forces:
                 continue
             tape, rows = kind.results(name)
-            text += [tape.as_c, array_in_c("int", f"{name}_places_{number}", rows)]
+            text += [tape.as_c, constant_table("int", f"{name}_places_{number}", rows.flat)]
             is_gap = name == "gaps"  # gaps are needed of elements that are apart too
             loops[name].add(
                 kind, tape, rows, f"{name}_places_{number}", rates=is_gap or name == "rates", all_of_them=is_gap
@@ -323,7 +318,7 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
     work = max(loop.work for loop in loops.values())
     for name, size in sizes.items():
         text.append(loops[name].function(name, size))
-        text.append(_interface(name, [_dense(terms.values.size)], [_dense(size)], work))
+        text.append(definitions(interface(name, {"values": (terms.values.size, 1)}, {name: (size, 1)}, work)))
     return "\n".join(text), work
 
 
@@ -332,8 +327,9 @@ def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
     n, size = terms.eom.q.numel(), terms.values.size
     slopes, rows, columns, work = _slopes(terms, kinds)
     sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
-    interface = _interface("jac_forces", [_dense(size), _dense(n)], [_sparse(sparsity)], work)
-    return "\n".join([_common(terms, kinds, outputs=False)[0], slopes, interface])
+    arguments = {"values": (size, 1), "out_forces": (n, 1)}
+    around = definitions(interface("jac_forces", arguments, {"jac_forces_values": sparsity}, work))
+    return "\n".join([_common(terms, kinds, outputs=False)[0], slopes, around])
 
 
 def _slopes(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[str, np.ndarray, np.ndarray, int]:
@@ -346,33 +342,8 @@ def _slopes(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[str, np.ndarra
         table, into = f"slope_places_{kind.number}", np.searchsorted(pattern, entry_places)
         # slopes are long code that is evaluated seldom: optimising it costs more time than it saves
         text += ['#pragma GCC push_options\n#pragma GCC optimize ("O0")\n', tape.as_c, "#pragma GCC pop_options\n"]
-        text.append(array_in_c("int", table, into))
+        text.append(constant_table("int", table, into.flat))
         slopes.add(kind, tape, into, table)
     columns, rows = np.divmod(pattern, n)
     text.append(slopes.function("jac_forces", pattern.size))
     return "\n".join(text), rows, columns, slopes.work
-
-
-def _dense(size: int) -> list[int]:
-    return [size, 1, 1]
-
-
-def _sparse(pattern: ca.Sparsity) -> list[int]:
-    return [pattern.size1(), pattern.size2(), *pattern.colind(), *pattern.row()]
-
-
-def _interface(name: str, inputs: Sequence[list[int]], outputs: Sequence[list[int]], work: int) -> str:
-    """Functions that CasADi calls besides the function itself: sizes and sparsities."""
-    text = []
-    for what, patterns in (("in", inputs), ("out", outputs)):
-        tables = []
-        for k, pattern in enumerate(patterns):
-            tables.append(f"{name}_{what}_{k}")
-            text.append(array_in_c("long long int", tables[-1], np.array(pattern)))
-        choice = "".join(f"if (i == {k}) return {table}; " for k, table in enumerate(tables))
-        text.append(f"long long int {name}_n_{what}(void) {{ return {len(patterns)}; }}\n")
-        text.append(f"const long long int* {name}_sparsity_{what}(long long int i) {{ {choice}return 0; }}\n")
-    sizes = f"*arg = {len(inputs)}; *res = {len(outputs)}; *iw = 0; *w = {work};"
-    parameters = "long long int* arg, long long int* res, long long int* iw, long long int* w"
-    text.append(f"int {name}_work({parameters}) {{ {sizes} return 0; }}\n")
-    return "".join(text)

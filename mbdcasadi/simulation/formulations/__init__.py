@@ -13,10 +13,10 @@ regularised      redundant rows, rank lost on the way                        an 
 
 from __future__ import annotations
 
+from ...equations.newton_code import loaded_by_reactions, why_not_unique
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import Integrator
-from ..checks.uniqueness import loaded_by_reactions
 from .base import Formulation
 from .explicit import Explicit
 from .kkt import KKT
@@ -53,8 +53,5 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
                 f'{", ".join(loaded_by_reactions(eom))} does; use method="idas"'
             )
         if redundant:
-            raise SimulationError(
-                "a force depends on reactions, and with redundant constraints these are not unique: "
-                "remove the redundant rows (see check) or the friction"
-            )
+            raise SimulationError(why_not_unique(eom))
     return next(form() for form in FORMULATIONS if form.suits(numeric, integrator, redundant=redundant))

@@ -14,8 +14,13 @@ from ...equations.saddle import SaddlePoint, shifted
 from ...integrators.dop853.code import Written
 from ...integrators.dop853.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
-from ..contact.compiled_elements import RepeatedElements, array_in_c, repeated_elements
-from ..contact.watched_terms import WatchedTerms
+from ...numerics.c_interface import constant_table
+from ..checks.unseen_loads import state_quantities
+from ..contact.compiled_elements import RepeatedElements, repeated_elements
+from ..contact.watched_terms import WatchedTerms, has_gap
+
+#: Comparisons at which steps end, at most: more are those of tables, whose pieces join smoothly.
+MOST_COMPARED = 16
 
 
 def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Function:
@@ -128,7 +133,25 @@ def explicit_system(
     if repeated is not None:
         key = ("explicit code with loops", numeric.light_key, slopes)
         written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated, slopes))
-    return ExplicitSystem(signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), slopes, written)
+    switching = cache.get_or_create(
+        ("what switches", signals.structure, repeated is None), lambda: _switching(eom, signals, repeated), bounded=True
+    )[0]
+    return ExplicitSystem(
+        signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), switching, slopes, written
+    )
+
+
+def _switching(eom: Equations, signals: Signals, repeated: RepeatedElements | None) -> tuple[ca.Function, ca.SX]:
+    """``(t, q, v, z, p) ->`` quantities at whose zeros forces or their derivatives jump; and what they are kept by."""
+    unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+    # gaps of elements that are many of a kind are left to the error test: steps would end at each of them
+    gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if repeated is None and has_gap(e)]
+    compared = state_quantities(eom, signals)[0]
+    compared = compared if len(compared) <= MOST_COMPARED else []
+    content = ca.vertcat(ca.SX(0, 1), *[g for g in gaps if not ca.depends_on(g, unknown)], *compared)
+    known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+    # a hash in the structure is unique only while the node lives
+    return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
 
 
 def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedElements | None) -> ca.Function:
@@ -232,8 +255,9 @@ def _slopes_with_loops(slopes: ca.Function, values: Values, repeated: RepeatedEl
         state[values.start(group) :][: values.count(group)] = first + np.arange(values.count(group))
     starts, entries = (np.array(part, int) for part in slopes.sparsity_out(1).get_ccs())
     tables = {"rows": rows, "states": state[columns], "starts": starts, "entries": entries}
-    text = "".join(array_in_c("int", f"slopes_{name}", content) for name, content in tables.items())
-    text += f"""{code}
+    text = "\n".join(constant_table("int", f"slopes_{name}", content) for name, content in tables.items())
+    text += f"""
+{code}
 int slopes({SIGNATURE}) {{
   double *column = w, *force = w + {size}, *nonzeros = force + {n}, *by_force = nonzeros + {rows.size};
   double* work = by_force + {entries.size};

@@ -20,6 +20,8 @@ LOWEST, STEP = 2.0, 0.5
 
 #: Size of names, points: legible in a drawing that is as wide as a column.
 NAME = 9.5
+#: Opacity of joints that are open, and of bodies that have left.
+ABSENT = 0.2
 
 
 class Canvas:
@@ -41,7 +43,7 @@ class Canvas:
         from matplotlib.patches import PathPatch
         from matplotlib.path import Path
 
-        self.scene = scene
+        self.scene, self._strength = scene, strength
         self._marks = [m for m in scene.marks if still or not (m.layer == GROUND or m.frame == 0)]
         self._patches, self._codes, self._texts, self._leaders = [], [], [], []
         for order, mark in enumerate(self._marks):
@@ -54,7 +56,6 @@ class Canvas:
                 edgecolor=stroke or "none",
                 linewidth=style.width,
                 linestyle=(0, tuple(d / max(style.width, 0.5) for d in style.dash)) if style.dash else "-",
-                alpha=strength if strength < 1 else None,
                 zorder=LOWEST + STEP * mark.layer + 1e-4 * order,
                 capstyle="round",
                 joinstyle="round",
@@ -72,12 +73,15 @@ class Canvas:
         """All artists, to be drawn apart from what stays."""
         return [*self._patches, *self._texts, *filter(None, self._leaders)]
 
-    def show(self, pose: np.ndarray) -> None:
-        """Move everything to a pose (frames, 4)."""
+    def show(self, pose: np.ndarray, time: float = -np.inf) -> None:
+        """Move everything to a pose (frames, 4) at a time, s."""
         from matplotlib.path import Path
 
+        strengths = [self._strength * (1 if item.is_there(time) else ABSENT) for item in self.scene.items]
         for mark, patch, codes in zip(self._marks, self._patches, self._codes, strict=True):
             patch.set_path(Path(vertices(mark, pose[mark.frame]), codes))
+            strength = self._strength if mark.item is None else strengths[mark.item]
+            patch.set_alpha(strength if strength < 1 else None)
         for label, text, leader in zip(self.scene.labels, self._texts, self._leaders, strict=True):
             (place,) = placed(np.array([label.point]), pose[label.frame])
             text.xy = tuple(place)

@@ -122,13 +122,13 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
     poses = scene.poses(sample)
     ghost = replace(scene.without("loads"), labels=[])
     for k in shown[:0:-1]:
-        Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k])
+        Canvas(axes, ghost, strength=LAST if k == shown[-1] else BETWEEN, still=False).show(poses[k], sample.t[k])
     paths = draw_traces(axes, sample, options)
     box = room(scene, poses[shown], paths)
     if scale:
         box = draw_scale(axes, scale, box, scene.unit)
     frame_axes(axes, box, fresh)
-    Canvas(axes, _named(scene, poses[:1], axes)).show(poses[0])
+    Canvas(axes, _named(scene, poses[:1], axes)).show(poses[0], sample.t[0])
 
 
 def _named(scene: Scene, poses: np.ndarray, axes: Axes) -> Scene:

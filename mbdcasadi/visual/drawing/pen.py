@@ -109,7 +109,7 @@ class Pen:
         if thing not in self._items:
             self._items[thing] = len(self.scene.items)
             kind = "body" if isinstance(thing, Body) else type(thing).__name__
-            self.scene.items.append(scene.Item(thing.name, kind, tooltip()))
+            self.scene.items.append(scene.Item(thing.name, kind, tooltip(), self.sample.appearances(thing)))
         return self._items[thing]
 
     # --- numbers -----------------------------------------------------------------------------
@@ -246,8 +246,9 @@ class Pen:
             frame.draw("body line", [start, end], layer=scene.GUIDE)
 
     def is_new(self, place: np.ndarray, taken: set[tuple]) -> bool:
-        """Return True if nothing of a kind is drawn at a place (2,) yet, and take it."""
-        key = tuple(np.round(place / self.unit, 3))
+        """Return True if nothing of a kind, there at the same times, is drawn at a place (2,) yet, and take it."""
+        appearances = None if self.item is None else self.scene.items[self.item].appearances
+        key = (*np.round(place / self.unit, 3), appearances)
         new = key not in taken
         taken.add(key)
         return new

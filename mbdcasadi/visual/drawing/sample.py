@@ -51,6 +51,7 @@ class Sample:
 
     def __init__(self, source: State | Trajectory, times: np.ndarray | None = None):
         self.mechanism: Mechanism = source.mechanism
+        self._phases = source if isinstance(source, PhasedTrajectory) else None
         if isinstance(source, PhasedTrajectory) and times is None:
             source = source.with_absent_bodies()
         self._source: Any = source
@@ -70,6 +71,10 @@ class Sample:
     def parameters(self) -> np.ndarray:
         """Values of the parameters of the mechanism."""
         return self._source.parameters
+
+    def appearances(self, part: Any) -> tuple[float, ...] | None:
+        """Times at which a body or an element appears and disappears in turn, s; None if it stays."""
+        return None if self._phases is None else self._phases.appearances(part)
 
     def __getitem__(self, expression: Any) -> np.ndarray:
         """Values (n_t, k) of a column of k expressions."""

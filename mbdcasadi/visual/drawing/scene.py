@@ -84,11 +84,18 @@ class Item:
         Its name, and its class ("Revolute").
     tooltip : dict of str to casadi.SX
         Labels with units, and scalars.
+    appearances : tuple of float or None
+        Times at which it appears and disappears in turn, s; None if it stays.
     """
 
     name: str
     kind: str
     tooltip: dict[str, ca.SX] = field(default_factory=dict)
+    appearances: tuple[float, ...] | None = None
+
+    def is_there(self, time: float) -> bool:
+        """Return True if it is part of the mechanism at a time; at a change it is what follows."""
+        return self.appearances is None or sum(t <= time for t in self.appearances) % 2 == 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,8 @@ def page_data(film: Film, store: Columns, forces: bool) -> dict[str, Any]:
                     "b": x.body, "d": [round(d * PIXELS, 1) for d in x.shift],
                     **({"e": [round(d * PIXELS, 1) for d in x.leader]} if x.leader else {})}
                    for x in scene.labels],
-        "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label")}
+        "items": [{"name": item.name, "kind": item.kind, "readings": _readings(tooltip, "label"),
+                   **({"w": item.appearances} if item.appearances is not None else {})}
                   for item, tooltip in zip(scene.items, tooltips, strict=True)],
         "traces": scene.traces,
         "plots": [{"label": label, "lines": _readings(lines, "name")} for label, lines in plots.items()],

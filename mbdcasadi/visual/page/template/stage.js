@@ -53,10 +53,12 @@ function drawStage(time, options) {
   drawGrid(theme);
   pen.lineCap = pen.lineJoin = "round";
   const poses = DATA.frames.map(function (_, k) { return poseOf(k, time); });
+  const strengths = DATA.items.map(function (item) { return isThere(item, time) ? 1 : 0.2; });
   let traced = false;
   for (const mark of DATA.marks) {
     if (mark.g && !options[mark.g]) continue;
     if (!traced && mark.l >= DATA.traceLayer) { drawTraces(time, theme); traced = true; }
+    pen.globalAlpha = mark.i === null ? 1 : strengths[mark.i];
     const style = DATA.styles[mark.s], pair = colours(mark, options.dark);
     trace(mark, poses[mark.f]);
     if (mark.c && pair[0]) { pen.fillStyle = pair[0]; pen.fill(); }
@@ -68,9 +70,13 @@ function drawStage(time, options) {
       pen.setLineDash([]);
     }
   }
+  pen.globalAlpha = 1;
   if (options.names) for (const label of DATA.labels) drawLabel(label, poses[label.f], theme);
   if (DATA.live) drawPull();
 }
+
+// Whether an item is part of the mechanism at a time: it appears and disappears in turn.
+function isThere(item, time) { return !item.w || item.w.filter(function (t) { return t <= time; }).length % 2 === 1; }
 
 function drawLabel(label, pose, theme) {
   const c = pose[2], s = pose[3];

@@ -9,10 +9,11 @@ class SvgPen {
   lineTo(x, y) { this.at("L", x, y); }
   closePath() { this.path += "Z"; }
   arc(x, y, r) { this.at("M", x - r, y); this.path += `a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0`; }
-  fill() { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}" fill-rule="nonzero"/>`); }
+  get faint() { return this.globalAlpha < 1 ? ` opacity="${this.globalAlpha}"` : ""; }
+  fill() { this.parts.push(`<path d="${this.path}" fill="${this.fillStyle}" fill-rule="nonzero"${this.faint}/>`); }
   stroke() {
-    const dash = this.dash.length ? ` stroke-dasharray="${this.dash.join(" ")}"` : "", faint = this.globalAlpha < 1 ? ` opacity="${this.globalAlpha}"` : "";
-    this.parts.push(`<path d="${this.path}" fill="none" stroke="${this.strokeStyle}" stroke-width="${this.lineWidth}" stroke-linecap="round" stroke-linejoin="round"${dash}${faint}/>`);
+    const dash = this.dash.length ? ` stroke-dasharray="${this.dash.join(" ")}"` : "";
+    this.parts.push(`<path d="${this.path}" fill="none" stroke="${this.strokeStyle}" stroke-width="${this.lineWidth}" stroke-linecap="round" stroke-linejoin="round"${dash}${this.faint}/>`);
   }
   fillRect(x, y, width, height) { this.parts.push(`<rect x="${x}" y="${y}" width="${width}" height="${height}" fill="${this.fillStyle}"/>`); }
   text(words, x, y, paint) {

@@ -81,7 +81,7 @@ function withoutFriction(x, mass, values) {
   rows.timesQt(y);
   rows.leading(solver.gamma, solver.c);
   for (let j = 0; j < rows.rank; j++) { const wanted = solver.c[j]; solver.c[j] = y[j] - wanted; y[j] = wanted; }
-  rows.multipliers(solver.c, x.lam, usualSizes(rows));
+  if (x !== trial || STATES) rows.multipliers(solver.c, x.lam, usualSizes(rows));  // within a step only rates of states may need them
   rows.timesQ(y);
   if (light) backward(L, N, y);
   else for (let i = 0; i < N; i++) y[i] /= L[i];

@@ -9,11 +9,12 @@ class Factors {
     this.n = n; this.k = k; this.rank = 0;
     this.A = new Float64Array(n * k); this.scale = new Float64Array(k); this.tau = new Float64Array(k);
     this.order = new Int32Array(k); this.work = new Float64Array(k); this.norms = new Float64Array(k);
+    this.places = new Int32Array(n);
   }
 
   // Factors of the columns in A; at most `rank` of them.
   factor(most) {
-    const n = this.n, k = this.k, A = this.A, order = this.order, norms = this.norms;
+    const n = this.n, k = this.k, A = this.A, order = this.order, norms = this.norms, places = this.places;
     for (let j = 0; j < k; j++) {
       let sum = 0;
       for (let i = 0; i < n; i++) sum += A[j * n + i] * A[j * n + i];
@@ -36,16 +37,17 @@ class Factors {
       if (size <= RANK && most === undefined) { this.rank = step; break; }
       const alpha = A[c + step] > 0 ? -size : size, head = A[c + step] - alpha;
       this.tau[step] = -head / alpha;                       // reflection I - tau v v', v = [1, …]
-      for (let i = step + 1; i < n; i++) A[c + i] /= head;
+      let filled = 0;                                       // entries of v that are not zero: joints have few
+      for (let i = step + 1; i < n; i++) if (A[c + i] !== 0) { A[c + i] /= head; places[filled++] = i; }
       A[c + step] = alpha;
       for (let j = step + 1; j < k; j++) {
         const d = order[j] * n;
         let dot = A[d + step];
-        for (let i = step + 1; i < n; i++) dot += A[c + i] * A[d + i];
+        for (let l = 0; l < filled; l++) dot += A[c + places[l]] * A[d + places[l]];
         if (dot === 0) continue;
         dot *= this.tau[step];
         A[d + step] -= dot;
-        for (let i = step + 1; i < n; i++) A[d + i] -= dot * A[c + i];
+        for (let l = 0; l < filled; l++) A[d + places[l]] -= dot * A[c + places[l]];
         // what is left of the length; found anew where rounding would show
         let rest = norms[order[j]] * norms[order[j]] - A[d + step] * A[d + step];
         if (rest < 1e-6) { rest = 0; for (let i = step + 1; i < n; i++) rest += A[d + i] * A[d + i]; }

@@ -1,0 +1,112 @@
+"""Accelerations and multipliers in C if forces depend on reactions: Newton's method around two functions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ..numerics.c_code import SIGNATURE, Tape
+from .derivation import Equations
+from .saddle import SaddlePoint
+
+#: Steps of Newton's method, at most; those after which a change that does not shrink below rounding is accepted.
+STEPS, MANY = 60, 8
+#: Largest change in the last step, relative to the unknowns, and the one that is accepted after many.
+CONVERGED, NEARLY = 1e-13, 1e-10
+
+
+def loaded_by_reactions(eom: Equations) -> list[str]:
+    """Return the descriptions of the elements whose forces depend on reactions."""
+    return [
+        element.description
+        for element in eom.mechanism.elements
+        if any(ca.depends_on(ca.vec(ca.SX(force)), eom.lam) for _, force in element.virtual_work)
+    ]
+
+
+def why_not_unique(eom: Equations) -> str:
+    """Return a sentence on forces that depend on reactions in a mechanism with redundant rows."""
+    return (
+        f"the force of {', '.join(loaded_by_reactions(eom)[:3])} depends on reactions, and with redundant constraints "
+        "these are not unique: remove the redundant rows (see check), or take LoadIndependentFriction"
+    )
+
+
+def linearised(eom: Equations, force: ca.SX, gamma: ca.SX, augmentation: np.ndarray | None) -> tuple[ca.SX, ca.SX]:
+    """Return the changes of ``(a, lam)`` that changes of the force and of gamma cause, to first order."""
+    slope = ca.jacobian(eom.Q, eom.lam)
+    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows, slope)
+    return system.solution(augmentation=augmentation)
+
+
+def newton_step(eom: Equations, name: str, augmentation: np.ndarray | None) -> ca.Function:
+    """Return ``(t, q, v, z, u, p, [a; lam]) -> [a; lam]``: one step of Newton's method."""
+    force = eom.Q - eom.mass_diagonal * eom.a - eom.Phi_q.T @ eom.lam
+    changes = linearised(eom, force, eom.gamma - eom.Phi_q @ eom.a, augmentation)
+    unknown = ca.vertcat(eom.a, eom.lam)
+    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    return ca.Function(name, [*known, unknown], [ca.densify(unknown + ca.vertcat(*changes))])
+
+
+@dataclass(frozen=True)
+class NewtonLoop:
+    """A function ``(t, q, v, z, u, p) -> results`` in C that first solves for ``(a, lam)``.
+
+    It returns 1, and results of unknowns that are NaN, if the method does not converge.
+
+    Attributes
+    ----------
+    name : str
+        The function.
+    step : Tape
+        ``(t, q, v, z, u, p, [a; lam]) -> [a; lam]``, see :func:`newton_step`.
+    results : Tape
+        ``(t, q, v, z, u, p, [a; lam]) -> results``.
+    """
+
+    name: str
+    step: Tape
+    results: Tape
+
+    @property
+    def _unknowns(self) -> int:
+        return int(self.step.function.numel_out(0))
+
+    @property
+    def arguments(self) -> tuple[dict[str, tuple[int, int]], dict[str, tuple[int, int]]]:
+        """Shapes of the arguments and results by name, in order."""
+        inputs, outputs = self.results.arguments
+        return dict(list(inputs.items())[:-1]), outputs
+
+    @property
+    def work_in_c(self) -> int:
+        """Length of ``w`` that the function in C needs."""
+        return 2 * self._unknowns + max(self.step.work_in_c, self.results.work_in_c)
+
+    @property
+    def as_c(self) -> str:
+        """Definition of the function in C, which calls those of both tapes."""
+        return f"""int {self.name}({SIGNATURE}) {{
+  double *found = w, *next = w + {self._unknowns}, *work = next + {self._unknowns};
+  const double* known[] = {{arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], found}};
+  double* given[] = {{next}};
+  int solved = 0, i, k;
+  for (i = 0; i < {self._unknowns}; ++i) found[i] = 0.0;
+  for (k = 0; k < {STEPS} && !solved; ++k) {{
+    double change = 0.0, size = 1.0;
+    {self.step.name}(known, given, iw, work, mem);
+    for (i = 0; i < {self._unknowns}; ++i) {{
+      const double moved = fabs(next[i] - found[i]);
+      if (moved > change || moved != moved) change = moved;
+      size = fmax(size, fabs(next[i]));
+      found[i] = next[i];
+    }}
+    solved = change <= {CONVERGED} * size || (k > {MANY} && change <= {NEARLY} * size);
+  }}
+  for (i = 0; i < {self._unknowns} && !solved; ++i) found[i] = NAN;
+  {self.results.name}(known, res, iw, work, mem);
+  return !solved;
+}}
+"""

@@ -1,0 +1,203 @@
+"""One phase of an optimum: its mesh, its motion, and the local errors of its intervals."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..equations.numeric import NumericEquations
+from ..equations.recovery import Recovery
+from ..model.conditions import Condition
+from ..numerics.symbolic import symbolic
+from ..results.state import State
+from ..results.trajectory import Statistics, Trajectory
+from .guess.guess import PhaseGuess, guess_from_motion
+from .nlp.phase_program import PhaseProgram
+from .phase import Phase
+from .refinement.local_error import end_errors, scaled_errors
+from .refinement.mesh import Mesh
+from .transcription.motion import OptimalMotion, Polynomials
+
+
+class PhaseSolution:
+    """One phase of a solution.
+
+    Parameters
+    ----------
+    program : PhaseProgram
+        Variables and rows of the phase.
+    numeric : NumericEquations
+        Equations at the parameters of the solution.
+    mesh : Mesh
+        The mesh.
+    x : numpy.ndarray
+        Variables of the whole program, in physical units.
+    segment_times : numpy.ndarray
+        Times of start, waypoints and end if none of them is free, s.
+    extra : numpy.ndarray
+        Values of the free parameters that the mechanism does not have.
+    seconds : float
+        Time of the solve, s.
+
+    Attributes
+    ----------
+    phase : Phase
+        The phase.
+    mesh_times : numpy.ndarray
+        Mesh points (N + 1,), s.
+    polynomials : Polynomials
+        Motion between the mesh points.
+    """
+
+    def __init__(
+        self,
+        program: PhaseProgram,
+        numeric: NumericEquations,
+        mesh: Mesh,
+        x: np.ndarray,
+        segment_times: np.ndarray,
+        extra: np.ndarray,
+        seconds: float,
+    ):
+        self.phase: Phase = program.phase
+        self.program, self.numeric, self.extra, self._seconds = program, numeric, extra, seconds
+        found = x[program.time_index]
+        self.mesh = mesh.moved(found)
+        self.segment_times = found[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
+        self.mesh_times = self.mesh.times(self.segment_times)
+        points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
+        intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
+        self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, numeric)
+
+    @property
+    def duration(self) -> float:
+        """Time of the phase, s."""
+        return float(self.segment_times[-1] - self.segment_times[0])
+
+    @cached_property
+    def mesh_states(self) -> np.ndarray:
+        """Coordinates, velocities and first-order states at the mesh points (N + 1, k)."""
+        return np.hstack(self.polynomials.at_mesh_points)
+
+    @property
+    def redundant(self) -> bool:
+        """True if constraint rows were left out because others imply them."""
+        scheme = self.program.scheme
+        return len(scheme.rows) < scheme.eom.lam.numel()
+
+    @cached_property
+    @symbolic
+    def trajectory(self) -> OptimalMotion:
+        """The motion at mesh points and stages; ``.at(times)`` between them by the polynomials of the scheme."""
+        scheme = self.program.scheme
+        statistics = Statistics(scheme.name, f"order {scheme.order}, {self.mesh.count} intervals", self._seconds)
+        extra = dict(zip(self.program.extra_parameters, self.extra.tolist(), strict=True))
+        return self.polynomials.trajectory(self.phase, extra, statistics, redundant=self.redundant)
+
+    @property
+    def limits(self) -> list[Condition]:
+        """Inequalities that hold throughout: path conditions, and limits of inputs and first-order states."""
+        return [c for c in (*self.phase.path, *self.program.limit_owners) if not c.equality]
+
+    @property
+    def points_per_interval(self) -> int:
+        """Points of :attr:`trajectory` in each interval."""
+        return (len(self.trajectory) - 1) // self.mesh.count
+
+    @cached_property
+    @symbolic
+    def end_errors(self) -> np.ndarray:
+        """Misses of the next mesh point by each interval, integrated again, in q, v and z (N, 2 n + k)."""
+        return end_errors(self)
+
+    @property
+    def state_ranges(self) -> np.ndarray:
+        """Ranges of the first-order states over the motion, typical sizes of those that do not change (k,)."""
+        changes = np.ptp(self.mesh_states[:, 2 * self.phase.equations.q.numel() :], axis=0)
+        ranges: np.ndarray = np.where(changes > 0, changes, self.program.scales.z)
+        return ranges
+
+    @cached_property
+    def mesh_error(self) -> float:
+        """Largest local error of an interval: q (m, rad), v by the duration, first-order states by their ranges."""
+        return float(np.max(scaled_errors(self)))
+
+    @property
+    def initial(self) -> State:
+        """State at the start of the phase, just after the change into it."""
+        return self.trajectory.initial
+
+    @property
+    def final(self) -> State:
+        """State at the end of the phase, just before the change out of it."""
+        return self.trajectory.final
+
+    def as_guess(self, phase: Phase, begin: float) -> PhaseGuess:
+        """The motion as a guess for a phase with perhaps other waypoints and another duration.
+
+        Parameters
+        ----------
+        phase : Phase
+            Phase of the problem to be solved.
+        begin : float
+            Time at which it begins, s.
+        """
+        if phase.is_instant:
+            return PhaseGuess(lambda _times: {}, np.array([begin, begin]))
+        times, spans = self.segment_times - self.segment_times[0], phase.time_spans
+        if len(times) != len(spans):
+            times = np.linspace(0, times[-1], len(spans))
+        times = np.array([np.clip(t, low, high) for t, (low, high) in zip(times, spans, strict=True)])
+        return guess_from_motion(self.trajectory, begin + times)
+
+
+class InstantSolution(PhaseSolution):
+    """A phase of no duration in a solution: one state."""
+
+    def __init__(
+        self,
+        program: PhaseProgram,
+        numeric: NumericEquations,
+        mesh: Mesh,
+        x: np.ndarray,
+        segment_times: np.ndarray,
+        extra: np.ndarray,
+        seconds: float,
+    ):
+        self.phase: Phase = program.phase
+        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+        time = float(x[program.time_index][0]) if program.time_count else float(segment_times[0])
+        self.segment_times = np.array([time, time])
+        self.mesh_times = np.array([time])
+        self._point = x[program.point_index(0)[: program.scheme.point_size]]
+
+    @cached_property
+    def mesh_states(self) -> np.ndarray:
+        """Coordinates, velocities and first-order states (1, k)."""
+        scheme = self.program.scheme
+        parts = scheme.split_point(self._point)
+        q, v = scheme.eom.states(self.mesh_times, parts["q"][None, :], parts["v"][None, :], self.numeric.p)
+        return np.hstack([q, v, parts["z"][None, :]])
+
+    @cached_property
+    @symbolic
+    def trajectory(self) -> Trajectory:  # type: ignore[override]
+        """The state as a motion of one time; inputs have their own values."""
+        eom = self.phase.equations
+        n = eom.q.numel()
+        q, v, z = np.split(self.mesh_states, [n, 2 * n], axis=1)
+        u = eom.input_values[None, :]
+        refine = Recovery(self.numeric, redundant=self.redundant).refine()
+        q, v, a, lam, u = refine(self.mesh_times, q, v, z, u)
+        return Trajectory(self.phase.mechanism, self.mesh_times, q, v, a, z, lam, u, self.numeric.p, refine=refine)
+
+    @property
+    def limits(self) -> list[Condition]:
+        """Nothing: conditions on the state hold at one place."""
+        return []
+
+    @cached_property
+    def mesh_error(self) -> float:
+        """Zero: nothing is integrated."""
+        return 0.0
