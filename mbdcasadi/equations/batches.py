@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..numerics.c_code import CONSTANT, INPUT, OUTPUT, Tape, UnsupportedOperation, applied, tape_of
+from ..numerics.lazy import cached_property
 from .derivation import Equations
 
 #: Order of the groups of symbols in the values that batches take, behind time.

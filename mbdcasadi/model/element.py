@@ -7,13 +7,13 @@ those of the package.
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import casadi as ca
 
 from ..errors import ExpressionError, ModelError
+from ..numerics.lazy import cached_property
 from .bodies import Body, Marker, ground
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from .code import Written
 
 #: Points inside every step at which events are looked at, at least.

@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -21,6 +20,7 @@ from ...equations.numeric import NumericEquations
 from ...integrators.dop853 import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.c_interface import constant_table, definitions, interface
+from ...numerics.lazy import cached_property
 from ...numerics.symbolic import LOCK
 from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, GAP, WatchedTerms, watched_terms
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ from ...equations import Equations
 from ...equations.batches import Batch, Values, batches_of
 from ...model.mechanism import Mechanism
 from ...model.validity import Smoothing
+from ...numerics.lazy import cached_property
 
 #: Parts of the expressions of an element.
 DISPLACEMENTS, FORCES, COURSES, SCALES, GAP, MARGINS, REPORTED, APART = range(8)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ....errors import ModelError
+from ....numerics.lazy import cached_property
 from ...bodies import Marker
 from ...element import Element, cross
 from ...expressions import if_else

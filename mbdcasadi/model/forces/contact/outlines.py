@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ....errors import ModelError
+from ....numerics.lazy import cached_property
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
 from ...quantities import Limit, Quantities, number_pairs
