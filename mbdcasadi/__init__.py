@@ -27,7 +27,7 @@ from .errors import (
     SimulationError,
     SingularityError,
 )
-from .integrators import DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
+from .integrators import BDF, DOP853, IDAS, Integrator, Rosenbrock, RungeKutta
 from .inverse_dynamics.inverse_dynamics import inverse_dynamics
 from .kinematics.check import Report, check
 from .kinematics.kinematics import kinematics

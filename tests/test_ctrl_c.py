@@ -23,6 +23,7 @@ DRIVEN = ROD.replace(drivers=[mbd.Driver("turn", BAR.phi, mbd.t)])
 TIMES = np.linspace(0, 0.1, 3)
 
 ANALYSES = {
+    "simulate": lambda: mbd.simulate(ROD, TIMES),
     "assemble": lambda: mbd.assemble(ROD),
     "equilibrium": lambda: mbd.equilibrium(ROD),
     "equilibrium_path": lambda: mbd.equilibrium_path(ROD, K, 30, 40),

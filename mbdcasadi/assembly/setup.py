@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..errors import ModelError, SimulationError, warn
 from ..model.cache import Cache
 from ..model.mechanism import Mechanism
 from ..model.symbols import Parameter, number
+from ..numerics.lazy import cached_property
 from ..results.state import State
 from .consistent_start import carried_by, consistent_start
 

@@ -8,15 +8,15 @@ expressions are built again, in symbols of the batch's own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..numerics.c_code import CONSTANT, INPUT, OUTPUT, Tape, UnsupportedOperation, applied, tape_of
+from ..numerics.lazy import cached_property
 from .derivation import Equations
 
 #: Order of the groups of symbols in the values that batches take, behind time.
@@ -88,6 +88,20 @@ class Values:
             body, which = divmod(place - start, 3)
             pairs.append((first.setdefault(body, k), which) if 0 <= place - start < count else (-1, -1))
         return tuple(pairs)
+
+    def of_others(self, places: list[int], bodies: Sequence[Any], others: Sequence[Any]) -> list[int] | None:
+        """Places of the symbols of some bodies, in the order of those of other bodies; None if one is of neither."""
+        number = {body: k for k, body in enumerate(self._eom.mechanism.bodies)}
+        shift = {number[a]: 3 * (number[b] - number[a]) for a, b in zip(bodies, others, strict=True) if a in number}
+        found = []
+        for place in places:
+            group = next((g for g in ("q", "v", "a") if 0 <= place - self._starts[g] < 3 * len(number)), "")
+            if group:
+                place += shift[(place - self._starts[group]) // 3]
+            elif self._starts["z"] <= place < self._starts["p"]:
+                return None
+            found.append(place)
+        return found
 
     def column(self, *groups: Any, z_rate: Any) -> Any:
         """Values of ``t, q, v, a, z, lam, u, p`` and of the rates of z, as one column of expressions."""
@@ -228,7 +242,15 @@ def batches_of(
     """
     kinds: dict[tuple[Any, ...], list[tuple[int, Tape, list[int]]]] = {}
     batches: dict[tuple[Any, ...], Batch | None] = {}
+    first_alike: dict[Hashable, tuple[tuple[Any, ...], Any, Tape, list[int]]] = {}
     for number, element in enumerate(elements):
+        likeness = getattr(element, "likeness", None)
+        if likeness is not None and likeness in first_alike:
+            key, first, tape, places = first_alike[likeness]
+            own = values.of_others(places, first.bodies, element.bodies)
+            if own is not None:
+                kinds[key].append((number, tape, own))
+                continue
         parts = [ca.densify(part) for part in parts_of(element)]
         column = ca.vertcat(ca.SX(0, 1), *parts)
         symbols = ca.symvar(column)
@@ -256,6 +278,7 @@ def batches_of(
         key = tuple(part.numel() for part in parts), groups, values.bodies(places), tape.instructions.tobytes()
         batches[key] = None
         kinds.setdefault(key, []).append((number, tape, places))
+        first_alike.setdefault(likeness, (key, element, tape, places))
     return [_batch(values, key[0], key[1], kinds[key]) if batch is None else batch for key, batch in batches.items()]
 
 

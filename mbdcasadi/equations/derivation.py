@@ -7,7 +7,7 @@ differentiation. No closed formula of a joint is written twice.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_sx, describe, role_of, symbols_of
 from ..model.symbols import t as time
+from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from .display import equations_as_latex, equations_as_text
 from .saddle import SaddlePoint, forward_dynamics

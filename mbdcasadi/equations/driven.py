@@ -6,11 +6,10 @@ redundant rows; then the normal equations take its place.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import casadi as ca
 import numpy as np
 
+from ..numerics.lazy import cached_property
 from .derivation import Equations
 from .scale import scale_of
 

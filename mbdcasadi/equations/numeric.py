@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 from ..errors import ModelError, SingularityError
 from ..numerics.console import call_each
 from ..numerics.evaluation import Evaluator
+from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from ..numerics.rank import (
     INDEPENDENT,

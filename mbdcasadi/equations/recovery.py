@@ -7,12 +7,12 @@ whole batch until the worst point has converged.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ..numerics.evaluation import Evaluator
+from ..numerics.lazy import cached_property
 from ..numerics.least_squares import largest
 from .derivation import Equations
 from .numeric import NumericEquations

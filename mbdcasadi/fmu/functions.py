@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -20,6 +19,7 @@ from ..errors import ModelError
 from ..model.conditions import Condition, stacked
 from ..model.validity import ValidityCondition
 from ..numerics.c_code import Tape, UnsupportedOperation, simplified, tape_of
+from ..numerics.lazy import cached_property
 from ..numerics.rank import analyse_rank
 from ..results.state import State
 from ..results.validity import validity_conditions

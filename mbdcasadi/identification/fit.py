@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ..errors import ModelError
 from ..model.mechanism import Mechanism
+from ..numerics.lazy import cached_property
 from ..results.notebook import html_table
 from ..results.trajectory import Trajectory
 from ..simulation.simulate import simulate

@@ -7,15 +7,16 @@ from typing import Any
 
 from ..errors import SimulationError
 from .base import Integrator
+from .bdf import BDF
 from .dop853 import DOP853
 from .idas import IDAS
 from .rosenbrock import Rosenbrock
 from .runge_kutta import RungeKutta
 
-__all__ = ["DOP853", "IDAS", "INTEGRATORS", "Integrator", "Rosenbrock", "RungeKutta", "as_integrator"]
+__all__ = ["BDF", "DOP853", "IDAS", "INTEGRATORS", "Integrator", "Rosenbrock", "RungeKutta", "as_integrator"]
 
 #: Every method that ``method=`` takes by its name.
-INTEGRATORS: tuple[type[Integrator], ...] = (IDAS, RungeKutta, Rosenbrock, DOP853)
+INTEGRATORS: tuple[type[Integrator], ...] = (IDAS, RungeKutta, Rosenbrock, DOP853, BDF)
 
 
 def as_integrator(

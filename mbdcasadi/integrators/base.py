@@ -53,6 +53,8 @@ class Integrator(Immutable):
     runs_whole : bool
         True if it runs in code of this package over a whole run, finds what happens inside its steps, and returns
         states on the constraints.
+    runs_piecewise : bool
+        True if it runs in code of this package over pieces, in the place of an integrator of CasADi.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class Integrator(Immutable):
     stops_by_input: ClassVar[bool] = False
     quadratures_in_error_test: ClassVar[bool] = True
     runs_whole: ClassVar[bool] = False
+    runs_piecewise: ClassVar[bool] = False
 
     def __init__(
         self,

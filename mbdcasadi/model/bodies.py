@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ..errors import ModelError
+from ..numerics.lazy import cached_property
 from .geometry.shapes import Shape, rotation_matrix
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Quantities, in_radians, quantity, triple

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ..errors import ConditionError
+from ..numerics.lazy import cached_property
 from ..printing import to_text
 from .quantities import quantity
 from .symbols import role_of, symbols_of

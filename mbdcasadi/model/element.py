@@ -6,14 +6,14 @@ those of the package.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Hashable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar
 
 import casadi as ca
 
 from ..errors import ExpressionError, ModelError
+from ..numerics.lazy import cached_property
 from .bodies import Body, Marker, ground
 from .immutable import HoldsSymbols, Immutable
 from .quantities import Limit
@@ -64,6 +64,9 @@ class Element(Immutable, HoldsSymbols):
     apart : casadi.SX, optional
         Of an element with a gap: scalar that costs little and is positive only if the gap is open. All its forces are
         zero then, and are not evaluated.
+    likeness : hashable, optional
+        Elements for which it is equal have the same expressions in the coordinates of their own :attr:`bodies`, so that
+        what is found for one holds for all of them. None if it is not known.
     """
 
     kind: ClassVar[str] = "element"
@@ -97,6 +100,11 @@ class Element(Immutable, HoldsSymbols):
     @property
     def apart(self) -> ca.SX | None:
         """Expression that is positive only if the element's gap is open; None if there is none."""
+        return None
+
+    @property
+    def likeness(self) -> Hashable:
+        """Equal for elements that differ in their bodies alone; None if it is not known."""
         return None
 
     @cached_property

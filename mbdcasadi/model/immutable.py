@@ -52,7 +52,7 @@ class Sealed(type):
 class Immutable(metaclass=Sealed):
     """Base class of model elements: identity equality, no assignment after construction.
 
-    Values that are derived on demand use ``functools.cached_property``, which
+    Values that are derived on demand use ``cached_property``, which
     does not store through ``__setattr__``.
     """
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
+from ..numerics.lazy import cached_property
 from .element import cross
 from .mechanism import Mechanism
 from .quantities import vector2

@@ -54,7 +54,7 @@ class Smoothing:
     span : float
         Difference between its largest and its least value.
     subject : str
-        Description of the quantity, with the element.
+        Description of the quantity, which messages put behind that of the element.
     remedy : str
         Remedy other than tighter tolerances.
     scale : casadi.SX or None

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ..errors import MechanismError
+from .lazy import cached_property
 
 #: Instructions in a piece.
 PIECE = 400

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import comb
 from typing import Any
 
@@ -11,6 +11,8 @@ import casadi as ca
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.legendre import leggauss
+
+from .lazy import cached_property
 
 
 def powers(share: Any, count: int) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -20,6 +19,7 @@ from ..model.quantities import entries, is_relation, quantity
 from ..model.rates import time_derivative
 from ..model.symbols import Parameter, check_name, number, role_of, symbols_of
 from ..model.symbols import t as time
+from ..numerics.lazy import cached_property
 from ..printing import to_text
 from ..results.state import State
 from .cost_parts import CostParts, parameter_parts, split_along_path

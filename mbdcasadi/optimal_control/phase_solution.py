@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..model.conditions import Condition
+from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from ..results.state import State
 from ..results.trajectory import Statistics, Trajectory

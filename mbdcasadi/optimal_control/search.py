@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import ModelError
+from ..numerics.lazy import cached_property
 from .checks.failure import OptimizationError
 from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import ConditionError, MechanismError, ModelError
 from ..model.conditions import Condition
 from ..model.symbols import Parameter, number
+from ..numerics.lazy import cached_property
 from ..numerics.symbolic import symbolic
 from ..results.notebook import html_table
 from ..results.phases import PhasedTrajectory, in_whole, union_of

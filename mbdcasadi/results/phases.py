@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from ..equations import equations
 from ..model.cache import ExpressionKey
 from ..model.mechanism import Mechanism
 from ..model.symbols import as_expression
+from ..numerics.lazy import cached_property
 from .energy_and_drift import Energy
 from .state import EventOccurrence, State
 from .trajectory import Statistics, Trajectory

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Collection, Sequence
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -18,6 +17,7 @@ from ..integrators.failures import reason_of
 from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..numerics.console import call
+from ..numerics.lazy import cached_property
 from ..results.state import State
 from ..simulation.changes.modes import SingleMode
 from ..simulation.checks.accuracy import range_near_rounding, tolerance_for, unresolved_range

@@ -153,10 +153,11 @@ class Run:
                 self._begin() if entry is None else self._resume(entry)
                 if not self._changes_at_once(passed):
                     self._pieces(bar)
-            except KeyboardInterrupt:
-                raise self._interrupted() from None
-            except MechanismError as error:
-                if error.partial is None and not builder.is_empty:
+            except (KeyboardInterrupt, Exception) as error:
+                # in CasADi's conversions Ctrl-C comes back as an error of another kind
+                if self._interruption.requested or isinstance(error, KeyboardInterrupt):
+                    raise self._interrupted() from None
+                if isinstance(error, MechanismError) and error.partial is None and not builder.is_empty:
                     error.partial = builder.trajectory()
                 raise
             finally:

@@ -14,6 +14,7 @@ from ..integrators import Integrator, as_integrator
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..results.trajectory import Trajectory
 from ..results.validity import report_validity
 from .changes.events import read_events
@@ -21,6 +22,7 @@ from .changes.friction_modes import FrictionModes
 from .changes.modes import Modes, SingleMode
 from .checks.accuracy import grown_error, range_near_rounding, small_motions, tolerance_for, unresolved_range
 from .checks.stiffness import is_stiff
+from .contact.compiled_elements import has_many_contacts
 from .loop import Run
 from .phases import PhasedRun
 from .tolerances import absolute_tolerance
@@ -65,13 +67,14 @@ def simulate(
         Parameter to number.
     events : sequence of Event, optional
         Looked for during the run.
-    method : {"idas", "dop853", "erk", "rosenbrock", "auto"} or Integrator
+    method : {"idas", "dop853", "bdf", "erk", "rosenbrock", "auto"} or Integrator
         IDAS (BDF of variable order) for anything; :class:`DOP853` for smooth
-        motion that is not stiff, several times faster; Rosenbrock of order
+        motion that is not stiff, several times faster; :class:`BDF` for many contacts of
+        bodies that no joint holds, several times faster; Rosenbrock of order
         5 for stiff motion at tight tolerance; "erk" is CasADi's explicit
-        Runge–Kutta 5(4), for redundant constraints too. "auto" takes DOP853 if the
-        motion at the start is not stiff, no rows are redundant and no force
-        depends on reactions, else "erk" or "idas".
+        Runge–Kutta 5(4), for redundant constraints too. "auto" takes BDF for many
+        such contacts if there is a C compiler, DOP853 if the motion at the start is not
+        stiff, no rows are redundant and no force depends on reactions, else "erk" or "idas".
     reltol, abstol : float, default 1e-8
         Tolerances of the integrator. A motion that stays within so small a range that the default `abstol` does not
         resolve it is run again with one that does. If friction has a velocity tolerance (or bristles), the
@@ -111,35 +114,42 @@ def simulate(
     >>> bool(abs(motion.energy.total[-1]) < 1e-6)
     True
     """
-    read = read_events(events)
-    if any(event.becomes is not None for event in read):
-        chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
-        given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
-        return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
-    setup = Setup(
-        mechanism,
-        "simulate",
-        times=times,
-        duration=duration,
-        initial=initial,
-        inputs=inputs,
-        parameters=parameters,
-        takes_controller=True,
-    )
-    modes = _modes(setup, read)
-    asked = chosen_integrator(
-        method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
-    )
-    integrator = suited_to_friction(asked, modes.numeric(modes.free))
-    run = Run(setup, modes, read, integrator, progress=bool(progress))
-    motion = run.run()
-    if integrator.abstol < asked.abstol:
-        motion.statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
-    may_repeat = abstol is None and asked is not method and setup.signals.controller is None
-    run, motion = _resolved(run, motion, may_repeat=may_repeat, progress=bool(progress))
+    found: list[Trajectory] = []
+    with keyboard_interrupts("simulate", lambda: found[-1] if found else None):
+        read = read_events(events)
+        if any(event.becomes is not None for event in read):
+            chosen = dict(reltol=reltol, abstol=abstol, jit=jit, options=options)
+            given = dict(times=times, duration=duration, initial=initial, inputs=inputs, parameters=parameters)
+            return _through_phases(mechanism, read, method, chosen, given, progress=bool(progress))
+        setup = Setup(
+            mechanism,
+            "simulate",
+            times=times,
+            duration=duration,
+            initial=initial,
+            inputs=inputs,
+            parameters=parameters,
+            takes_controller=True,
+        )
+        modes = _modes(setup, read)
+        asked = chosen_integrator(
+            method, modes, reltol=reltol, abstol=abstol, jit=jit, options=options, analysis="simulate"
+        )
+        integrator = suited_to_friction(asked, modes.numeric(modes.free))
+        run = Run(setup, modes, read, integrator, progress=bool(progress))
+        found.append(run.run())
+        if integrator.abstol < asked.abstol:
+            found[-1].statistics.notes.append(f"abstol = {integrator.abstol:.1e}, as the friction asks for")
+        may_repeat = abstol is None and asked is not method and setup.signals.controller is None
+        found.append(_checked(*_resolved(run, found[-1], may_repeat=may_repeat, progress=bool(progress))))
+    return found[-1]
+
+
+def _checked(run: Run, motion: Trajectory) -> Trajectory:
+    """A motion with notes on its tolerances, after warnings of what it passed."""
     motion.statistics.notes += small_motions(motion, run.integrator.abstol) + range_near_rounding(motion.q)
     motion.statistics.notes += grown_error(motion, run.steps)
-    _report_exceeded_limits(mechanism, motion)
+    _report_exceeded_limits(run.setup.mechanism, motion)
     report_validity(motion, run.unresolved())
     return motion
 
@@ -217,6 +227,7 @@ def chosen_integrator(
         stiff = numeric.eom.Q_depends_on_lam or is_stiff(numeric, setup.start, setup.grid, setup.has_redundant_rows)
         whole = analysis == "simulate" and not options and not setup.has_redundant_rows
         method = "idas" if stiff else "dop853" if whole else "erk"
+        method = "bdf" if whole and has_many_contacts(numeric) else method
     return as_integrator(method, reltol, abstol, jit=jit, options=options, besides=("auto",))
 
 

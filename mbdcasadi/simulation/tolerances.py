@@ -30,9 +30,14 @@ def narrowest_friction(numeric: NumericEquations) -> tuple[float, Any, str] | No
     for element in eom.mechanism.elements:
         for name, words in NARROW.items():
             width = getattr(element, name, None)
-            if width is None or ca.depends_on(ca.SX(width), ca.vertcat(*eom.symbols[:-1])):
+            if width is None:
                 continue
-            value = float(ca.Function("width", [eom.p], [ca.SX(width)])(numeric.p))
+            width = ca.SX(width)
+            if not width.is_constant():
+                if ca.depends_on(width, ca.vertcat(*eom.symbols[:-1])):
+                    continue
+                width = ca.Function("width", [eom.p], [width])(numeric.p)
+            value = float(width)
             widths.append((value, element, words.format(value)))
     return min(widths, key=lambda entry: entry[0], default=None)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ import numpy as np
 
 from ..errors import MechanismError
 from ..model.symbols import number
+from ..numerics.lazy import cached_property
 from ..results.columns import read_lines
 from ..results.trajectory import Trajectory
 from .course import Course

@@ -97,3 +97,37 @@ def test_a_symbol_of_another_mechanism_is_named():
     eom = mbd.equations(mbd.Mechanism([a], forces=[mbd.Gravity()]))
     with pytest.raises(mbd.ExpressionError, match="b1"):
         batches_of(eom, Values(eom), [b], lambda body: [body.x * 2])
+
+
+def test_what_differs_in_its_bodies_alone_is_looked_at_once():
+    """Contacts that are alike have the batches that they have one by one; other numbers and laws are not alike."""
+    b, ask = bodies(5), []
+    law, rough = mbd.HuntCrossley(1e4, damping=0.3), mbd.Coulomb(0.2, 1e-3)
+    radius = mbd.Parameter("radius", 0.1)
+    discs = [mbd.Circle(body.at(0.01, 0), radius if k < 3 else 0.2) for k, body in enumerate(b)]
+    floors = [mbd.HalfPlane(mbd.ground.at(x, 0)) for x in (0.0, 1.0)]
+    forces = [
+        mbd.Contact(f"f{k}{j}", disc, floor, law) for j, floor in enumerate(floors) for k, disc in enumerate(discs)
+    ]
+    forces += [mbd.Contact(f"c{j}{k}", discs[j], discs[k], law, rough) for k in range(5) for j in range(k)]
+    forces += [mbd.Contact("other", discs[0], discs[1], mbd.HuntCrossley(1e4, damping=0.3), rough)]
+    eom = mbd.equations(mbd.Mechanism(b, forces=forces, parameters=[radius]))
+
+    def parts_asked(element):
+        ask.append(element)
+        return parts(element)
+
+    class Own:
+        """An element that is not known to be like others."""
+
+        def __init__(self, element):
+            self.virtual_work, self.bodies = element.virtual_work, element.bodies
+
+    values = Values(eom)
+    found = batches_of(eom, values, forces, parts_asked)
+    alone = batches_of(eom, values, [Own(element) for element in forces], parts)
+    assert len(ask) == len({element.likeness for element in forces}) == 2 * 2 + 3 + 1
+    assert [batch.numbers.tolist() for batch in found] == [batch.numbers.tolist() for batch in alone]
+    for one, other in zip(found, alone, strict=True):
+        np.testing.assert_array_equal(one.places, other.places)
+        np.testing.assert_array_equal(one.constants, other.constants)

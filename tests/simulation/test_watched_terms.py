@@ -30,10 +30,16 @@ def watched():
     return eom, WatchedTerms(eom), eom.estimate[0], velocity
 
 
+def smoothings_of(terms):
+    """Smoothed quantities of the elements themselves."""
+    return [s for element in terms.elements for s in element.smoothings]
+
+
 def test_rates_are_those_of_the_elements(watched):
     eom, terms, q, v = watched
-    slopes = [mbd.time_derivative(s.expression, eom.mechanism) for s in terms.smoothings]
-    scales = [ca.fabs(mbd.time_derivative(ca.SX(s.scale), eom.mechanism)) for s in terms.smoothings]
+    smoothings = smoothings_of(terms)
+    slopes = [mbd.time_derivative(s.expression, eom.mechanism) for s in smoothings]
+    scales = [ca.fabs(mbd.time_derivative(ca.SX(s.scale), eom.mechanism)) for s in smoothings]
     closed = [ca.if_else(e.gap < 0, 1, 0) for e in terms.owners]
     excess = [
         ca.if_else(c.expression < 0, ca.fabs(mbd.time_derivative(c.reported, eom.mechanism)), 0) for c in terms.validity
@@ -68,5 +74,6 @@ def test_courses_are_those_of_the_elements(watched):
     eom, terms, q, v = watched
     table = terms.table(np.zeros(1), np.r_[q, v][None, :], np.zeros(0))
     found = terms.courses(table, terms.gaps(table)[0])[0]
-    own = ca.vertcat(*[s.expression for s in terms.smoothings], *[s.scale for s in terms.smoothings])
+    smoothings = smoothings_of(terms)
+    own = ca.vertcat(*[s.expression for s in smoothings], *[s.scale for s in smoothings])
     np.testing.assert_allclose(found, ca.Function("own", [eom.q, eom.v], [own])(q, v).full().ravel(), atol=1e-12)

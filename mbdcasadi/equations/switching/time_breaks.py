@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from ...numerics.scattered import scattered
 from .switch_functions import depending_on_time, distinct, divisors_among, time_switches
 from .switch_times import SwitchTimes

@@ -7,12 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 
 import casadi as ca
 import numpy as np
 
 from ...numerics.c_code import Tape, simplified, tape_of
+from ...numerics.lazy import cached_property
 from . import build
 
 #: Optimisation of equations: more gives nothing (measured), and takes twice the time.

@@ -32,11 +32,13 @@ typedef struct {
    quadrature (t, q, v, a, z, lam, u, p) -> rates of the integrals
    projection (t, q, v, p, weights) -> (q, v, largest |Phi| that is left)
    switching (t, q, v, z, p) -> quantities at whose zeros the equations switch
-   event (t, q, v, a, z, lam, u, p) -> values */
+   event (t, q, v, a, z, lam, u, p) -> values
+
+   slopes (t, q, v, z, u, p, levels, channel) -> slopes of (a, rate of z) by (q, v, z), by columns; of implicit methods */
 typedef struct {
   integer coordinates, states, multipliers, inputs, integrals, switches, events;
   integer event_needs_dynamics;
-  function_t input, dynamics, quadrature, projection, switching, event;
+  function_t input, dynamics, quadrature, projection, switching, event, slopes;
 } system_t;
 
 enum status { DONE, PAUSED, FULL, HALTED, EVENT, SINGULAR, STIFF, TOO_SMALL, NOT_FINITE, APART };
@@ -100,6 +102,12 @@ typedef struct {
   const stretch_t* task;
   const double* channel;
   integer evaluations;
+  /* of an implicit method */
+  double *slopes, *matrix;
+  int* pivots;
+  integer order, equal_steps;
+  int is_factorised;
+  double convergence, time;
 } run_t;
 
 static integer largest(integer a, integer b) { return a > b ? a : b; }
@@ -109,7 +117,7 @@ integer mbd_size_of_stretch(void) { return (integer)sizeof(stretch_t); }
 integer mbd_size_of_system(void) { return (integer)sizeof(system_t); }
 
 void mbd_free(run_t* run) {
-  if (run) free(run->k);
+  if (run) { free(run->k); free(run->pivots); }
   free(run);
 }
 
@@ -123,10 +131,13 @@ run_t* mbd_new(const system_t* system) {
   work = largest(work, system->projection.work);
   work = largest(work, system->switching.work);
   work = largest(work, system->event.work);
+  work = largest(work, system->slopes.work);
+  const integer m = system->slopes.work ? n_x - n : 0;
   const integer size = (ROWS + 7 + 6) * n_y + n_x + system->inputs + system->multipliers + n + work +
-                       5 * system->events + 3 + 4 * system->switches;
+                       5 * system->events + 3 + 4 * system->switches + m * (n_x + m);
   double* place = calloc((size_t)size, sizeof(double));
-  if (!place) { free(run); return NULL; }
+  run->pivots = calloc((size_t)m + 1, sizeof(int));
+  if (!place || !run->pivots) { free(place); free(run->pivots); free(run); return NULL; }
   run->system = system;
   run->n = n; run->n_x = n_x; run->n_y = n_y;
   run->k = place; place += ROWS * n_y;
@@ -143,6 +154,8 @@ run_t* mbd_new(const system_t* system) {
   run->accelerations = place; place += n;
   run->events = place; place += 4 * system->events + 3;
   run->sign = place; place += system->events;
+  run->slopes = place; place += m * n_x;
+  run->matrix = place; place += m * m;
   run->from = place; place += system->switches;
   run->before = place; place += system->switches;
   run->beyond = place; place += system->switches;
@@ -247,8 +260,8 @@ static double norm(const run_t* run, const double* x) {
 
 static double least_step(double t) { return 10.0 * fabs(nextafter(t, INFINITY) - t); }
 
-/* Size of the first step, as in section II.4 of the book. */
-static double first_step(run_t* run, const stretch_t* task, double t, double limit) {
+/* Size of the first step of a method, as in section II.4 of the book; its rate at the start is in the first row. */
+static double first_step(run_t* run, const stretch_t* task, double t, double limit, double order) {
   double* k0 = run->k;
   for (integer i = 0; i < run->n_x; ++i) run->scale[i] = task->abstol + fabs(run->y[i]) * task->reltol;
   const double d0 = norm(run, run->y), d1 = norm(run, k0);
@@ -259,7 +272,7 @@ static double first_step(run_t* run, const stretch_t* task, double t, double lim
   for (integer i = 0; i < run->n_x; ++i) run->next[i] = run->k[run->n_y + i] - k0[i];
   const double d2 = norm(run, run->next) / h0;
   if (!isfinite(d2)) return fmin(1e-6, limit);
-  const double h1 = d1 <= 1e-15 && d2 <= 1e-15 ? fmax(1e-6, h0 * 1e-3) : pow(0.01 / fmax(d1, d2), 1.0 / 8.0);
+  const double h1 = d1 <= 1e-15 && d2 <= 1e-15 ? fmax(1e-6, h0 * 1e-3) : pow(0.01 / fmax(d1, d2), 1.0 / order);
   return fmin(fmin(100.0 * h0, h1), limit);
 }
 
@@ -511,7 +524,7 @@ int mbd_advance(run_t* run, stretch_t* task) {
   while (task->reached < task->count) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
     const double end = task->times[stop];
-    if (step <= 0.0) step = first_step(run, task, t, fmin(end - t, task->max_step));
+    if (step <= 0.0) step = first_step(run, task, t, fmin(end - t, task->max_step), 8.0);
     step = fmin(step, task->max_step);
     const double tried = step;
     int clipped = 0, repeated = 0;

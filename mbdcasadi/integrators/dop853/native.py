@@ -26,6 +26,8 @@ OPTIMISATION = "-O3"
 EXTRA_ROWS = 2048
 #: Bytes that one call may return beyond the outputs.
 EXTRA_BYTES = 4_000_000
+#: Steps of the implicit method, which are compiled together with the engine.
+IMPLICIT = Path(__file__).parents[1] / "bdf" / "steps.c"
 #: Constants that the engine takes from ``stretch``.
 CONSTANTS = (
     "SAFETY",
@@ -75,7 +77,10 @@ class _System(ctypes.Structure):
     _fields_ = (
         *((name, c_longlong) for name in ("coordinates", "states", "multipliers", "inputs", "integrals", "switches")),
         *((name, c_longlong) for name in ("events", "event_needs_dynamics")),
-        *((name, _Function) for name in ("input", "dynamics", "quadrature", "projection", "switching", "event")),
+        *(
+            (name, _Function)
+            for name in ("input", "dynamics", "quadrature", "projection", "switching", "event", "slopes")
+        ),
     )
 
 
@@ -169,15 +174,16 @@ def engine(using: build.Compiler) -> ctypes.CDLL:
 
 @cache
 def _engine(using: build.Compiler, folder: str) -> ctypes.CDLL:
-    source = engine_source()
+    source = engine_source() + IMPLICIT.read_text(encoding="utf-8")
     key = "engine-" + build.key_of(source, package_version(), using.identity, OPTIMISATION, *build.FLAGS)
     library = build.find(key) or build.build(key, source, OPTIMISATION, using)
     library.mbd_new.restype = c_void_p
     library.mbd_new.argtypes = [c_void_p]
     library.mbd_free.restype = None
     library.mbd_free.argtypes = [c_void_p]
-    library.mbd_advance.restype = c_int
-    library.mbd_advance.argtypes = [c_void_p, c_void_p]
+    for advance in (library.mbd_advance, library.mbd_advance_implicit):
+        advance.restype = c_int
+        advance.argtypes = [c_void_p, c_void_p]
     library.mbd_complete.restype = None
     library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
     library.mbd_run_cases.restype = None
@@ -223,11 +229,13 @@ class NativeRun:
             event_needs_dynamics=watched is not None and watched.needs_dynamics,
         )
         mechanism, inputs, *events = self.codes
-        found.dynamics, found.projection, found.quadrature, found.switching = (_entry(mechanism, k) for k in range(4))
+        for k, name in enumerate(system.functions):
+            setattr(found, name, _entry(mechanism, k))
         found.input = _entry(inputs, 0)
         if events:
             found.event = _entry(events[0], 0)
         self._system = found
+        self._advance = library.mbd_advance if system.slopes is None else library.mbd_advance_implicit
         self._run = library.mbd_new(ctypes.addressof(found))
         if not self._run:
             raise MemoryError("no memory for the run in C")
@@ -254,7 +262,7 @@ class NativeRun:
             extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
         rows, given = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
         task = self._task(s, progress, rows, given)
-        self.library.mbd_advance(self._run, ctypes.addressof(task))
+        self._advance(self._run, ctypes.addressof(task))
         progress.step, progress.regularity = task.step, task.regularity
         progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
         r = task.recorded

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+from ...errors import SimulationError
 from ...model.cache import Cache
 from ...numerics.c_code import UnsupportedOperation
 from ..lending import Lending
@@ -109,6 +110,8 @@ class Runner:
             self._borrowed = None
 
     def _stepwise(self, reason: str) -> _Run:
+        if self.system.slopes is not None:
+            raise SimulationError(f'method="{self.system.method}" runs in C alone, and {reason}; use method="idas"')
         self.said = f"dop853 ran step by step, without C: {reason}"
         if self.watched is not None:
             return StepwiseRun(self.system, self.watched, self._cache)
@@ -120,7 +123,7 @@ class Runner:
 
     def _code(self, using: build.Compiler) -> tuple[Code, ...]:
         s = self.system
-        parts: list[tuple[ca.Function, ...]] = [(s.dynamics, s.projection, s.quadrature, s.switching), (s.input,)]
+        parts: list[tuple[ca.Function, ...]] = [tuple(s.functions.values()), (s.input,)]
         parts += [] if self.watched is None else [(self.watched.function,)]
         found = [self._cache.get_or_create(("code", *functions), partial(Code, functions)) for functions in parts[1:]]
         return tuple([self._mechanism_code(parts[0], using), *found])
@@ -137,6 +140,8 @@ class Runner:
                 if written.opened is not None:
                     written.opened(code.library._name)
                 return code
+            if self.system.slopes is not None:
+                raise build.CompilationError(code.said)
         return self._cache.get_or_create(("code", *functions), partial(Code, functions))
 
     def _compile(self, using: build.Compiler, coming: float) -> None:
@@ -150,7 +155,7 @@ class Runner:
         said = self._codes[0].said
         if self._codes[0].library is None and not said:
             said = f"interpreted equations: compiling them, about {self._codes[0].price:.2g} s, would not have paid"
-        self.said = f"dop853 ran in C, {said}"
+        self.said = f"{self.system.method} ran in C, {said}"
 
     # --- running ------------------------------------------------------------------------------
     @property

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from .code import Written
 
 #: Points inside every step at which events are looked at, at least.
@@ -80,8 +80,11 @@ class ExplicitSystem:
         ``(t, q, v, p, weights) -> (q, v, |Phi|)``: one step onto the constraints, and what is left after it.
     switching : casadi.Function
         ``(t, q, v, z, p) ->`` quantities at whose zeros the equations, or their derivatives, jump.
+    slopes : casadi.Function, optional
+        ``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by ``(q, v, z)``, dense: then
+        the method is an implicit one.
     written : Written, optional
-        C code of the dynamics and the quadrature.
+        C code of the dynamics, the quadrature and the slopes.
     """
 
     input: ca.Function
@@ -89,7 +92,19 @@ class ExplicitSystem:
     quadrature: ca.Function
     projection: ca.Function
     switching: ca.Function
+    slopes: ca.Function | None = None
     written: Written | None = None
+
+    @property
+    def method(self) -> str:
+        """Name of the method that integrates it."""
+        return "dop853" if self.slopes is None else "bdf"
+
+    @cached_property
+    def functions(self) -> dict[str, ca.Function]:
+        """Functions that do not depend on inputs and events, by name."""
+        found = {name: getattr(self, name) for name in ("dynamics", "projection", "quadrature", "switching")}
+        return found if self.slopes is None else found | {"slopes": self.slopes}
 
     @cached_property
     def coordinates(self) -> int:

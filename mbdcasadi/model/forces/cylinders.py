@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
+from ...numerics.lazy import cached_property
 from ..quantities import Quantities, quantity
 from ..symbols import StateVariable, state_of
 from ..validity import ValidityCondition

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..bodies import markers_on_two
 from ..element import Element
 from ..expressions import norm

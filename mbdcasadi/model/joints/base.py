@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, as_body, markers_on_two
 from ..element import ConstraintElement, at_poses
 from ..rates import time_derivative

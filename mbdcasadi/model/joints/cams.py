@@ -5,12 +5,12 @@ The parameter of the contact point on the outline is a coordinate without inerti
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..bodies import Marker
 from ..element import cross
 from ..events import Event

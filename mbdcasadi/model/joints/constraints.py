@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ...printing import to_text
 from ..bodies import as_marker
 from ..element import BEYOND_COORDINATES, ConstraintElement, holds_coordinates, refuse_kinds

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..bodies import Body, Marker, ground, rotation
 from ..element import at_poses
 from ..quantities import Limit, Quantities, known_value, quantity, yes_or_no

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..quantities import Limit, Quantities, known_value, quantity
 from ..rates import time_derivative
 from .base import AlongLine, Joint, relative_angle

@@ -8,7 +8,7 @@ that the constraints fix.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -18,6 +18,7 @@ from ...equations.numeric import NumericEquations
 from ...model.cache import Cache
 from ...model.conditions import Condition, stacked
 from ...numerics.evaluation import Evaluator
+from ...numerics.lazy import cached_property
 from ...numerics.least_squares import project_velocity
 from ...numerics.newton import solve
 from ...numerics.rank import analyse_rank, unit_rows

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import casadi as ca
 import numpy as np
 
 from ...equations.numeric import LARGE, NumericEquations
 from ...equations.recovery import Recovery
 from ...equations.reduced import ReducedEquations
+from ...numerics.lazy import cached_property
 from ..nlp.scaling import Scales
 
 

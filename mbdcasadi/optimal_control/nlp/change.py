@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...model.conditions import Condition, stacked
 from ...model.symbols import Parameter
+from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.phases import places_in
 from ..transcription.points import CollocationPoint

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from ...model.cache import Cache
 from ...model.conditions import Condition
 from ...model.symbols import symbols_of
+from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..phase import Phase
 from ..placeholders import Placeholder, placeholders_in, with_values

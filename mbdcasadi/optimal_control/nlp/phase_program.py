@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ import numpy as np
 
 from ...model.conditions import Condition, stacked
 from ...model.symbols import Symbol
+from ...numerics.lazy import cached_property
 from ...results.state import State
 from ..checks.consistency import own_limits
 from ..placeholders import Placeholder

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -16,6 +15,7 @@ from ...equations.reduced import ReducedEquations, reduced_equations
 from ...errors import ModelError
 from ...model.conditions import Condition
 from ...model.quantities import whole, yes_or_no
+from ...numerics.lazy import cached_property
 from ...numerics.rank import dependent_rows, unit_rows
 from ...results.state import State
 from ..guess.kinematic_guess import KinematicPath, kinematic_path

@@ -7,7 +7,7 @@ import time as clock
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from ...assembly.setup import Setup
 from ...equations.numeric import NumericEquations
 from ...errors import ConditionError, ModelError
 from ...model.conditions import Condition
+from ...numerics.lazy import cached_property
 from ...numerics.least_squares import largest
 from ...results.state import State
 from ..checks.consistency import check_end

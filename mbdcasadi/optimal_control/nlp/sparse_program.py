@@ -8,10 +8,11 @@ stays linear in the number of intervals, and nothing is differentiated twice.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
+
+from ...numerics.lazy import cached_property
 
 #: An expression of a piece, and further symbols in it with their values for all copies.
 Part = tuple[ca.SX, list[tuple[ca.SX, ca.MX]]]

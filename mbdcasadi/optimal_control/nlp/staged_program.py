@@ -9,12 +9,12 @@ transcription has this structure, and multipliers mean the same as in the progra
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
+from ...numerics.lazy import cached_property
 from .sparse_program import MappedBlock, SparseProgram
 
 if TYPE_CHECKING:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Hashable, Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
+
+from ...numerics.lazy import cached_property
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
@@ -18,6 +17,7 @@ import numpy as np
 
 from ...equations.reduced import ReducedEquations
 from ...errors import ModelError
+from ...numerics.lazy import cached_property
 from ..nlp.rows import Rows
 from ..nlp.scaling import Scales
 from .constraints import MotionConstraints

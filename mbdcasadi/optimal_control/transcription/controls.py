@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from ...errors import ModelError
 from ...numerics.collocation import bernstein_coefficients, combine, lagrange_coefficients, powers
+from ...numerics.lazy import cached_property
 
 #: Values of ``control=``.
 CONTROLS = ("polynomial", "linear", "constant")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -12,6 +11,7 @@ from ...arguments.piecewise_polynomial import PiecewisePolynomial
 from ...equations.numeric import NumericEquations
 from ...equations.recovery import Recovery
 from ...model.symbols import Parameter
+from ...numerics.lazy import cached_property
 from ...numerics.symbolic import symbolic
 from ...results.trajectory import Statistics, Trajectory
 from ..phase import Phase

@@ -101,8 +101,8 @@ class Resolution:
         self._smoothings, self._owner, self._normal = terms.smoothings, terms.owners, terms.normal
         self._validity = terms.validity
         self._closings = GapClosings(numeric, terms)
-        owners = {id(s): j for j, e in enumerate(self._owner) for s in e.smoothings}
-        self._gap_of = [owners.get(id(s)) for s in self._smoothings]
+        owners = {e: j for j, e in enumerate(self._owner)}
+        self._gap_of = [owners.get(e) for e in terms.smoothed]
         self._last: _Course | None = None
         self._verifications = VERIFICATIONS
         self._spans = np.array([s.span for s in self._smoothings])
@@ -355,7 +355,11 @@ class Resolution:
 
     def _broken_conditions(self) -> Iterator[str]:
         """Messages of validity conditions that the steps of the integrator found broken, with time and size."""
-        for k, condition in enumerate(self._validity):
+        broken = np.zeros(len(self._validity), bool)
+        for _, excesses, _ in self._excesses:
+            broken |= np.any(excesses > 0, axis=0)
+        for k in np.flatnonzero(broken):
+            condition = self._validity[k]
             first, worst, total = None, -np.inf, 0.0
             for times, excesses, limits in self._excesses:
                 for start, excess in zip(times[:-1], excesses[:, k], strict=True):
@@ -379,14 +383,15 @@ class Resolution:
         counts = (seen > SMALL * largest) & (spans > 0) & (matters | ~self._is_load)
         share = np.where(counts, missed / np.where(spans > 0, spans, 1), 0)
         found: dict[str, str] = {}
-        for smoothing, course in zip(self._smoothings, share.T, strict=True):
+        for element, smoothing, course in zip(self.terms.smoothed, self._smoothings, share.T, strict=True):
             bad = course > MISSED
             if not np.any(bad):
                 continue
+            subject = f"{element.description}: {smoothing.subject}"
             finding = _Finding([float(t) for t in times[bad]], [float(x) for x in course[bad]])
             found.setdefault(
-                smoothing.subject,
-                f"{smoothing.subject} was not resolved {finding.when}: the steps of the integrator jump over up to "
+                subject,
+                f"{subject} was not resolved {finding.when}: the steps of the integrator jump over up to "
                 f"{min(max(finding.sizes), 1):.0%} of its change, and the motion from there on may be wrong; tighten "
                 f"reltol and abstol (they were {reltol:.0e} and {abstol:.0e}), {smoothing.remedy}",
             )

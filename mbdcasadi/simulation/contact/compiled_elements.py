@@ -11,17 +11,18 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ...equations.batches import Values
+from ...equations.numeric import NumericEquations
 from ...integrators.dop853 import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.c_interface import constant_table, definitions, interface
+from ...numerics.lazy import cached_property
 from ...numerics.symbolic import LOCK
-from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, WatchedTerms
+from .watched_terms import APART, COURSES, DISPLACEMENTS, FORCES, WatchedTerms, watched_terms
 
 #: Instructions of all elements, a call of their forces and one of their rates, from which compiling them pays in most
 #: runs: the interpreter takes some 0.1 ms for these, and the compiler a second.
@@ -100,6 +101,14 @@ class RepeatedElements:
         """Instructions of one element of each kind; those of its quantities watched at outputs are as many again."""
         return sum(2 * kind.size for kind in self._kinds)
 
+    @cached_property
+    def slopes(self) -> tuple[str, np.ndarray, np.ndarray, int]:
+        """``jac_forces`` in C, with the forces compiled before it: slopes of the forces by the column of values.
+
+        Besides the code the rows and columns of what it returns (k,), and the length of its work array.
+        """
+        return _slopes(self.terms, self._kinds)
+
     def watch_by(self, library: str) -> None:
         """Evaluate the quantities watched at outputs by a library with the loops."""
         self.terms.use_compiled(ca.external("gaps", library), ca.external("courses", library))
@@ -140,6 +149,14 @@ def compiled_elements(terms: WatchedTerms) -> tuple[CompiledElements | None, str
         return None, ""
     with LOCK:
         return repeated.library
+
+
+def has_many_contacts(numeric: NumericEquations) -> bool:
+    """Return True for bodies that nothing joins with so many elements of a kind that loops over them pay, in C."""
+    eom = numeric.eom
+    if eom.lam.numel() or numeric.massless or build.compiler() is None:
+        return False
+    return repeated_elements(watched_terms(eom)) is not None
 
 
 class _Kind:
@@ -304,9 +321,18 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
 
 
 def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
-    """The library of an implicit method: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
+    """The library of IDAS: what a run needs, and ``jac_forces``, the Jacobian of the forces."""
     n, size = terms.eom.q.numel(), terms.values.size
-    text, slopes = [_common(terms, kinds, outputs=False)[0]], _Loops()
+    slopes, rows, columns, work = _slopes(terms, kinds)
+    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
+    arguments = {"values": (size, 1), "out_forces": (n, 1)}
+    around = definitions(interface("jac_forces", arguments, {"jac_forces_values": sparsity}, work))
+    return "\n".join([_common(terms, kinds, outputs=False)[0], slopes, around])
+
+
+def _slopes(terms: WatchedTerms, kinds: Sequence[_Kind]) -> tuple[str, np.ndarray, np.ndarray, int]:
+    n, slopes = terms.eom.q.numel(), _Loops()
+    text: list[str] = []
     acting = [(kind, *kind.slopes()) for kind in kinds if kind.has_forces]
     entries = [columns * n + rows for _, _, rows, columns in acting]
     pattern = np.unique(np.concatenate([np.zeros(0, int), *(part.ravel() for part in entries)]))
@@ -317,8 +343,5 @@ def _source(terms: WatchedTerms, kinds: Sequence[_Kind]) -> str:
         text.append(constant_table("int", table, into.flat))
         slopes.add(kind, tape, into, table)
     columns, rows = np.divmod(pattern, n)
-    sparsity = ca.Sparsity.triplet(n, size, rows.tolist(), columns.tolist())
     text.append(slopes.function("jac_forces", pattern.size))
-    arguments = {"values": (size, 1), "out_forces": (n, 1)}
-    text.append(definitions(interface("jac_forces", arguments, {"jac_forces_values": sparsity}, slopes.work)))
-    return "\n".join(text)
+    return "\n".join(text), rows, columns, slopes.work

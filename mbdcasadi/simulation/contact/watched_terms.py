@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cached_property
+from collections.abc import Hashable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -13,6 +12,7 @@ from ...equations import Equations
 from ...equations.batches import Batch, Values, batches_of
 from ...model.mechanism import Mechanism
 from ...model.validity import Smoothing
+from ...numerics.lazy import cached_property
 
 #: Parts of the expressions of an element.
 DISPLACEMENTS, FORCES, COURSES, SCALES, GAP, MARGINS, REPORTED, APART = range(8)
@@ -38,8 +38,9 @@ class WatchedTerms:
 
     Attributes
     ----------
-    elements, smoothings, owners, validity : list
-        Elements that are watched, smoothed quantities, elements with gaps, and conditions between outputs too.
+    elements, smoothings, smoothed, owners, validity : list
+        Elements that are watched, smoothed quantities and the element of each (elements that are alike share those of
+        the first), elements with gaps, and conditions between outputs too.
     normal : list of int
         Place among the smoothings of the normal force of each owner.
     values : Values
@@ -53,14 +54,18 @@ class WatchedTerms:
     def __init__(self, eom: Equations):
         self.eom, self.values = eom, Values(eom)
         self._unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-        everything = [(e, self._smoothings_of(e), _conditions(e)) for e in eom.mechanism.elements]
+        self._first_alike: dict[Hashable, Any] = {}
+        everything = [(e, self._smoothings_of(self._alike(e)), _conditions(e)) for e in eom.mechanism.elements]
         self._offered = {
             e: (smoothings, conditions) for e, smoothings, conditions in everything if smoothings or conditions
         }
         self.elements = list(self._offered)
-        self.smoothings: list[Smoothing] = [s for smoothings, _ in self._offered.values() for s in smoothings]
-        self.owners = [e for e in self.elements if self._has_gap(e)]
-        self.normal = [next(k for k, s in enumerate(self.smoothings) if s is e.smoothings[0]) for e in self.owners]
+        of_smoothings = [(e, s) for e, (smoothings, _) in self._offered.items() for s in smoothings]
+        self.smoothings: list[Smoothing] = [s for _, s in of_smoothings]
+        self.smoothed = [e for e, _ in of_smoothings]
+        self.owners = [e for e in self.elements if self._has_gap(self._alike(e))]
+        place = {e: k for k, e in reversed(list(enumerate(self.smoothed)))}
+        self.normal = [place[e] for e in self.owners]
         self.validity = [c for _, conditions in self._offered.values() for c in conditions]
         self.size = 2 * len(self.smoothings) + len(self.owners) + len(self.validity)
         self.batches = batches_of(eom, self.values, self.elements, self._parts)
@@ -72,6 +77,11 @@ class WatchedTerms:
         self._compiled = gaps, courses
 
     # --- the expressions of an element ------------------------------------------------------
+    def _alike(self, element: Any) -> Any:
+        """The first element with the same expressions, in the coordinates of its bodies."""
+        likeness = getattr(element, "likeness", None)
+        return element if likeness is None else self._first_alike.setdefault(likeness, element)
+
     def _smoothings_of(self, element: Any) -> list[Smoothing]:
         offered = getattr(element, "smoothings", ())
         return [s for s in offered if not ca.depends_on(s.expression, self._unknown)]

@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 
 from ...equations.numeric import NumericEquations
+from ...errors import SimulationError
 from ...integrators import IDAS, Integrator, RungeKutta
+from ...integrators.bdf.native import NativeIntegrator
 from ...integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
 from ...integrators.lending import Lending
 from ...numerics.console import Interruption
@@ -18,6 +20,7 @@ from ..contact.watched_terms import WatchedTerms
 from ..formulations import Formulation, Regularised, choose_formulation
 from ..path import Path, Way, way_by
 from ..schedule import PIECES, Piece
+from .explicit_system import explicit_system
 from .stepper import PRECISE, SteppedSystem, Stepper
 
 #: Decay of drift in the regularised form: so many times in a piece, and for each radian that a body turns.
@@ -28,6 +31,16 @@ PERTURBATION = 1e-6
 
 class NearSingularPose(IntegrationFailure):
     """The usual form of the equations failed near a singular pose, which may be passed otherwise."""
+
+
+def refuse_joined_bodies(integrator: Integrator, numeric: NumericEquations) -> None:
+    """Raise with the names of what a method for free bodies does not take."""
+    held = f"{', '.join(numeric.eom.row_names[:6])} hold bodies" if numeric.eom.lam.numel() else ""
+    if held or numeric.massless:
+        raise SimulationError(
+            f'method="{integrator.name}" takes bodies with mass that nothing joins, and '
+            f'{held or "a body has no mass"}; use method="idas"'
+        )
 
 
 class CompiledStepper(Stepper):
@@ -41,6 +54,8 @@ class CompiledStepper(Stepper):
 
     def __init__(self, system: SteppedSystem):
         super().__init__(system)
+        if self.integrator.runs_piecewise:
+            refuse_joined_bodies(self.integrator, self.numeric)
         self._terms, self._usual_length = system.resolution.terms, system.span / PIECES
         self._compiled: dict[Formulation, CompiledIntegrator] = {}
         self._borrowed: list[tuple[Any, tuple[CompiledIntegrator, Any]]] = []
@@ -51,8 +66,9 @@ class CompiledStepper(Stepper):
 
     @property
     def notes(self) -> list[str]:
-        remark = compiled_elements(self._terms)[1]
-        return [remark] if remark else []
+        said = [one.said for one in self._compiled.values() if isinstance(one, NativeIntegrator)]
+        remark = "" if said else compiled_elements(self._terms)[1]
+        return [*said, *([remark] if remark else [])]
 
     @property
     def starts(self) -> int:
@@ -81,7 +97,7 @@ class CompiledStepper(Stepper):
         key = form, settings, numeric.light_key, signals.structure, terms is None
 
         def make() -> tuple[CompiledIntegrator, Any]:
-            made = CompiledIntegrator(self._system(form, terms), method)
+            made = self._native(method, terms) or CompiledIntegrator(self._system(form, terms), method)
             # the expression is kept beside it: a hash in the structure is unique only while the node lives
             return made, signals.parametrised
 
@@ -89,6 +105,15 @@ class CompiledStepper(Stepper):
         borrowed[0].restart_counting()
         self._borrowed.append((key, borrowed))
         return borrowed[0]
+
+    def _native(self, method: Integrator, terms: WatchedTerms | None) -> NativeIntegrator | None:
+        """A method that runs in code of this package."""
+        if not method.runs_piecewise:
+            return None
+        numeric = self.numeric
+        return NativeIntegrator(
+            explicit_system(numeric, self.signals, terms, implicit=True), method, numeric.eom.mechanism.cache
+        )
 
     def _system(self, form: Formulation, terms: WatchedTerms | None) -> Dae:
         """The system of an integrator, with compiled elements if they are many of a kind."""
@@ -151,7 +176,8 @@ class CompiledStepper(Stepper):
             outcome = attempt(usual, FEW_STEPS, beside=True)
         if isinstance(outcome, Path):
             return outcome
-        if not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
+        has_constraints = self.numeric.eom.lam.numel() > 0
+        if has_constraints and not isinstance(usual, Regularised) and not self.numeric.eom.Q_depends_on_lam:
             if comes_near is not None:
                 self._stop_near_singular_pose(piece, x, outcome.flag, comes_near)
             across = attempt(Regularised(), FEW_STEPS)  # which passes singular poses

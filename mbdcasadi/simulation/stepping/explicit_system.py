@@ -14,6 +14,7 @@ from ...equations.saddle import SaddlePoint, shifted
 from ...integrators.dop853.code import Written
 from ...integrators.dop853.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
+from ...numerics.c_interface import constant_table
 from ..checks.unseen_loads import state_quantities
 from ..contact.compiled_elements import RepeatedElements, repeated_elements
 from ..contact.watched_terms import WatchedTerms, has_gap
@@ -97,7 +98,9 @@ def _projection(eom: Equations) -> ca.Function:
     return ca.Function("projection", [eom.t, eom.q, eom.v, eom.p, weights], results)
 
 
-def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None = None) -> ExplicitSystem:
+def explicit_system(
+    numeric: NumericEquations, signals: Signals, terms: WatchedTerms | None = None, *, implicit: bool = False
+) -> ExplicitSystem:
     """Return the system of a run.
 
     Parameters
@@ -108,25 +111,33 @@ def explicit_system(numeric: NumericEquations, signals: Signals, terms: WatchedT
         Inputs.
     terms : WatchedTerms, optional
         Integrands along the motion, among others; the same in every run of a mechanism that has some.
+    implicit : bool
+        True for an implicit method, which needs slopes.
     """
     eom = numeric.eom
 
     def quadrature() -> ca.Function:
-        content = ca.SX(0, 1) if terms is None else ca.densify(terms.rates)
+        if terms is None:
+            content = ca.SX(0, 1)
+        elif implicit and repeated is not None:  # an implicit method runs the loops alone: the size is enough
+            content = ca.SX.zeros(terms.size)
+        else:
+            content = ca.densify(terms.rates)
         return ca.Function("quadrature", list(eom.symbols), [content])
 
     cache = eom.mechanism.cache
-    integrals = cache.get_or_create(("explicit quadrature", terms is None), quadrature)
     repeated = None if terms is None else repeated_elements(terms)
+    integrals = cache.get_or_create(("explicit quadrature", terms is None, implicit), quadrature)
+    slopes = _slopes_of(numeric, signals, repeated) if implicit else None
     written = None
     if repeated is not None:
-        key = ("explicit code with loops", numeric.light_key)
-        written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated))
+        key = ("explicit code with loops", numeric.light_key, slopes)
+        written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated, slopes))
     switching = cache.get_or_create(
         ("what switches", signals.structure, repeated is None), lambda: _switching(eom, signals, repeated), bounded=True
     )[0]
     return ExplicitSystem(
-        signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), switching, written
+        signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), switching, slopes, written
     )
 
 
@@ -143,17 +154,51 @@ def _switching(eom: Equations, signals: Signals, repeated: RepeatedElements | No
     return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
 
 
-def _with_loops(numeric: NumericEquations, repeated: RepeatedElements) -> Written:
-    """Dynamics and quadrature in C, with loops over elements that are many of a kind."""
-    eom, values = numeric.eom, repeated.terms.values
+def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedElements | None) -> ca.Function:
+    """``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by the state, with the inputs'.
+
+    With elements in loops, these are those of the others alone, under forces Q of the loops as a ninth argument, and
+    the nonzero slopes by these forces.
+    """
+    eom = numeric.eom
+
+    def make() -> tuple[ca.Function, ca.SX]:
+        force, x = ca.SX.sym("Q", eom.q.numel()), ca.vertcat(eom.q, eom.v, eom.z)
+        u = signals.parametrised if ca.depends_on(signals.parametrised, x) else eom.u
+        known = [eom.t, eom.q, eom.v, eom.z, u, eom.p]
+        if repeated is None:
+            solved = dynamics_of(numeric)(*known)
+        else:
+            others = repeated.rest(*known[:4], ca.SX.zeros(eom.lam.numel()), *known[4:])
+            solved = _solution(numeric)(*known, force + others)
+        rates = ca.vertcat(*solved[:2])
+        arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, signals.levels, signals.channel]
+        results = [ca.densify(ca.jacobian(rates, x))]
+        if repeated is not None:
+            arguments, results = [*arguments, force], [*results, ca.jacobian(rates, force)]
+        return ca.Function("slopes", arguments, results), signals.parametrised
+
+    key = ("explicit slopes", numeric.light_key, signals.structure, repeated is None)
+    return eom.mechanism.cache.get_or_create(key, make)[0]
+
+
+def _solution(numeric: NumericEquations) -> ca.Function:
+    """``(t, q, v, z, u, p, Q) -> (a, rate of z, lam, regularity)`` under generalised forces Q."""
+    eom = numeric.eom
     force = ca.SX.sym("Q", eom.q.numel())
     system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
     a, lam = system.solution(augmentation=numeric.augmentation)
     unknown = ca.vertcat(eom.a, eom.lam)
     rates = ca.substitute(eom.z_rate, unknown, ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
+    return ca.Function("solve", [*known, force], [a, ca.densify(rates), lam, _regularity(numeric)])
+
+
+def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: ca.Function | None) -> Written:
+    """Dynamics and quadrature in C, with loops over elements that are many of a kind; and slopes, if they are asked."""
+    eom, values = numeric.eom, repeated.terms.values
     functions = [
-        ca.Function("solve", [*known, force], [a, ca.densify(rates), lam, _regularity(numeric)]),
+        _solution(numeric),
         repeated.rest,
         ca.Function("rates_of_states", list(eom.symbols), [ca.densify(eom.z_rate)]),
     ]
@@ -185,7 +230,55 @@ def _with_loops(numeric: NumericEquations, repeated: RepeatedElements) -> Writte
 }}
 """
     bodies = {"dynamics": (dynamics, size + 2 * n + work), "quadrature": (quadrature, size + states + work)}
-    return Written(shared, bodies, repeated.size + sum(tape.size for tape in tapes), repeated.watch_by)
+    instructions = repeated.size + sum(tape.size for tape in tapes)
+    if slopes is not None:
+        tape = tape_of(simplified(_with_nonzeros(slopes)))
+        text, own_work = _slopes_with_loops(slopes, values, repeated)
+        shared, bodies = f"{shared}\n{tape.as_c}", bodies | {"slopes": (text, own_work + max(work, tape.work_in_c))}
+        instructions += tape.size
+    return Written(shared, bodies, instructions, repeated.watch_by)
+
+
+def _with_nonzeros(slopes: ca.Function) -> ca.Function:
+    """The slopes of a solution under another name, those by forces as a column of nonzeros."""
+    arguments = slopes.sx_in()
+    by_state, by_force = slopes(*arguments)
+    return ca.Function("slopes_of_solution", arguments, [by_state, ca.densify(by_force.nz[:])])
+
+
+def _slopes_with_loops(slopes: ca.Function, values: Values, repeated: RepeatedElements) -> tuple[str, int]:
+    """Slopes by the state in C, and the length of the work array without that of what they call."""
+    n, m, size = values.count("q"), slopes.size1_out(0), values.size
+    code, rows, columns, own_work = repeated.slopes
+    state = np.full(size, -1)
+    for group, first in (("q", 0), ("v", n), ("z", 2 * n)):
+        state[values.start(group) :][: values.count(group)] = first + np.arange(values.count(group))
+    starts, entries = (np.array(part, int) for part in slopes.sparsity_out(1).get_ccs())
+    tables = {"rows": rows, "states": state[columns], "starts": starts, "entries": entries}
+    text = "\n".join(constant_table("int", f"slopes_{name}", content) for name, content in tables.items())
+    text += f"""
+{code}
+int slopes({SIGNATURE}) {{
+  double *column = w, *force = w + {size}, *nonzeros = force + {n}, *by_force = nonzeros + {rows.size};
+  double* work = by_force + {entries.size};
+  for (int i = 0; i < {size}; ++i) column[i] = 0;
+{_filled(values, "t", "q", "v", "z", "u", "p")}
+  const double* values[] = {{column}};
+  forces(values, &force, iw, work, mem);
+  jac_forces(values, &nonzeros, iw, work, mem);
+  const double* in[] = {{arg[0], arg[1], arg[2], arg[3], arg[4], arg[5], arg[6], arg[7], force}};
+  double* out[] = {{res[0], by_force}};
+  slopes_of_solution(in, out, iw, work, mem);
+  for (int k = 0; k < {rows.size}; ++k) {{
+    if (nonzeros[k] == 0 || slopes_states[k] < 0) continue;
+    double* by_state = res[0] + slopes_states[k] * {m};
+    for (int i = slopes_starts[slopes_rows[k]]; i < slopes_starts[slopes_rows[k] + 1]; ++i)
+      by_state[slopes_entries[i]] += by_force[i] * nonzeros[k];
+  }}
+  return 0;
+}}
+"""
+    return text, size + n + rows.size + entries.size + own_work
 
 
 def _filled(values: Values, *groups: str) -> str:

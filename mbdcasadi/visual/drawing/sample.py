@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -10,6 +9,7 @@ import numpy as np
 
 from ...errors import MechanismError
 from ...model.mechanism import Mechanism
+from ...numerics.lazy import cached_property
 from ...results.interpolation import hermite, linear
 from ...results.phases import PhasedTrajectory
 from ...results.state import State

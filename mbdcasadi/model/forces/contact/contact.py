@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import cached_property
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 import casadi as ca
 
 from ....errors import ModelError
+from ....numerics.lazy import cached_property
 from ...bodies import Marker
 from ...element import Element, cross
 from ...expressions import if_else
@@ -150,9 +150,9 @@ class Contact(Element):
             continuous_force(self.law, place.touch.gap, place.normal_force, self.description) for place in self._places
         ]
         load = sum(loads, ca.SX(0))
-        smoothings = [Smoothing(load, 1.0, f"{self.description}: its normal force", "or soften the law", load)]
+        smoothings = [Smoothing(load, 1.0, "its normal force", "or soften the law", load)]
         if self.friction is not None:
-            turn = f"{self.description}: its friction's change of direction"
+            turn = "its friction's change of direction"
             each = zip(loads, self._places, strict=True)
             for parts in zip(*[[share * e for e in place.smoothed] for share, place in each], strict=True):
                 smoothings.append(Smoothing(sum(parts, ca.SX(0)), 2.0, turn, self.friction.remedy, load))
@@ -173,6 +173,10 @@ class Contact(Element):
             ca.mmin(ca.vertcat(*within)), message, shown=-self.gap, unit="m deep", between_outputs=True
         )
         return (condition,)
+
+    @cached_property
+    def likeness(self) -> Hashable:
+        return (*(outline.likeness for outline in (self.a, self.b)), id(self.law), id(self.friction))
 
     @cached_property
     def apart(self) -> ca.SX | None:

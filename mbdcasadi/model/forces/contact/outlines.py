@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from ....errors import ModelError
+from ....numerics.lazy import cached_property
 from ...bodies import Marker, as_marker
 from ...immutable import Immutable
 from ...quantities import Limit, Quantities, number_pairs
@@ -27,8 +29,21 @@ class Outline(Immutable):
         """Centre (2,) and radius of a circle around it, m; None if it is not bounded, or touched from inside."""
         return None
 
+    @cached_property
+    def likeness(self) -> Hashable:
+        """Equal for outlines of the same shape at the same place of their bodies."""
+        sizes = [(name, value) for name, value in self.__dict__.items() if name not in ("marker", "limits", "_sealed")]
+        sizes += [("place", self.marker.local), ("angle", self.marker.local_angle)]
+        fixed = id(self.marker.body) if self.marker.body.is_ground else None
+        return type(self), fixed, *((name, _entries(value)) for name, value in sizes)
+
     def __repr__(self) -> str:
         return f"{type(self).__name__} on '{self.marker.body.name}'"
+
+
+def _entries(value: Any) -> tuple[Hashable, ...]:
+    """Numbers, and hashes of the other entries, of a quantity or of some."""
+    return tuple(float(e) if e.is_constant() else e.element_hash() for e in ca.vertsplit(ca.vec(ca.SX(value))))
 
 
 class _Round(Outline):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from ....errors import ModelError
+from ....numerics.lazy import cached_property
 from ...element import ConstraintElement, Element
 from ...expressions import norm
 from ...joints.lower_pairs import Revolute, Translational
@@ -136,7 +136,7 @@ class FrictionInJoint(Element):
     @cached_property
     def smoothings(self) -> tuple[Smoothing, ...]:
         """Quantities that change within a short time: the smoothed sign of the friction."""
-        subject = f"{self.description}: its change of direction"
+        subject = "its change of direction"
         remedy = f"{self.law.remedy}, or use DryFriction, which needs no smoothing"
         return tuple(Smoothing(s, 2.0, subject, remedy) for s in self.resistance.smoothed)
 

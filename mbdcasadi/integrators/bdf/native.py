@@ -1,0 +1,113 @@
+"""Differentiation formulas in C over pieces of an output grid, in the place of an integrator of CasADi."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...model.cache import Cache
+from ..base import Integrator
+from ..compiled import CompiledIntegrator
+from ..dop853.runner import Runner
+from ..dop853.stretch import ExplicitSystem, Progress, Status, Stretch
+
+#: Tolerances are divided by this: the error accumulates, as that of IDAS does; and the tightest one.
+TIGHTER, TIGHTEST = 100.0, 1e-13
+#: Flags of IDAS for the same causes.
+FLAGS = {Status.TOO_SMALL: "IDA_ERR_FAIL", Status.NOT_FINITE: "IDA_REP_RES_ERR", Status.PAUSED: "IDA_TOO_MUCH_WORK"}
+
+
+class NativeIntegrator(CompiledIntegrator):
+    """An integrator of one system in C.
+
+    Parameters
+    ----------
+    system : ExplicitSystem
+        The equations, with their slopes.
+    integrator : Integrator
+        Method and tolerances.
+    cache : Cache
+        Of the mechanism.
+
+    Raises
+    ------
+    SimulationError
+        Without a C compiler.
+    """
+
+    def __init__(self, system: ExplicitSystem, integrator: Integrator, cache: Cache):
+        self.integrator = integrator
+        self._runner = Runner(system, None, cache, compiles=integrator.jit)
+        self.restart_counting()
+
+    @property
+    def said(self) -> str:
+        """Code that runs, in words."""
+        return self._runner.said
+
+    def _attempt(
+        self,
+        x: np.ndarray,
+        z: np.ndarray,
+        start: float,
+        times: np.ndarray,
+        p: np.ndarray,
+        u: np.ndarray | None,
+        stops: np.ndarray,
+        steps: int,
+        max_step: float | None,
+    ) -> tuple[np.ndarray, np.ndarray] | str:
+        self.starts += 1
+        self.steps = since_output = 0
+        progress, rows, integrals = Progress(), np.zeros((0, x.size)), np.zeros((0, self._runner.system.integrals))
+        integral = np.zeros(integrals.shape[1])
+        while len(rows) < times.size:
+            part = slice(len(rows), None)
+            columns = np.zeros((times.size, 0)) if u is None else u.T
+            stretch = self._stretch(start, x, times[part], stops[part], columns[part], p, max_step)
+            reached = self._runner.advance(stretch, progress)
+            wanted = reached.index >= 0
+            self._count(reached.steps)
+            since_output = reached.steps if np.any(wanted) else since_output + reached.steps
+            if reached.status.is_failure or (reached.status == Status.PAUSED and since_output > steps):
+                return FLAGS[reached.status]
+            rows = np.vstack([rows, reached.x[wanted]])
+            integrals = np.vstack([integrals, integral + reached.integrals[wanted]])
+            start, x, integral = float(reached.times[-1]), reached.x[-1], integral + reached.integrals[-1]
+        self.integrals = integrals
+        return rows, np.zeros((times.size, 0))
+
+    def _count(self, steps: int) -> None:
+        self.steps += steps
+        self.all_steps += steps
+
+    def _stretch(
+        self,
+        start: float,
+        x: np.ndarray,
+        times: np.ndarray,
+        stops: np.ndarray,
+        channels: np.ndarray,
+        p: np.ndarray,
+        max_step: float | None,
+    ) -> Stretch:
+        system, limits = self._runner.system, [s for s in (max_step, self.integrator.max_step) if s is not None]
+        parameters, levels = system.input.numel_in(4), system.input.numel_in(5)
+        return Stretch(
+            start,
+            x,
+            times,
+            stops,
+            channels,
+            p[:parameters],
+            p[parameters : parameters + levels],
+            np.ones(system.coordinates),
+            _tightened(self.integrator.reltol),
+            _tightened(self.integrator.abstol),
+            min(limits, default=np.inf),
+            self._runner.slice(),
+        )
+
+
+def _tightened(tolerance: float) -> float:
+    """Local tolerance of the multistep method, whose global error is well above it."""
+    return max(tolerance / TIGHTER, min(tolerance, TIGHTEST))
