@@ -47,8 +47,9 @@ DEFAULTS = {
     "ipopt.adaptive_mu_globalization": "kkt-error",
     "ipopt.mu_max": 1.0,
     # no step without centring: the first step of a gait led next to its limits, where later ones were short; and limits
-    # as sharp at the end as without it
+    # as sharp at the end as without it. In the restoration, whose violations are bounded unknowns, it led astray.
     "ipopt.sigma_min": 1e-2,
+    "ipopt.resto.sigma_min": 1e-6,
     "ipopt.compl_inf_tol": 1e-10,
     "ipopt.honor_original_bounds": "yes",
 }
