@@ -46,13 +46,11 @@ DEFAULTS = {
     # programs of the examples some needed half the iterations, and none failed by rounding of its data any more
     "ipopt.adaptive_mu_globalization": "kkt-error",
     "ipopt.mu_max": 1.0,
-    # no step without centring: the first step of a gait led next to its limits, where later ones were short; and limits
-    # as sharp at the end as without it. In the restoration, whose violations are bounded unknowns, it led astray.
-    "ipopt.sigma_min": 1e-2,
-    "ipopt.resto.sigma_min": 1e-6,
-    "ipopt.compl_inf_tol": 1e-10,
     "ipopt.honor_original_bounds": "yes",
 }
+#: Further ones for several phases: no step without centring, since the first one of a gait led next to its limits,
+#: where later ones were short; and limits as sharp at the end as without it.
+SEVERAL_PHASES = {"ipopt.sigma_min": 1e-2, "ipopt.compl_inf_tol": 1e-10}
 #: Further ones for a guess that is a solution of nearly the same problem, on another mesh or on the same one.
 WARM_START: dict[str, dict[str, Any]] = {
     "cold": {},
@@ -227,7 +225,7 @@ class Ipopt:
 
     def make(self, program: CollocationProgram, options: dict[str, Any]) -> ca.Function:
         """Return the solver of a program without callback, which can travel."""
-        return program.nlp.solver(QUIET | options)
+        return program.nlp.solver(QUIET | (SEVERAL_PHASES if program.changes else {}) | options)
 
     def make_watched(self, program: CollocationProgram, options: dict[str, Any]) -> tuple[ca.Function, SolverWatch]:
         """Return the solver of a program and its callback; options of the user prevail."""
