@@ -89,6 +89,47 @@ class IntegrationFailure(Exception):
         self.last, self.last_x = last, last_x
 
 
+@dataclass(frozen=True)
+class InitialValueProblem:
+    """A state at one time, and the later times at which the motion from it is wanted.
+
+    Attributes
+    ----------
+    x, z : numpy.ndarray
+        State and estimate of the algebraic unknowns at `start`.
+    start : float
+        Time of the state, s.
+    times : numpy.ndarray
+        Outputs (k,), later than `start`.
+    p : numpy.ndarray
+        Parameters.
+    u : numpy.ndarray, optional
+        Values of inputs by interval (n_u, k).
+    stops : numpy.ndarray of bool
+        Outputs over which no step may go (k,); none by default.
+    max_step : float, optional
+        Longest step, s.
+    """
+
+    x: np.ndarray
+    z: np.ndarray
+    start: float
+    times: np.ndarray
+    p: np.ndarray
+    u: np.ndarray | None = None
+    stops: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    max_step: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.stops.size:
+            object.__setattr__(self, "stops", np.zeros(self.times.size, bool))
+
+    def after(self, x: np.ndarray, z: np.ndarray, start: float, part: slice) -> InitialValueProblem:
+        """The problem from a later state over some of its intervals, without stops."""
+        u = None if self.u is None else self.u[:, part]
+        return InitialValueProblem(x, z, start, self.times[part], self.p, u, max_step=self.max_step)
+
+
 class CompiledIntegrator:
     """An integrator of one system, compiled once for each pattern of outputs.
 
@@ -215,39 +256,15 @@ class CompiledIntegrator:
         return int(np.ceil(length / min(limits) * (1 - 1e-9))) if limits else 0
 
     # --- integrating -----------------------------------------------------------------------
-    def advance(
-        self,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        times: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None = None,
-        *,
-        stops: np.ndarray | None = None,
-        steps: int = MAX_STEPS,
-        max_step: float | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Integrate from a state at `start` to each of the times.
+    def advance(self, problem: InitialValueProblem, steps: int = MAX_STEPS) -> tuple[np.ndarray, np.ndarray]:
+        """Integrate from a state to each of some times.
 
         Parameters
         ----------
-        x, z : numpy.ndarray
-            State and estimate of the algebraic unknowns at `start`.
-        start : float
-            Time of the state, s.
-        times : numpy.ndarray
-            Outputs (k,), later than `start`.
-        p : numpy.ndarray
-            Parameters.
-        u : numpy.ndarray, optional
-            Values by interval (n_u, k).
-        stops : numpy.ndarray of bool, optional
-            Outputs over which no step may go (k,).
+        problem : InitialValueProblem
+            State, times and parameters.
         steps : int
             Steps that may be taken between two outputs.
-        max_step : float, optional
-            Longest step, s.
 
         Returns
         -------
@@ -259,34 +276,22 @@ class CompiledIntegrator:
         IntegrationFailure
             With nothing reached; :meth:`rescue` finds what can be had.
         """
-        stops = np.zeros(times.size, bool) if stops is None else stops
-        found = self._attempt(x, z, start, times, p, u, stops, steps, max_step)
+        found = self._attempt(problem, steps)
         if isinstance(found, str):
-            raise IntegrationFailure(found, np.zeros((0, x.size)), np.zeros((0, z.size)))
+            raise IntegrationFailure(found, np.zeros((0, problem.x.size)), np.zeros((0, problem.z.size)))
         return found
 
-    def _attempt(
-        self,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        times: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        stops: np.ndarray,
-        steps: int,
-        max_step: float | None,
-    ) -> tuple[np.ndarray, np.ndarray] | str:
+    def _attempt(self, problem: InitialValueProblem, steps: int) -> tuple[np.ndarray, np.ndarray] | str:
         """Outputs at all times, or the integrator's message of its failure."""
+        start, times = problem.start, problem.times
         length = float(times[-1] - start)
         fractions = np.r_[(times[:-1] - start) / length, 1.0]
         self.starts += 1
-        given = self.inputs(u, stops, times.size)
-        function = self.function(
-            fractions, groups=given["groups"], steps=steps, least_steps=self.least_steps(length, max_step)
-        )
-        arguments: dict[str, Any] = {"x0": np.r_[x, 0.0], "p": np.r_[start, length, p]}
-        arguments |= {"z0": z} if z.size else {}
+        given = self.inputs(problem.u, problem.stops, times.size)
+        least_steps = self.least_steps(length, problem.max_step)
+        function = self.function(fractions, groups=given["groups"], steps=steps, least_steps=least_steps)
+        arguments: dict[str, Any] = {"x0": np.r_[problem.x, 0.0], "p": np.r_[start, length, problem.p]}
+        arguments |= {"z0": problem.z} if problem.z.size else {}
         arguments |= {"u": given["u"]} if given["u"] is not None else {}
         try:
             with quiet():
@@ -303,26 +308,14 @@ class CompiledIntegrator:
         self.integrals = result["qf"].full().T / self._quad_scale
         return states[:, :-1], result["zf"].full().T
 
-    def reach(
-        self,
-        flag: str,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        times: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        max_step: float | None = None,
-    ) -> IntegrationFailure:
+    def reach(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
         """Repeat a piece that failed in parts of it, halved where they fail: the failure with the outputs reached."""
+        x, z, start, times = problem.x, problem.z, problem.start, problem.times
         states, algebraic = np.zeros((0, x.size)), np.zeros((0, z.size))
         first, count = 0, max(times.size // 2, 1)
         while first < times.size:
             part = slice(first, first + count)
-            columns = None if u is None else u[:, part]
-            found = self._attempt(
-                x, z, start, times[part], p, columns, np.zeros(times[part].size, bool), FEW_STEPS, max_step
-            )
+            found = self._attempt(problem.after(x, z, start, part), FEW_STEPS)
             if isinstance(found, str):
                 flag = found
                 if count == 1:
@@ -334,54 +327,28 @@ class CompiledIntegrator:
             first += times[part].size
         return IntegrationFailure(flag, states, algebraic)
 
-    def rescue(
-        self,
-        flag: str,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        times: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        max_step: float | None = None,
-    ) -> IntegrationFailure:
+    def rescue(self, problem: InitialValueProblem, flag: str) -> IntegrationFailure:
         """Repeat a piece that failed: the failure with the outputs reached, and the last state before it."""
-        failure = self.reach(flag, x, z, start, times, p, u, max_step)
-        reached = len(failure.x)
-        if reached:
-            x, z, start = failure.x[-1], failure.z[-1], float(times[reached - 1])
-        k = min(reached, len(times) - 1)
-        column = None if u is None else u[:, k][:, None]
-        last, x = self._approach(x, z, start, float(times[k]), p, column)
-        return IntegrationFailure(failure.flag, failure.x, failure.z, last, x)
+        failure = self.reach(problem, flag)
+        k = min(len(failure.x), problem.times.size - 1)
+        last = problem.x, problem.z, problem.start
+        if len(failure.x):
+            last = failure.x[-1], failure.z[-1], float(problem.times[len(failure.x) - 1])
+        time, x = self._approach(problem.after(*last, slice(k, k + 1)))
+        return IntegrationFailure(failure.flag, failure.x, failure.z, time, x)
 
-    def _once(
-        self,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        end: float,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        steps: int,
-        max_step: float | None = None,
-    ) -> tuple[np.ndarray, np.ndarray] | str:
-        """State and algebraic unknowns at one later time, or the message of the failure."""
-        found = self._attempt(x, z, start, np.array([end]), p, u, np.zeros(1, bool), steps, max_step)
-        return found if isinstance(found, str) else (found[0][0], found[1][0])
-
-    def _approach(
-        self, x: np.ndarray, z: np.ndarray, start: float, end: float, p: np.ndarray, u: np.ndarray | None
-    ) -> tuple[float, np.ndarray]:
-        """Last time before a failure that can be reached, by bisection, and the state there."""
-        low, high = start, end
+    def _approach(self, problem: InitialValueProblem) -> tuple[float, np.ndarray]:
+        """Last time in a single interval that can be reached before a failure, by bisection, and the state there."""
+        x, z, low, high = problem.x, problem.z, problem.start, float(problem.times[0])
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
             if not low < middle < high:
                 break
-            found = self._once(x, z, low, middle, p, u, FEW_STEPS // 5)
+            found = self._attempt(
+                InitialValueProblem(x, z, low, np.array([middle]), problem.p, problem.u), FEW_STEPS // 5
+            )
             if isinstance(found, str):
                 high = middle
             else:
-                low, (x, z) = middle, found
+                low, x, z = middle, found[0][0], found[1][0]
         return low, x

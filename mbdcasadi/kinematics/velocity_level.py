@@ -18,7 +18,7 @@ from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
 from ..errors import SingularityError
 from ..integrators import IDAS
-from ..integrators.compiled import Clock, CompiledIntegrator, Dae, IntegrationFailure
+from ..integrators.compiled import Clock, CompiledIntegrator, Dae, InitialValueProblem, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.progress import progress_bar
 from .driven_motion import DrivenMotion, MotionFollower
@@ -48,7 +48,8 @@ class VelocityLevelMotion(MotionFollower):
                 times = grid[done : done + CHUNK]
                 v = self._speeds(grid[done - 1 : done], poses[-1:])[0][0]
                 try:
-                    states, _ = integrator.advance(poses[-1], v, float(grid[done - 1]), times, self.numeric.p)
+                    start = float(grid[done - 1])
+                    states, _ = integrator.advance(InitialValueProblem(poses[-1], v, start, times, self.numeric.p))
                 except KeyboardInterrupt:
                     raise self._interrupted(self.correct(grid[:done], poses)) from None
                 except IntegrationFailure as failure:
@@ -66,7 +67,7 @@ class VelocityLevelMotion(MotionFollower):
         """Repeat a chunk output by output, up to the one at which it stops."""
         done = len(poses)
         start, times = float(grid[done - 1]), grid[done : done + CHUNK]
-        rescued = integrator.rescue(flag, poses[-1], v, start, times, self.numeric.p, None)
+        rescued = integrator.rescue(InitialValueProblem(poses[-1], v, start, times, self.numeric.p), flag)
         motion = self.correct(grid[: done + len(rescued.x)], np.vstack([poses, rescued.x]))
         reached = float(motion.t[-1]) if rescued.last is None else rescued.last
         return self._singular(reached, motion.q[-1] if rescued.last_x is None else rescued.last_x, motion)

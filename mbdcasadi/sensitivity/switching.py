@@ -14,7 +14,7 @@ import numpy as np
 from ..equations.impact_law import jump
 from ..equations.switching.switches import margin_rates_of, margins_of, sides_of
 from ..errors import SimulationError, warn
-from ..integrators.compiled import IntegrationFailure
+from ..integrators.compiled import InitialValueProblem, IntegrationFailure
 from ..numerics.console import interruptible
 from ..numerics.roots import bracketed_root
 from ..numerics.tolerances import AT_REST, ZERO_VALUE
@@ -405,9 +405,9 @@ class BorderPassage:
         p = np.r_[self._p, self.sides, self._levels, self._held.decay]
         with interruptible() as interruption:
             try:
-                return self._held.compiled.advance(
-                    x, self._held.unknowns, start, times, p, columns, stops=stops, max_step=self._max_step
-                )[0]
+                z = self._held.unknowns
+                problem = InitialValueProblem(x, z, start, times, p, columns, stops, self._max_step)
+                return self._held.compiled.advance(problem)[0]
             except IntegrationFailure as failure:
                 if interruption.requested:
                     raise KeyboardInterrupt from None

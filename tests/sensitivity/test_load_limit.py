@@ -35,6 +35,21 @@ def test_a_cost_function_away_from_its_first_values(method):
         np.testing.assert_allclose(gradient, [values[0] / end, FORCE * np.sqrt(np.pi) / end], atol=1e-5)
 
 
+@pytest.mark.parametrize("width", [0.005, 0.01, 0.03])
+def test_a_gradient_through_a_load_of_a_few_steps(width):
+    """Backwards in time the adjoint rests before it meets the load: ``v dv/dk`` is the work of a unit force."""
+    scale = mbd.Parameter("scale", 1.0)
+    sled = mbd.Body("sled", mass=1.0, inertia=1.0)
+    rail = mbd.Translational("rail", mbd.ground.at(0, 0), sled.at(0, 0))
+    push = 0.05 / width * scale * mbd.fmax(0, 1 - mbd.fabs(sled.x - 1.5) / width)
+    bump = mbd.Force("bump", sled.at(0, 0), (push, 0))
+    model = mbd.Mechanism(bodies=[sled], joints=[rail], forces=[bump], parameters=[scale])
+    cost = mbd.cost_function(model, [0, 4], [scale], terminal_cost=sled.vx, initial=[sled.x == 0, sled.vx == 1])
+    value, gradient = cost.value_and_gradient([1.0])
+    assert value == pytest.approx(np.sqrt(1.1), abs=1e-6)
+    assert gradient[0] == pytest.approx(0.05 / np.sqrt(1.1), abs=1e-6)
+
+
 @pytest.mark.parametrize("method", ["idas", "erk", "dop853"])
 def test_a_sweep_whose_first_case_does_not_meet_the_load(method):
     model, sled, speed, width, initial = coasting_sled()

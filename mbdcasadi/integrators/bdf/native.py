@@ -6,7 +6,7 @@ import numpy as np
 
 from ...model.cache import Cache
 from ..base import Integrator
-from ..compiled import CompiledIntegrator
+from ..compiled import CompiledIntegrator, InitialValueProblem
 from ..dop853.runner import Runner
 from ..dop853.stretch import ExplicitSystem, Progress, Status, Stretch
 
@@ -44,26 +44,14 @@ class NativeIntegrator(CompiledIntegrator):
         """Code that runs, in words."""
         return self._runner.said
 
-    def _attempt(
-        self,
-        x: np.ndarray,
-        z: np.ndarray,
-        start: float,
-        times: np.ndarray,
-        p: np.ndarray,
-        u: np.ndarray | None,
-        stops: np.ndarray,
-        steps: int,
-        max_step: float | None,
-    ) -> tuple[np.ndarray, np.ndarray] | str:
+    def _attempt(self, problem: InitialValueProblem, steps: int) -> tuple[np.ndarray, np.ndarray] | str:
+        start, x, times = problem.start, problem.x, problem.times
         self.starts += 1
         self.steps = since_output = 0
         progress, rows, integrals = Progress(), np.zeros((0, x.size)), np.zeros((0, self._runner.system.integrals))
         integral = np.zeros(integrals.shape[1])
         while len(rows) < times.size:
-            part = slice(len(rows), None)
-            columns = np.zeros((times.size, 0)) if u is None else u.T
-            stretch = self._stretch(start, x, times[part], stops[part], columns[part], p, max_step)
+            stretch = self._stretch(problem, start, x, slice(len(rows), None))
             reached = self._runner.advance(stretch, progress)
             wanted = reached.index >= 0
             self._count(reached.steps)
@@ -80,26 +68,20 @@ class NativeIntegrator(CompiledIntegrator):
         self.steps += steps
         self.all_steps += steps
 
-    def _stretch(
-        self,
-        start: float,
-        x: np.ndarray,
-        times: np.ndarray,
-        stops: np.ndarray,
-        channels: np.ndarray,
-        p: np.ndarray,
-        max_step: float | None,
-    ) -> Stretch:
-        system, limits = self._runner.system, [s for s in (max_step, self.integrator.max_step) if s is not None]
+    def _stretch(self, problem: InitialValueProblem, start: float, x: np.ndarray, part: slice) -> Stretch:
+        """The problem from a state over some of its intervals."""
+        system = self._runner.system
+        limits = [s for s in (problem.max_step, self.integrator.max_step) if s is not None]
         parameters, levels = system.input.numel_in(4), system.input.numel_in(5)
+        channels = np.zeros((problem.times.size, 0)) if problem.u is None else problem.u.T
         return Stretch(
             start,
             x,
-            times,
-            stops,
-            channels,
-            p[:parameters],
-            p[parameters : parameters + levels],
+            problem.times[part],
+            problem.stops[part],
+            channels[part],
+            problem.p[:parameters],
+            problem.p[parameters : parameters + levels],
             np.ones(system.coordinates),
             _tightened(self.integrator.reltol),
             _tightened(self.integrator.abstol),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,14 @@ from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import IDAS, Integrator, RungeKutta
 from ...integrators.bdf.native import NativeIntegrator
-from ...integrators.compiled import FEW_STEPS, MAX_STEPS, CompiledIntegrator, Dae, IntegrationFailure
+from ...integrators.compiled import (
+    FEW_STEPS,
+    MAX_STEPS,
+    CompiledIntegrator,
+    Dae,
+    InitialValueProblem,
+    IntegrationFailure,
+)
 from ...integrators.lending import Lending
 from ...numerics.console import Interruption
 from ...numerics.least_squares import largest
@@ -151,17 +159,13 @@ class CompiledStepper(Stepper):
         interruption: Interruption,
         comes_near: Callable[[Path], bool] | None = None,
     ) -> Path:
-        usual, p = self.formulation, self._parameters(piece)
-        start, times = piece.inside
-        u = self.signals.channel_from(piece.begins)
+        usual = self.formulation
 
         def attempt(form: Formulation, steps: int, *, beside: bool = False) -> Path | IntegrationFailure:
-            z, compiled = self._unknowns(form, piece.start, x), self._of(form)
-            z = perturbed(z) if beside else z
+            compiled, problem = self._of(form), self._problem(form, piece, x)
+            problem = replace(problem, z=perturbed(problem.z)) if beside else problem
             try:
-                states = compiled.advance(
-                    x, z, start, times, p, u, stops=piece.stops, steps=steps, max_step=self.max_step
-                )[0]
+                states = compiled.advance(problem, steps)[0]
             except IntegrationFailure as failure:
                 if interruption.requested:  # inside an integrator Ctrl-C comes back as a failure like others
                     raise KeyboardInterrupt from None
@@ -187,23 +191,27 @@ class CompiledStepper(Stepper):
             outcome = attempt(usual, MAX_STEPS)
             if isinstance(outcome, Path):
                 return outcome
-        z = self._unknowns(usual, piece.start, x)
-        stopped = self._of(usual).rescue(outcome.flag, x, z, start, times, p, u, self.max_step)
+        stopped = self._of(usual).rescue(self._problem(usual, piece, x), outcome.flag)
         if interruption.requested:
             raise KeyboardInterrupt
         raise stopped
+
+    def _problem(self, form: Formulation, piece: Piece, x: np.ndarray) -> InitialValueProblem:
+        """The piece from a state at its start, as the integrator of a form takes it."""
+        (start, times), u = piece.inside, self.signals.channel_from(piece.begins)
+        z, p = self._unknowns(form, piece.start, x), self._parameters(piece)
+        return InitialValueProblem(x, z, start, times, p, u, piece.stops, self.max_step)
 
     def _stop_near_singular_pose(
         self, piece: Piece, x: np.ndarray, flag: str, comes_near: Callable[[Path], bool]
     ) -> None:
         """Raise if the part of a piece that the usual form reaches comes near to a singular pose."""
-        start, times = piece.inside
-        z, u = self._unknowns(self.formulation, piece.start, x), self.signals.channel_from(piece.begins)
-        reached = self._of(self.formulation).reach(flag, x, z, start, times, self._parameters(piece), u, self.max_step)
+        problem = self._problem(self.formulation, piece, x)
+        reached = self._of(self.formulation).reach(problem, flag)
         count = len(reached.x)
         path = Path(np.r_[piece.start, piece.times[:count]], np.vstack([x, reached.x]), np.zeros((count, 0)))
         if count and comes_near(path):
-            raise NearSingularPose(reached.flag, reached.x, reached.z, float(times[count - 1]), reached.x[-1])
+            raise NearSingularPose(reached.flag, reached.x, reached.z, float(problem.times[count - 1]), reached.x[-1])
 
     def _parameters(self, piece: Piece | None) -> np.ndarray:
         """Parameters of the integrator: those of the model, levels of inputs, and the rate at which drift decays."""
@@ -234,13 +242,13 @@ class CompiledStepper(Stepper):
         def integrated(times: np.ndarray) -> np.ndarray:
             columns = None if u is None else np.tile(u, (1, times.size))
             # dense output is less exact than steps: those end at each of the times
-            stops = np.ones(times.size, bool)
+            problem = InitialValueProblem(x, z, start, times, p, columns, np.ones(times.size, bool))
             try:
-                states = compiled.advance(x, z, start, times, p, columns, stops=stops, steps=steps)[0]
+                states = compiled.advance(problem, steps)[0]
             except IntegrationFailure as failure:
                 if failure.flag != "IDA_LINESEARCH_FAIL" or not form.is_algebraic:
                     raise
-                states = compiled.advance(x, perturbed(z), start, times, p, columns, stops=stops, steps=steps)[0]
+                states = compiled.advance(replace(problem, z=perturbed(z)), steps)[0]
             return self.outputs.projected(times, states) if project else states
 
         return way_by(start, x, integrated)
