@@ -134,18 +134,20 @@ def export_fmu(
         raise ModelError(f"export_fmu: takes a Mechanism, got {mechanism!r}")
     target = _target(path)
     kinds = _kinds(kind)
-    if isinstance(version, bool) or version not in (2, 3):
+    if type(version) is not int or version not in (2, 3):
         raise ModelError(f"export_fmu: version= is 2 or 3 (FMI 2.0 and 3.0), got {version!r}")
+    if binary not in (None, True, False):
+        raise ModelError(f"export_fmu: binary= is True, False or None, got {binary!r}")
     shown_inputs = _listed(inputs, mechanism.inputs, Input, "inputs=")
     shown_parameters = _listed(parameters, mechanism.parameters, Parameter, "parameters=")
-    stop, step = _experiment(t, stop, step)
+    stop, step = _experiment(number(t, "export_fmu", "t"), stop, step)
     reltol, abstol, drift = (
         _positive(x, name) for name, x in (("reltol", reltol), ("abstol", abstol), ("drift_rate", drift_rate))
     )
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
     model = _model(setup, initial, outputs, drift)
     levels = setup.signals.level_values
-    variables = variables_of(model, shown_inputs, shown_parameters, levels, dict(units or {}))
+    variables = variables_of(model, shown_inputs, shown_parameters, levels, _units(units))
     name = mechanism.name or target.stem
     identifier = _identifier(name)
     files = source_files(
@@ -226,6 +228,14 @@ def _experiment(t: float, stop: float | None, step: float | None) -> tuple[float
     if stop is not None and (stop := number(stop, "export_fmu", "stop")) <= t:
         raise ModelError(f"export_fmu: stop= must be later than the start at t = {t:g} s, got {stop:g}")
     return stop, None if step is None else _positive(step, "step")
+
+
+def _units(units: Any) -> dict[str, str]:
+    if units is None:
+        return {}
+    if not isinstance(units, Mapping) or not all(isinstance(text, str) for pair in units.items() for text in pair):
+        raise ModelError(f"export_fmu: units= takes a dict of names and units as {{'pin force': 'N'}}, got {units!r}")
+    return dict(units)
 
 
 def _positive(value: Any, name: str) -> float:

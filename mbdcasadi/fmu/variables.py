@@ -173,7 +173,7 @@ def variables_of(
     )
     states = made(state_names, "local", unit=unit_of, nominal=[float(size) for size in sizes])
     rates = made(
-        [f"der({name})" for name in state_names],
+        _free_names([f"der({name})" for name in state_names], used_names),
         "local",
         rate_of=[state.reference for state in states],
         unit=[f"{unit}/s" if "/" not in unit else f"{unit}2" if unit else "" for unit in unit_of],
@@ -189,7 +189,7 @@ def variables_of(
 def _check_names(names: Sequence[str]) -> None:
     seen: set[str] = set()
     for name in names:
-        if not name.strip() or re.search(r"[\x00-\x1f\x7f]", name):
+        if not name.strip() or re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
             raise ModelError(f"export_fmu: {name!r} is not a valid name of a variable; use one line of text")
         if name in seen:
             raise ModelError(
