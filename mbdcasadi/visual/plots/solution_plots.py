@@ -72,7 +72,9 @@ def plot_solution(solution: Solution, expressions: Mapping[str, Any] | None = No
     if loads:
         _lines(next(rest), solution, fine, loads, "reaction, N")
     if active:
-        _active(next(rest), active)
+        own = [limit for part in solution.phases for limit in part.program.limit_owners.items()]
+        units = {limit.label: getattr(symbol, "unit", None) for limit, (symbol, _) in own}
+        _active(next(rest), active, units)
     _mesh(next(rest), solution)
     for axes in stack:
         axes.set_xlim(0.0, solution.duration)
@@ -151,15 +153,16 @@ def _lines(axes: Axes, solution: Solution, fine: Any, expressions: Mapping[str, 
     legend(axes, drawn)
 
 
-def _active(axes: Axes, active: Any) -> None:
-    """A bar for each span of each limit."""
+def _active(axes: Axes, active: Any, units: dict[str, str | None]) -> None:
+    """A bar for each span of each limit, beside its label and, if it is known, its unit."""
     for row, limit in enumerate(active):
         for start, end in limit.spans:
             if end > start:
                 axes.barh(row, end - start, left=start, height=0.55, color=SERIES_LIGHT[1])
             else:
                 axes.plot(start, row, "d", color=SERIES_LIGHT[1], markersize=5)
-        axes.text(1.01, row, _short(limit.label), transform=axes.get_yaxis_transform(), va="center", fontsize="small",
+        label = " ".join([limit.label, units.get(limit.label) or ""]).strip()
+        axes.text(1.01, row, _short(label), transform=axes.get_yaxis_transform(), va="center", fontsize="small",
                   parse_math=False)  # fmt: skip
     dress(axes, "")
     axes.set_ylim(len(active) - 0.4, -0.6)
