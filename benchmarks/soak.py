@@ -153,7 +153,7 @@ def many_at_once(count: int, rounds: int) -> int:
 
 
 def megabytes() -> float:
-    """Memory of this process now; the largest so far where the system does not say it."""
+    """Present memory of this process; the largest so far if the system does not report it."""
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
@@ -174,7 +174,7 @@ def many_sweeps(runs: int) -> int:
 
 
 def interrupted(name: str, analysis: Callable[[], Any], expected: Any, duration: float, times: int) -> Counter[str]:
-    """What became of an analysis under Ctrl-C at random times, and wrong results after it."""
+    """Outcomes of an analysis under Ctrl-C at random times, and wrong results after it."""
     outcome: Counter[str] = Counter()
     for _ in range(times):
         timer = threading.Timer(random.uniform(0, 1.1 * duration), os.kill, (os.getpid(), signal.SIGINT))
@@ -216,7 +216,7 @@ def many_interruptions(times: int) -> int:
 
 
 def main() -> None:
-    """Run what is asked for; the exit code says if something was wrong."""
+    """Run the soaks that are named; return an exit code that is not zero if something was wrong."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", help="of threads, sweeps, interrupts; all if left out")
     parser.add_argument("--count", type=int, default=8, help="threads, and processes")

@@ -300,7 +300,7 @@ class Model:
 
     @cached_property
     def code(self) -> list[Tape | NewtonLoop]:
-        """What is written as C, functions that are called before those that call them.
+        """Functions that are written as C, those that are called before those that call them.
 
         Raises
         ------

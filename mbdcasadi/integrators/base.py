@@ -87,6 +87,8 @@ class Integrator(Immutable):
         if options is not None and not isinstance(options, Mapping):
             raise SimulationError(f"{type(self).__name__}: options= takes a dict for the integrator, got {options!r}")
         self.options: Mapping[str, Any] = MappingProxyType(dict(options or {}))
+        if self.options and not self.plugin:
+            raise SimulationError(f"{type(self).__name__} takes no options, got {', '.join(map(repr, self.options))}")
         if self.jit:
             _compiler()
 
@@ -137,6 +139,25 @@ class Integrator(Immutable):
         parts += ["jit=True"] if self.jit else []
         parts += [f"options={dict(self.options)}"] if self.options else []
         return f"{type(self).__name__}({', '.join(parts)})"
+
+
+class NativeMethod(Integrator):
+    """Base class of methods that run in code of this package: they take no options, and are no functions of CasADi.
+
+    Attributes
+    ----------
+    needs_plugin : str
+        Analyses that need a function of CasADi, and the method to take there; ends the message that refuses them.
+    """
+
+    plugin: ClassVar[str] = ""
+    solves_algebraic: ClassVar[bool] = False
+    needs_plugin: ClassVar[str]
+
+    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
+        raise SimulationError(
+            f'method="{self.name}" runs in C of its own and is no CasADi function, as {self.needs_plugin}'
+        )
 
 
 @cache

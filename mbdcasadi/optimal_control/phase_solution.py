@@ -60,14 +60,18 @@ class PhaseSolution:
         seconds: float,
     ):
         self.phase: Phase = program.phase
-        self.program, self.numeric, self.extra, self._seconds = program, numeric, extra, seconds
-        found = x[program.time_index]
+        self.program, self.numeric, self.mesh, self.extra, self._seconds = program, numeric, mesh, extra, seconds
+        self._read(x, segment_times)
+
+    def _read(self, x: np.ndarray, segment_times: np.ndarray) -> None:
+        """Find times and motion among the variables of the whole program."""
+        program, mesh, found = self.program, self.mesh, x[self.program.time_index]
         self.mesh = mesh.moved(found)
         self.segment_times = found[program.stated_knots] if program.time_count else np.asarray(segment_times, float)
         self.mesh_times = self.mesh.times(self.segment_times)
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
         intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
-        self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, numeric)
+        self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, self.numeric)
 
     @property
     def duration(self) -> float:
@@ -154,18 +158,8 @@ class PhaseSolution:
 class InstantSolution(PhaseSolution):
     """A phase of no duration in a solution: one state."""
 
-    def __init__(
-        self,
-        program: PhaseProgram,
-        numeric: NumericEquations,
-        mesh: Mesh,
-        x: np.ndarray,
-        segment_times: np.ndarray,
-        extra: np.ndarray,
-        seconds: float,
-    ):
-        self.phase: Phase = program.phase
-        self.program, self.numeric, self.mesh, self._extra, self._seconds = program, numeric, mesh, extra, seconds
+    def _read(self, x: np.ndarray, segment_times: np.ndarray) -> None:
+        program = self.program
         time = float(x[program.time_index][0]) if program.time_count else float(segment_times[0])
         self.segment_times = np.array([time, time])
         self.mesh_times = np.array([time])

@@ -35,7 +35,7 @@ def independent_state_conditions(state: State) -> tuple[Condition, ...]:
     numeric, n = NumericEquations(eom, state.parameters), eom.q.numel()
     every, jacobian = state_conditions(eom, state), numeric.velocity(state.t, state.q)[0]
     fixed = independent_coordinates(numeric, jacobian[eom.position_rows])
-    moving = independent_coordinates(numeric, jacobian)  # fewer, where a wheel rolls
+    moving = independent_coordinates(numeric, jacobian)  # fewer if a wheel rolls
     windows = [w for k in sorted({*range(n)} - {*fixed}) for w in window(every[k], WINDOW * numeric.typical_step[k])]
     return (*(every[k] for k in fixed), *(every[n + k] for k in moving), *every[2 * n :], *windows)
 

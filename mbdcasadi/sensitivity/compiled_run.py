@@ -224,13 +224,17 @@ class CompiledRun:
 
     def forward(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outputs and their derivatives (n, n_d), by forward sensitivities."""
-        y, size = self.values(d), self.design.size
-        course = self._course(d)
+        y = self.values(d)
+        return y, self._slopes(d, y)
+
+    def _slopes(self, d: np.ndarray, y: np.ndarray) -> np.ndarray:
+        course, size = self._course(d), self.design.size
         arguments = [self.guess, *course.arguments]
         function = self._of(course).derivative("forward", size)
         lengths = lengths_of(np.eye(size), d)
         slope = self._call(function, d, *arguments, y, np.diag(lengths), *still(arguments, size))
-        return y, slope.full() / lengths
+        slopes: np.ndarray = slope.full() / lengths
+        return slopes
 
     def adjoint(self, d: np.ndarray, weights: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``weights^T dY/dd`` (n_d,), by one adjoint integration, or forward if that could pass over a load.
@@ -240,7 +244,7 @@ class CompiledRun:
         """
         course = self._course(d)
         if self.motion.load_limit.max_step is not None and self.setup.integrator.is_multistep:
-            return weights @ self.forward(d)[1]
+            return weights @ self._slopes(d, y)
         function = self._of(course).derivative("reverse", 1)
         try:
             found = call(function, d, self.guess, *course.arguments, y, weights)

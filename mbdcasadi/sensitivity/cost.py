@@ -50,7 +50,7 @@ class CostFunction:
             return self._cost(self._run.values(d))
 
     def value_and_gradient(self, x: Any) -> tuple[float, np.ndarray]:
-        """Value and gradient (n_x,), by one adjoint integration, whatever the number of entries."""
+        """Value and gradient (n_x,), by one adjoint integration, or forward through loads that are short."""
         d = self._checked(x)
         with keyboard_interrupts("cost_function"):
             y = self._run.values(d)
@@ -129,7 +129,9 @@ def cost_function(
     steps differ: the gradient is that of the motion to some 1e-7, not that of
     the numbers J returns to the last digit. With samples of an input each
     interval is an integration of its own, and with splines, steps and motion
-    programs each stretch between two of their knots, which costs time. With
+    programs each stretch between two of their knots, which costs time. If the motion
+    meets loads that are short beside the run, or contacts, the gradient is found forward,
+    at a cost that grows with the number of entries. With
     ``method="erk"`` it is both, and quicker where the motion is not stiff;
     through a pose in which the linkage could fold it is the only method.
     Events have no place here: a motion that is restarted has other derivatives.

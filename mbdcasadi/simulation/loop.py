@@ -104,6 +104,7 @@ class Run:
         self._x = np.zeros(0)
         self._extra_stops = np.zeros(0)
         self._passed: list[float] = []
+        #: True if the paths of all pieces are kept, on which the shortest load is looked for
         self.keeps_paths = False
         self._paths: list[Path] = []
         #: events of the instant at which the run ended that change the mechanism, and the state there

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from ...errors import SimulationError
-from ..base import ABSTOL, RELTOL, Integrator
+from ..base import NativeMethod
 
 
-class BDF(Integrator):
+class BDF(NativeMethod):
     """Backward differentiation formulas of order 1 to 5 in C, for bodies that no joint holds.
 
     The fastest method for many contacts: Newton's matrix is that of the velocities, and its factorisation passes
@@ -46,25 +44,5 @@ class BDF(Integrator):
     """
 
     name: ClassVar[str] = "bdf"
-    plugin: ClassVar[str] = ""
-    solves_algebraic: ClassVar[bool] = False
     runs_piecewise: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        reltol: float = RELTOL,
-        abstol: float = ABSTOL,
-        *,
-        max_step: float | None = None,
-        jit: bool = False,
-        options: Mapping[str, Any] | None = None,
-    ):
-        super().__init__(reltol, abstol, max_step=max_step, jit=jit, options=options)
-        if self.options:
-            raise SimulationError(f"BDF takes no options, got {', '.join(map(repr, self.options))}")
-
-    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
-        raise SimulationError(
-            'method="bdf" runs in C of its own and is no CasADi function, as sweeps and derivatives need it; '
-            'take method="idas"'
-        )
+    needs_plugin: ClassVar[str] = 'sweeps and derivatives need it; take method="idas"'

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from ...errors import SimulationError
-from ..base import ABSTOL, RELTOL, Integrator
+from ..base import NativeMethod
 
 
-class DOP853(Integrator):
+class DOP853(NativeMethod):
     """Explicit Runge–Kutta of order 8(5,3) with dense output of order 7, the whole run in C.
 
     The fastest method for motion that is smooth and not stiff: 7 to 35 times as fast as
@@ -53,25 +51,5 @@ class DOP853(Integrator):
     """
 
     name: ClassVar[str] = "dop853"
-    plugin: ClassVar[str] = ""
-    solves_algebraic: ClassVar[bool] = False
     runs_whole: ClassVar[bool] = True
-
-    def __init__(
-        self,
-        reltol: float = RELTOL,
-        abstol: float = ABSTOL,
-        *,
-        max_step: float | None = None,
-        jit: bool = False,
-        options: Mapping[str, Any] | None = None,
-    ):
-        super().__init__(reltol, abstol, max_step=max_step, jit=jit, options=options)
-        if self.options:
-            raise SimulationError(f"DOP853 takes no options, got {', '.join(map(repr, self.options))}")
-
-    def plugin_options(self, *, algebraic: bool) -> dict[str, Any]:
-        raise SimulationError(
-            'method="dop853" runs in C of its own and is no CasADi function, as derivatives need it; '
-            'take method="erk", or "idas"'
-        )
+    needs_plugin: ClassVar[str] = 'derivatives need it; take method="erk", or "idas"'

@@ -99,7 +99,7 @@ class _Bracket:
     Attributes
     ----------
     start, before, beyond : numpy.ndarray
-        What switches at the start, and at the ends of steps of both lengths.
+        Quantities that switch, at the start and at the ends of steps of both lengths.
     low, high : float
         Lengths of a step that ends before the zero, and of one that passes it; or 0, s.
     left : float

@@ -281,7 +281,7 @@ def _answer(function: ca.Function, arguments: dict[str, Any]) -> dict[str, np.nd
 
 
 def _checked(make: Callable[..., Made], program: CollocationProgram, options: dict[str, Any]) -> Made:
-    """What a function makes of a program and options, if CasADi takes these."""
+    """Result of a function of a program and options; refuses options that CasADi does not take."""
     try:
         with quiet():
             return make(program, options)
