@@ -17,6 +17,7 @@ from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
 from .nlp.best_so_far import BestSoFar
+from .nlp.ipopt import sharp_options
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import Solver
 from .problem import OptimalControlProblem
@@ -94,6 +95,8 @@ class Search:
         failed: list[tuple[_Attempt, OptimizationError]] = []
         for settings in self._settings(near, starts):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
+            if tolerance is not None:
+                attempt.solver.sharpness = sharp_options(tolerance)
             try:
                 solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
                 break

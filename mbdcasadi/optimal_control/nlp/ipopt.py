@@ -64,6 +64,24 @@ WARM_START: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
+#: Tightest tolerance of IPOPT, and product of multiplier and slack at which limits count as met: below these, steps are
+#: rounding.
+SHARPEST, SHARPEST_SLACK = 1e-10, 1e-13
+
+
+def sharp_options(tolerance: float) -> dict[str, float]:
+    """Return options by which inputs and limits are found to a tolerance, as a share of their sizes.
+
+    A small residual of the conditions of an optimum, each of the weight of a stage in the cost, is a far larger error
+    of the inputs. An input that holds a position at its limit is off by the second derivative of the slack.
+    """
+    sharp, slack = max(1e-3 * tolerance, SHARPEST), max(1e-6 * tolerance, SHARPEST_SLACK)
+    return {
+        "ipopt.tol": min(sharp, DEFAULTS["ipopt.tol"]),
+        "ipopt.compl_inf_tol": slack,
+        "ipopt.mu_min": slack / 10,
+        "ipopt.bound_relax_factor": slack,
+    }
 
 
 @dataclass(frozen=True)

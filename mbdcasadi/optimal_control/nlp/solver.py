@@ -91,6 +91,8 @@ class Solver:
         self.held: Held = ()
         #: share of its size by which a path limit may be passed between them
         self.limit_tolerance = LIMIT_TOLERANCE
+        #: options of IPOPT besides its defaults, for tight tolerances
+        self.sharpness: dict[str, float] = {}
         self.best = BestSoFar() if best is None else best
         values = dict(pairs_of(parameters, "parameters="))
         for free in problem.free_parameters:
@@ -294,7 +296,7 @@ class Solver:
         x0 = np.clip(begin.x, begin.bounds.lower, begin.bounds.upper)
         if warmth == "warm" and program.violation(rows_at(program, x0, begin.data)) > WARM_VIOLATION:
             warmth = "cold"
-        options = {} if limit is None else {"ipopt.max_iter": limit}
+        options = self.sharpness | ({} if limit is None else {"ipopt.max_iter": limit})
         result = self._runs.run(begin, begin.bounds, warmth, iterate, options)
         solution, status = self._solution(begin, result), result.statistics.status
         error = self._other_branch(solution) if result.succeeded else explain_failure(solution, status)

@@ -72,7 +72,7 @@ class _Refinement:
         self.unresolved = np.inf
         #: the last solution with small local errors, and what it does not meet
         self.reached: tuple[Solution, str] | None = None
-        solver.limit_tolerance = max(tolerance, 10 * SOLVER_TOLERANCE)
+        solver.limit_tolerance = tolerance
 
     def run(self) -> Solution:
         """Return the solution that meets the tolerance."""
@@ -162,7 +162,7 @@ class _Refinement:
             for run in stretches(errors > 0)
         ]
         before, self.unresolved = self.unresolved, max(areas, default=np.inf)
-        return not areas or self.unresolved <= before / 2
+        return not areas or self.unresolved <= 0.8 * before
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
