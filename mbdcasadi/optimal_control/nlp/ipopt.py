@@ -29,11 +29,13 @@ Made = TypeVar("Made")
 
 #: Options of CasADi for solvers whose failures are reported by their status.
 QUIET: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "error_on_fail": False}
+#: Residual of the conditions of an optimum, scaled, at which IPOPT ends.
+TOLERANCE = 1e-8
 #: Options of IPOPT that were measured best on these programs.
 DEFAULTS = {
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.tol": 1e-8,
+    "ipopt.tol": TOLERANCE,
     "ipopt.constr_viol_tol": 1e-11,
     "ipopt.acceptable_tol": 1e-7,
     "ipopt.acceptable_constr_viol_tol": 1e-9,
@@ -64,9 +66,9 @@ WARM_START: dict[str, dict[str, Any]] = {
         "ipopt.warm_start_slack_bound_push": 1e-8,
     },
 }
-#: Tightest tolerance of IPOPT, and product of multiplier and slack at which limits count as met: below these, steps are
-#: rounding.
-SHARPEST, SHARPEST_SLACK = 1e-10, 1e-13
+#: Tightest tolerance of IPOPT, below which steps are rounding, and the range of the products of multiplier and slack at
+#: which limits count as met.
+SHARPEST, SLACKS = 1e-10, (1e-13, 1e-10)
 
 
 def sharp_options(tolerance: float) -> dict[str, float]:
@@ -75,9 +77,9 @@ def sharp_options(tolerance: float) -> dict[str, float]:
     A small residual of the conditions of an optimum, each of the weight of a stage in the cost, is a far larger error
     of the inputs. An input that holds a position at its limit is off by the second derivative of the slack.
     """
-    sharp, slack = max(1e-3 * tolerance, SHARPEST), max(1e-6 * tolerance, SHARPEST_SLACK)
+    slack = float(np.clip(1e-6 * tolerance, *SLACKS))
     return {
-        "ipopt.tol": min(sharp, DEFAULTS["ipopt.tol"]),
+        "ipopt.tol": float(np.clip(1e-3 * tolerance, SHARPEST, TOLERANCE)),
         "ipopt.compl_inf_tol": slack,
         "ipopt.mu_min": slack / 10,
         "ipopt.bound_relax_factor": slack,
