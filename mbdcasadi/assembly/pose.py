@@ -38,8 +38,6 @@ class PoseProblem:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     conditions : sequence of Condition
         On positions.
     t : float
@@ -225,7 +223,7 @@ class PoseProblem:
             raise self._conditions_missed(conditions, _closest(outcomes))
         warn(
             f"assembly: {', '.join(c.label for c in conditions)} cannot be reached from the estimated pose without "
-            "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage",
+            "passing a singular pose or coming apart; the pose that was found may lie on another branch of the linkage"
         )
         return q
 

@@ -26,8 +26,6 @@ class VelocityProblem:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     conditions : sequence of Condition
         On velocities.
     t : float

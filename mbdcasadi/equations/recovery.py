@@ -29,8 +29,6 @@ class Recovery:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     redundant : bool
         True if rows are dependent: solves are then regularised, multipliers of least norm.
     """

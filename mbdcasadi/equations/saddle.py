@@ -76,11 +76,7 @@ class SaddlePoint:
         self.force_slope = force_slope
 
     def solution(
-        self,
-        *,
-        augmentation: np.ndarray | None = None,
-        redundant: bool = False,
-        refinements: int = REPORT_REFINEMENTS,
+        self, *, augmentation: np.ndarray | None = None, redundant: bool = False, refinements: int = REPORT_REFINEMENTS
     ) -> tuple[ca.SX, ca.SX]:
         """Return ``(a, lam)`` as expressions.
 

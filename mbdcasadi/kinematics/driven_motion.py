@@ -36,10 +36,6 @@ class MotionFollower:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Its equations.
-    progress : bool
-        Show a progress bar.
     wrap : callable, optional
         Makes the partial result that an error carries.
     """

@@ -106,9 +106,7 @@ class Continuation(MotionFollower):
     def _recursion(self, count: int) -> Any:
         names = ["q0", "v0", "a0", "t0"], ["q", "v", "a", "t_now"]
         return self.numeric.eom.mechanism.cache.get_or_create(
-            ("kinematic recursion", count),
-            lambda: self.driven.step.mapaccum("kinematics", count, *names),
-            bounded=True,
+            ("kinematic recursion", count), lambda: self.driven.step.mapaccum("kinematics", count, *names), bounded=True
         )
 
     def _watch_branch(self, motion: DrivenMotion) -> None:
@@ -127,7 +125,7 @@ class Continuation(MotionFollower):
             times = motion.t[every]
             warn(
                 f"the motion passes a singular pose between t = {times[k]:.6g} and {times[k + 1]:.6g} s (the "
-                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it",
+                "determinant of Phi_q changes its sign there); the branch was continued smoothly, another one meets it"
             )
 
     # --- one difficult step -----------------------------------------------------------------

@@ -105,7 +105,7 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
         warn(
             "modes: the state is neither an equilibrium nor in steady motion as its coordinates "
             f"({', '.join(model.state_names[: model.speeds])}) show it; its eigenvalues do not describe its further "
-            "motion. For a steady rotation give linearize coordinates= that stay constant, such as a relative angle",
+            "motion. For a steady rotation give linearize coordinates= that stay constant, such as a relative angle"
         )
     if not model.A.size:
         return ()

@@ -63,8 +63,6 @@ class DifferentiableMotion:
     ----------
     setup : Setup
         Mechanism, inputs and output times; its parameters are typical ones.
-    integrator : Integrator
-        Method and tolerances.
     varied : collection of int
         Positions of the parameters that change.
     integrands : casadi.SX, optional

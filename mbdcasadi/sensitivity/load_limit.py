@@ -27,13 +27,6 @@ REMEMBERED = 1000
 class LoadLimit:
     """Longest step over the loads that were found at all values so far.
 
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, inputs and output times.
-    integrator : Integrator
-        Method and tolerances.
-
     Attributes
     ----------
     is_needed : bool
@@ -47,13 +40,7 @@ class LoadLimit:
         self._known: dict[tuple[int, int], deque[np.ndarray]] = {}
 
     def look(
-        self,
-        start: np.ndarray,
-        p: np.ndarray,
-        levels: np.ndarray,
-        channel: np.ndarray,
-        first: int = 0,
-        last: int = -1,
+        self, start: np.ndarray, p: np.ndarray, levels: np.ndarray, channel: np.ndarray, first: int = 0, last: int = -1
     ) -> None:
         """Look for loads on the motion from a start over a stretch of the grid, unless one near to it is known.
 

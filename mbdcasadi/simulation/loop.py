@@ -56,30 +56,10 @@ LEAST_NORM = "the constraints are redundant: multipliers and reactions are those
 
 
 class Run:
-    """A simulation that is being run.
-
-    Parameters
-    ----------
-    setup : Setup
-        Mechanism, parameters, inputs, output times, start.
-    modes : Modes
-        The sets of equations between which the run switches.
-    events : sequence of Event
-        Events of the user.
-    integrator : Integrator
-        Method and tolerances.
-    progress : bool
-        Show a progress bar.
-    """
+    """A simulation that is being run."""
 
     def __init__(
-        self,
-        setup: Setup,
-        modes: Modes,
-        events: Sequence[Event],
-        integrator: Integrator,
-        *,
-        progress: bool = False,
+        self, setup: Setup, modes: Modes, events: Sequence[Event], integrator: Integrator, *, progress: bool = False
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
         self._progress = progress
@@ -330,12 +310,7 @@ class Run:
         return piece, path, failure
 
     def _finish(
-        self,
-        piece: Piece,
-        path: Path,
-        failure: IntegrationFailure | None = None,
-        *,
-        passage: Passage | None = None,
+        self, piece: Piece, path: Path, failure: IntegrationFailure | None = None, *, passage: Passage | None = None
     ) -> bool:
         """Keep the outputs of a piece up to the first event that decides how the run goes on.
 

@@ -244,5 +244,5 @@ def _report_exceeded_limits(mechanism: Mechanism, motion: Trajectory) -> None:
         if np.any(values < u.lower - slack) or np.any(values > u.upper + slack):
             warn(
                 f"input '{u.label}' goes from {values.min():.6g} to {values.max():.6g}, beyond its limits "
-                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits",
+                f"{u.lower:.6g} … {u.upper:.6g}; simulate does not hold limits"
             )

@@ -111,8 +111,6 @@ class HeldEquations(Equations):
 
     Parameters
     ----------
-    eom : Equations
-        The equations.
     parts : sequence of JumpingPart
         Their parts in which something jumps, and of inputs and integrands.
     free : collection of int

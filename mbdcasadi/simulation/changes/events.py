@@ -82,10 +82,6 @@ class EventWatch:
 
     Parameters
     ----------
-    eom : Equations
-        Equations of the mechanism.
-    events : sequence of Event
-        Events to look for.
     instant : float
         Time that counts as one instant, s.
     resting : dict of Event to float, optional
@@ -95,11 +91,7 @@ class EventWatch:
     """
 
     def __init__(
-        self,
-        eom: Equations,
-        events: Sequence[Event],
-        instant: float = 1e-12,
-        resting: dict[Event, float] | None = None,
+        self, eom: Equations, events: Sequence[Event], instant: float = 1e-12, resting: dict[Event, float] | None = None
     ):
         self.events, self.instant = tuple(events), instant
         self.resting = {} if resting is None else resting
@@ -231,8 +223,6 @@ class EventWatch:
 
         Parameters
         ----------
-        outputs : Outputs
-            Makes outputs of states.
         times, x : numpy.ndarray
             Start and outputs of a piece (k + 1,), (k + 1, n_x).
         way_from : callable
@@ -328,13 +318,7 @@ class EventWatch:
         return found
 
     def _located(
-        self,
-        outputs: Outputs,
-        index: int,
-        ends: np.ndarray,
-        values: np.ndarray,
-        way: Way,
-        since: float | None = None,
+        self, outputs: Outputs, index: int, ends: np.ndarray, values: np.ndarray, way: Way, since: float | None = None
     ) -> float:
         """Time of an event between two times, to rounding."""
         low, high = float(ends[0]), float(ends[1])
@@ -355,7 +339,7 @@ class EventWatch:
                 time = float(times[np.argmax(np.isnan(values[:, index]))])
                 warn(
                     f"event '{self.events[index].name}': its expression is not a number at t = {time:.6g} s (a root of "
-                    "a negative number, or a division by zero); there it cannot take place",
+                    "a negative number, or a division by zero); there it cannot take place"
                 )
 
 

@@ -18,11 +18,6 @@ class Uniqueness:
     without friction; looked at are the piece in which the state is, and the one with all
     reactions reversed.
 
-    Parameters
-    ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-
     References
     ----------
     Painlevé, *Leçons sur le frottement*, 1895; Haug, Wu, Yang 1986 (see JointFriction).

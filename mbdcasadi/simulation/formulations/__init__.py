@@ -33,10 +33,6 @@ def choose_formulation(numeric: NumericEquations, integrator: Integrator, *, red
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    integrator : Integrator
-        Integrator that takes them.
     redundant : bool
         True if rows are dependent.
 

@@ -24,8 +24,6 @@ class Regularity:
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
     q : numpy.ndarray
         A pose that is not singular; rows that depend on others there are left out.
     t : float

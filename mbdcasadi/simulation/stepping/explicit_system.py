@@ -31,8 +31,6 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     redundant : bool
         True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
@@ -105,10 +103,6 @@ def explicit_system(
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    signals : Signals
-        Inputs.
     terms : WatchedTerms, optional
         Integrands along the motion, among others; the same in every run of a mechanism that has some.
     implicit : bool
