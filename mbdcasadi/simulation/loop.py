@@ -13,7 +13,6 @@ from ..arguments.inputs import read_answer
 from ..assembly.consistent_start import consistent_start
 from ..assembly.setup import Setup
 from ..equations.impact_law import by_element, jump
-from ..equations.loops import has_loops
 from ..errors import Interrupted, MechanismError, SimulationError, warn
 from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
@@ -103,7 +102,7 @@ class Run:
         smoothed = any(getattr(element, "smoothings", ()) for element in mechanism.elements)
         # drift is taken away at the ends of pieces, which outputs far apart would make as long as the run
         drifts = bool(eom.lam.numel()) and float(np.max(np.diff(self.setup.grid))) > self.span / PIECES * (1 + 1e-9)
-        if self.events or conditions or smoothed or switching(mechanism) or has_loops(eom):
+        if self.events or conditions or smoothed or switching(mechanism) or eom.has_loops:
             return True
         return drifts or meets_loads(eom, self.setup.signals)
 
