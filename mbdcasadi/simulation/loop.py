@@ -26,7 +26,7 @@ from ..results.validity import validity_conditions
 from .arc import Arc, ends_run, resets_or_ends
 from .changes.events import Crossing, EventWatch
 from .changes.impacts import INSTANT, Impacts
-from .changes.modes import Modes, SingleMode
+from .changes.modes import Modes
 from .checks.failure_diagnosis import cause_of_failure, singular_event
 from .checks.unseen_loads import meets_loads
 from .outputs import Outputs
@@ -586,25 +586,3 @@ class Run:
     def unresolved(self) -> list[str]:
         """Sentences on what the steps of the integrator did not resolve."""
         return list(dict.fromkeys(sentence for arc in self._arcs.values() for sentence in arc.sentences()))
-
-
-def shortest_unseen_load(setup: Setup, integrator: Integrator, start: np.ndarray) -> float:
-    """Duration of the shortest load or contact on a motion over which the steps of an integrator may pass, s.
-
-    Infinite if there is none. A simulation stops around loads that its own steps pass over; analyses whose steps are
-    compiled beforehand limit these by it. Where the simulation stops early, what came before counts.
-
-    Parameters
-    ----------
-    start : numpy.ndarray
-        State ``(q, v, z)`` at the first time.
-    """
-    modes = SingleMode(setup)
-    n, time = setup.eom.q.numel(), float(setup.grid[0])
-    run = Run(setup, modes, (), integrator)
-    run.keeps_paths = True
-    try:
-        run.run(modes.at(modes.free, time, *np.split(start, [n, 2 * n])))
-    except MechanismError:  # the analysis itself says why
-        pass
-    return run.shortest_load()
