@@ -70,7 +70,9 @@ class Arc:
         self.uniqueness = Uniqueness(self.numeric)
         self._unseen_loads = UnseenLoads(self.numeric, signals)
         self._own_events = modes.events(mode)
-        self.watch = EventWatch(self.numeric.eom, (*self._own_events, *run.events), run.instant, run.resting)
+        self.watch = EventWatch(
+            self.numeric.eom, (*self._own_events, *run.events), run.instant, run.transitions.resting
+        )
         regularity = Regularity(self.numeric, state.t, state.q)
         system = SteppedSystem(
             self.numeric, signals, modes.levels, run.integrator, self.resolution, run.span, run.redundant, run.max_step
