@@ -17,7 +17,7 @@ from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import FileError, ModelError, warn
 from ..integrators.base import ABSTOL, RELTOL
-from ..integrators.dop853.code import package_version
+from ..integrators.native.code import package_version
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice

@@ -1,4 +1,4 @@
-/* Backward differentiation formulas of order 1 to 5 for free bodies, around the equations of engine.c, which stands above.
+/* Backward differentiation formulas of order 1 to 5 for free bodies, on native/run.c, which stands above.
 
    Newton's matrix I - c J of a state (q, v, z) is reduced to (v, z), since the rate of q is v. Its factorisation passes
    over zeros: what is apart costs little. Integrals are those of the trapezoidal rule over the same steps.
@@ -281,7 +281,7 @@ static void record_up_to_now(run_t* run, stretch_t* task, double began) {
 }
 
 /* Integrate over a stretch, or for some time; the run continues if it ended where the stretch begins. */
-int mbd_advance_implicit(run_t* run, stretch_t* task) {
+int mbd_advance(run_t* run, stretch_t* task) {
   const double began = seconds_now();
   const size_t state = (size_t)run->n_x * sizeof(double);
   if (!(task->step > 0.0 && run->time == task->start && !memcmp(run->y, task->x, state))) run->order = 0;

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...equations.batches import Values
 from ...equations.numeric import NumericEquations
-from ...integrators.dop853 import build
+from ...integrators.native import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.c_interface import constant_table, definitions, interface
 from ...numerics.lazy import cached_property

@@ -11,8 +11,8 @@ from ...equations.derivation import Equations
 from ...equations.loops import has_loops
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import SaddlePoint, shifted
-from ...integrators.dop853.code import Written
-from ...integrators.dop853.stretch import ExplicitSystem
+from ...integrators.native.code import Written
+from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
 from ...numerics.c_interface import constant_table
 from ..checks.unseen_loads import state_quantities
