@@ -140,9 +140,9 @@ def sweep(
                 if store is not None:
                     store.append(*block)
                 bar.update(len(block[0]))
-    except Interrupted as stopped:
+    except Interrupted:
         raise Interrupted(
-            f"{stopped} after {int(np.sum(result.done))} of {count} cases; .partial holds them"
+            f"sweep: stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
             + (f", and so does {file}" if file else ""),
             partial=result,
         ) from None
