@@ -17,9 +17,9 @@ from .guess.closing_limits import LimitSearch, may_go_on
 from .guess.guess import Guess
 from .guess.multistart import at_rest, best_of, guesses, random_detour
 from .nlp.best_so_far import BestSoFar
-from .nlp.ipopt import sharp_options
 from .nlp.setup import PhaseSetup, Settings, is_open_chain
 from .nlp.solver import Solver
+from .nlp.solvers.ipopt import sharp_options
 from .problem import OptimalControlProblem
 from .refinement.mesh import Mesh
 from .refinement.refine import refine, refine_if_coarse, refine_or_repeat
@@ -36,20 +36,7 @@ DETOURS = 3
 class Search:
     """Solves of one problem with the same settings, at any parameter values.
 
-    Parameters
-    ----------
-    problem : OptimalControlProblem
-        Problem to be solved.
-    intervals : int or "auto"
-        Number of intervals of the mesh of each phase.
-    initial : State or sequence of relations, optional
-        Start, in place of the problem's own.
-    settings : tuple
-        Transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
-    best : BestSoFar
-        Record of the solutions.
-    executor : concurrent.futures.Executor, optional
-        Solves from several guesses at a time.
+    `settings` are transcription, degree, control, options, progress and solver, as ``optimize`` takes them.
     """
 
     problem: OptimalControlProblem
@@ -76,27 +63,14 @@ class Search:
     ) -> Solution:
         """Solve from one or several guesses, and refine the mesh if a tolerance is given.
 
-        Parameters
-        ----------
-        parameters : mapping, optional
-            Parameter to number.
-        guess : Solution, Shifted or Trajectory, optional
-            Initial guess.
-        starts : int or sequence, optional
-            Number of starts, or guesses.
-        tolerance : float, optional
-            Largest local error of an interval.
-        goes_on : bool
-            True if a failure is followed by a search with limits that close in.
+        If `goes_on`, a failure is followed by a search with limits that close in.
         """
         near = guess.solution if isinstance(guess, Shifted) else guess
         warm = isinstance(near, Solution) and starts is None
         automatic = self._is_automatic and near is None and tolerance is None
         failed: list[tuple[_Attempt, OptimizationError]] = []
-        for settings in self._settings(near, starts):
+        for settings in self._settings(near, starts, tolerance):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
-            if tolerance is not None:
-                attempt.solver.sharpness = sharp_options(tolerance)
             try:
                 solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
                 break
@@ -111,9 +85,11 @@ class Search:
             return refine(attempt.solver, solution, tolerance)
         return solution if isinstance(near, Solution) else attempt.as_motion(solution)
 
-    def _settings(self, near: Any, starts: Any) -> list[Settings]:
+    def _settings(self, near: Any, starts: Any, tolerance: float | None) -> list[Settings]:
         """Settings that are tried in turn: an open chain in its angles, and then in all coordinates."""
         settings = Settings.read(*self.settings)
+        if tolerance is not None:
+            settings = replace(settings, options=sharp_options(tolerance) | settings.options)
         if isinstance(near, Solution) and starts is None:
             return [replace(settings, angles=near.settings.angles)]
         if near is None and not isinstance(starts, Iterable) and is_open_chain(self.problem):
