@@ -83,7 +83,7 @@ class _Refinement:
                 return self.solution
             meshes = self._meshes()
             if meshes is None:
-                reason = "the local error does not fall any further"
+                reason = "the errors do not fall any further"
                 break
             if _count(meshes) > INTERVALS:
                 reason = f"the next mesh would have {_count(meshes)} intervals"
