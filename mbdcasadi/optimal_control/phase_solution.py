@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import casadi as ca
 import numpy as np
 
 from ..equations.numeric import NumericEquations
@@ -72,6 +75,12 @@ class PhaseSolution:
         points = np.array([x[program.point_index(k)[: program.scheme.point_size]] for k in range(mesh.count + 1)])
         intervals = np.array([x[program.inner_index(i)] for i in range(mesh.count)])
         self.polynomials = Polynomials(program.scheme, self.mesh_times, points, intervals, self.numeric)
+
+    def by_polynomials(self, expressions: Sequence[ca.SX], intervals: np.ndarray, taus: np.ndarray) -> list[np.ndarray]:
+        """Return values of expressions of the problem at points of intervals, each (size, k)."""
+        function = ca.Function("values", self.program.arguments, [ca.densify(e) for e in expressions])
+        points = [x.T for x in self.polynomials.at(intervals, taus)]
+        return [values.full() for values in function.call([*points, self.numeric.p, self.extra])]
 
     @property
     def duration(self) -> float:

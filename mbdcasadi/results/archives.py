@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -94,19 +93,3 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     if str(archive.get("format")) not in ((form,) if isinstance(form, str) else form):
         raise FileError(f"{path}: the file is not a {kind} file of this version of the package; {writer} writes one")
     return archive
-
-
-def check_names(archive: Archive, kind: str, owner: str, expected: Sequence[str], *, prefix: str = "") -> None:
-    """Raise a :class:`FileError` that names the first difference, if an entry holds other names than expected.
-
-    The entry is that of a kind of names, ``"coordinate"`` for ``coordinate names``, after a prefix; `owner` is the
-    content of the file, for the message.
-    """
-    saved = archive.names(f"{prefix}{kind} names")
-    for k in range(max(len(saved), len(expected))):
-        there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
-        if there != here:
-            raise FileError(
-                f"{archive.path}: the {owner} belongs to another mechanism: its {kind} number {k + 1} is {there}, "
-                f"that of the mechanism is {here}"
-            )

@@ -12,8 +12,8 @@ import numpy as np
 from ..equations import Equations
 from ..equations.numeric import NumericEquations
 from ..equations.recovery import Recovery
-from ..errors import MechanismError
-from .archives import Archive, check_names
+from ..errors import FileError, MechanismError
+from .archives import Archive
 from .state import Arrays, State, six
 from .trajectory import Statistics
 
@@ -35,8 +35,15 @@ def column_names(eom: Equations) -> dict[str, tuple[str, ...]]:
 
 def check_columns(archive: Archive, eom: Equations, prefix: str = "") -> None:
     """Raise a :class:`FileError` that names the first difference to the names in a file."""
-    for kind, names in column_names(eom).items():
-        check_names(archive, kind, "trajectory", names, prefix=prefix)
+    for kind, expected in column_names(eom).items():
+        saved = archive.names(f"{prefix}{kind} names")
+        for k in range(max(len(saved), len(expected))):
+            there, here = (f"'{names[k]}'" if k < len(names) else "none" for names in (saved, expected))
+            if there != here:
+                raise FileError(
+                    f"{archive.path}: the trajectory belongs to another mechanism: its {kind} number {k + 1} is "
+                    f"{there}, that of the mechanism is {here}"
+                )
 
 
 def read_times(archive: Archive) -> np.ndarray:

@@ -69,16 +69,14 @@ def _expressions(phases: tuple[Phase, ...] | list[Phase]) -> Iterator[tuple[str,
 def _first(part: PhaseSolution, expression: ca.SX) -> tuple[str, float] | None:
     """The first time at which an expression, or one of its slopes, is not finite at the stages."""
     program, stages, count = part.program, part.program.scheme.stages, part.mesh.count
-    arguments = ca.vertcat(*program.arguments)
-    values = [ca.densify(expression), ca.densify(ca.sum2(ca.jacobian(expression, arguments)))]
-    function = ca.Function("f", program.arguments, values)
-    points = part.polynomials.at(np.repeat(np.arange(count), stages.size), np.tile(stages, count))
-    t, q, v, a, z, lam, u, rates = (x.T for x in points)
-    found = function(t, q, v, a, z, lam, u, rates, part.numeric.p, part.extra)
+    intervals, taus = np.repeat(np.arange(count), stages.size), np.tile(stages, count)
+    slopes = ca.sum2(ca.jacobian(expression, ca.vertcat(*program.arguments)))
+    found = part.by_polynomials([expression, slopes], intervals, taus)
     for value, what in zip(found, (_text(expression), f"the slope of {_text(expression)}"), strict=True):
-        wrong = np.flatnonzero(~np.isfinite(value.full().ravel()) & np.ones(t.size, bool))
+        wrong = np.flatnonzero(~np.isfinite(np.broadcast_to(value, (1, taus.size))))
         if wrong.size:
-            return what, float(t.ravel()[wrong[0]])
+            i = intervals[wrong[0]]
+            return what, float(part.mesh_times[i] + taus[wrong[0]] * (part.mesh_times[i + 1] - part.mesh_times[i]))
     return None
 
 
