@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from .element import cross
+from .element import constraint_load, cross
 from .immutable import HoldsSymbols
 from .mechanism import Mechanism
 from .quantities import vector2
@@ -66,11 +66,7 @@ def _internal_load(mechanism: Mechanism) -> ca.SX:
     for element in mechanism.elements:
         if getattr(element, "external", False):
             continue
-        count = element.rows.numel()
-        if count:
-            load -= ca.jtimes(element.rows, q, element.multipliers[:count], True)
-        if element.velocity_rows.numel():
-            load -= ca.jtimes(element.velocity_rows, v, element.multipliers[count:], True)
+        load += constraint_load(element, element.multipliers, q, v)
         for displacement, effort in element.virtual_work:
             load += ca.jtimes(ca.vec(ca.SX(displacement)), q, ca.vec(ca.SX(effort)), True)
     return load

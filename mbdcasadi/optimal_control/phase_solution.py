@@ -146,15 +146,7 @@ class PhaseSolution:
         return self.trajectory.final
 
     def as_guess(self, phase: Phase, begin: float) -> PhaseGuess:
-        """The motion as a guess for a phase with perhaps other waypoints and another duration.
-
-        Parameters
-        ----------
-        phase : Phase
-            Phase of the problem to be solved.
-        begin : float
-            Time at which it begins, s.
-        """
+        """The motion as a guess for a phase from a time on, s, with perhaps other waypoints and another duration."""
         if phase.is_instant:
             return PhaseGuess(lambda _times: {}, np.array([begin, begin]))
         times, spans = self.segment_times - self.segment_times[0], phase.time_spans

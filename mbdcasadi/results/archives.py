@@ -74,6 +74,13 @@ class Archive(dict[str, np.ndarray]):
         except ValueError:
             raise self.refuse(f"the entry '{name}' cannot be read") from None
 
+    def json_list(self, name: str, count: int) -> list[Any]:
+        """Return a list of a size that a text in JSON holds."""
+        values = self.json(name)
+        if not isinstance(values, list) or len(values) != count:
+            raise self.refuse(f"the entry '{name}' is not a list of {count}")
+        return values
+
 
 def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer: str) -> Archive:
     """Read what :func:`write_arrays` wrote, in one of the formats `form`.

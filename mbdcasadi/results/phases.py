@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import casadi as ca
@@ -241,12 +240,6 @@ class PhasedTrajectory(Trajectory):
         q = np.where(np.isnan(self.q), self.last_seen if last_seen is None else last_seen, self.q)
         arrays = six([q, *(np.nan_to_num(x) for x in self.arguments[2:-1])])
         return Trajectory(self.mechanism, self.t, *arrays, self._values[-1], events=self.events)
-
-    def save(self, path: str | Path) -> None:
-        """Write all phases to a ``.npz`` file; ``read_trajectory(path, [mechanisms])`` reads it."""
-        from .phased_files import save_phased
-
-        save_phased(self, path)
 
     @property
     def energy(self) -> Energy:

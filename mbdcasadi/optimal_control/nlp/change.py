@@ -167,38 +167,32 @@ class Change:
             *self._initial_rows(new, end, impulses),
         ]
 
-    def _guard_rows(self, values: ca.SX, name: str) -> Rows:
-        eom, chosen = self.after.phase.equations, list(self.setup.guards)
-        names = [*(eom.row_names[k] for k in eom.position_rows), *self.law.row_names[eom.lam.numel() :]]
-        sizes = np.r_[self.after.scales.rows[eom.position_rows], np.full(self.law.momentary.numel(), self._length)]
-        angular = np.r_[eom.angular_rows[eom.position_rows], np.zeros(self.law.momentary.numel(), bool)]
-        return Rows(
-            values[chosen] if chosen else ca.SX(0, 1),
-            tuple(f"{name}: {names[k]} closes" for k in chosen),
-            0.0,
-            sizes[chosen],
-            tuple("rad" if angular[k] else "m" for k in chosen),
-        )
-
     @property
-    def _length(self) -> float:
-        scales = self.after.scales
-        return float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
+    def guard_names(self) -> list[str]:
+        """Names of the position rows that are new."""
+        eom = self.after.phase.equations
+        names = [*(eom.row_names[k] for k in eom.position_rows), *self.law.row_names[eom.lam.numel() :]]
+        return [names[k] for k in self.setup.guards]
+
+    def _guard_rows(self, values: ca.SX, name: str) -> Rows:
+        labels = tuple(f"{name}: {row} closes" for row in self.guard_names)
+        return self._chosen(values, list(self.setup.guards), labels, list(self.after.phase.equations.position_rows))
 
     def _velocity_rows(self, values: ca.SX, name: str) -> Rows:
         """``J v⁺ = b``; rows by which the coordinates are chosen hold identically."""
         solved = set(self.after.scheme.eom.explicit)
         chosen = [k for k in self.setup.kept if k not in solved]
-        eom, time = self.after.phase.equations, self.after.scales.time
-        sizes = np.r_[self.after.scales.rows, np.full(self.law.momentary.numel(), self._length)] / time
-        angular = np.r_[eom.angular_rows, np.zeros(self.law.momentary.numel(), bool)]
-        return Rows(
-            values[chosen] if chosen else ca.SX(0, 1),
-            tuple(f"{name}: velocity equation of {self.law.row_names[k]}" for k in chosen),
-            0.0,
-            sizes[chosen],
-            tuple("rad/s" if angular[k] else "m/s" for k in chosen),
-        )
+        labels = tuple(f"{name}: velocity equation of {self.law.row_names[k]}" for k in chosen)
+        return self._chosen(values, chosen, labels, list(range(self.after.phase.equations.lam.numel())), "/s")
+
+    def _chosen(self, values: ca.SX, chosen: list[int], labels: tuple[str, ...], own: list[int], per: str = "") -> Rows:
+        """Some of the rows `own` of the mechanism afterwards and of joints of the instant alone."""
+        eom, scales, momentary = self.after.phase.equations, self.after.scales, self.law.momentary.numel()
+        length = float(np.max(np.where(scales.angles, 0.0, scales.q))) or 1.0
+        sizes = np.r_[scales.rows[own], np.full(momentary, length)] / (scales.time if per else 1.0)
+        angular = np.r_[eom.angular_rows[own], np.zeros(momentary, bool)]
+        units = tuple(("rad" if angular[k] else "m") + per for k in chosen)
+        return Rows(values[chosen] if chosen else ca.SX(0, 1), labels, 0.0, sizes[chosen], units)
 
     def _prescribed_rows(self, end: Edge, p: ca.SX) -> list[Rows]:
         """Path conditions of the new phase that prescribe its motion hold from its start on."""
