@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...equations.loops import has_loops
 from ..refinement.local_error import COARSE_ERROR, coarseness, projection_steps
 from .failure import OptimizationError
 
@@ -60,7 +59,7 @@ def refuse_branch_jump(solution: Solution) -> None:
 
 def _jump(part: PhaseSolution) -> BranchJump | None:
     scheme, numeric = part.program.scheme, part.numeric
-    if not scheme.eom.rows or not part.mesh.count or not has_loops(part.phase.equations):
+    if not scheme.eom.rows or not part.mesh.count or not part.phase.equations.has_loops:
         return None
     rows = [*scheme.eom.explicit, *(scheme.eom.rows[k] for k in scheme.rows)]
     motion, points = part.trajectory, part.points_per_interval
