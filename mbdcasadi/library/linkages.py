@@ -26,7 +26,7 @@ from .model import (
     meeting_point,
     pair_of_numbers,
     weight,
-)  # fmt: skip
+)
 
 
 def four_bar(
@@ -79,7 +79,7 @@ def four_bar(
     coordinates = {"crank": pins["A"].angle, "rocker": pins["D"].angle}
     marker = second.at(*pair_of_numbers(point, what, "point"))
     parts = {"crank": first, "coupler": second, "rocker": third, **pins, "point": marker}
-    return cranked("four-bar", [first, second, third], list(pins.values()), coordinates, gravity, parts)
+    return cranked("four-bar", coordinates, gravity, parts)
 
 
 def five_bar(
@@ -191,6 +191,5 @@ def slider_crank(
     wrist = Revolute("wrist pin", ends(second)[1], slider.at(0, 0))
     guide = Translational("guide", ground.at(0, height), slider.at(0, 0))
     coordinates = {"crank": main.angle, "slider": guide.displacement}
-    bodies: dict[str, Any] = {"crank": first, "rod": second, "slider": slider}
-    joints = {"main": main, "pin": pin, "wrist": wrist, "guide": guide}
-    return cranked("slider-crank", list(bodies.values()), list(joints.values()), coordinates, gravity, bodies | joints)
+    parts = {"crank": first, "rod": second, "slider": slider, "main": main, "pin": pin, "wrist": wrist, "guide": guide}
+    return cranked("slider-crank", coordinates, gravity, parts)

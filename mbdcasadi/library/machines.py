@@ -162,10 +162,8 @@ def cam_follower(
     spring = None if stiffness == 0 and preload == 0 else _spring(follower, x, height, base, stiffness, preload)
     coordinates = {"cam": shaft.angle, "lift": guide.displacement}
     parts = {"cam": cam, "follower": follower, "shaft": shaft, "guide": guide, "contact": contact}
-    return cranked(
-        "cam and follower", [cam, follower], [shaft, guide, contact], coordinates, gravity,
-        parts | {"spring": spring, "outline": outline}, [] if spring is None else [spring],
-    )  # fmt: skip
+    parts |= {"spring": spring, "outline": outline}
+    return cranked("cam and follower", coordinates, gravity, parts)
 
 
 def _profile(program: Any, base: float, roller: float | None, aside: float) -> CamOutline:

@@ -156,9 +156,9 @@ class PhasedTrajectory(Trajectory):
     @cached_property
     def _wide(self) -> list[Trajectory]:
         """The parts in the symbols of all mechanisms."""
-        wide = []
+        columns, wide = self.arguments[1:-1], []
         for part, p, (first, last) in zip(self._parts, self._values, pairwise(self._starts), strict=True):
-            t, arrays = self.t[first:last], six(x[first:last] for x in self.arguments[1:-1])
+            t, arrays = self.t[first:last], six(x[first:last] for x in columns)
             wide.append(Trajectory(self.mechanism, t, *arrays, p, missing_multipliers=part.missing_multipliers))
         return wide
 
