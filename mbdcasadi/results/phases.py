@@ -182,12 +182,7 @@ class PhasedTrajectory(Trajectory):
 
     def at(self, times: Any) -> Trajectory:
         """Return the motion at other times within its span; at a change it is the one just before."""
-        wanted = np.atleast_1d(np.asarray(times, float))
-        slack = 1e-12 * max(1.0, abs(self.t[-1]))
-        outside = (wanted < self.t[0] - slack) | (wanted > self.t[-1] + slack) | ~np.isfinite(wanted)
-        if not wanted.size or np.any(outside):
-            return super().at(times)  # which refuses
-        return self.by_parts(np.clip(wanted, self.t[0], self.t[-1]), Trajectory.at)
+        return self.by_parts(self._within(times), Trajectory.at)
 
     def by_parts(self, times: np.ndarray, at: Callable[[Trajectory, np.ndarray], Trajectory]) -> PhasedTrajectory:
         """Return the motion at times within its span, each part by a function of it and of its times."""

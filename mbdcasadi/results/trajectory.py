@@ -198,6 +198,15 @@ class Trajectory(HoldsSymbols):
         MechanismError
             For times outside the trajectory.
         """
+        wanted = self._within(times)
+        if self._refine is None:
+            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
+        q, v, z, u = self.with_jumps.between(wanted)
+        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
+        return self._at(wanted, q, v, a, z, lam, u)
+
+    def _within(self, times: Any) -> np.ndarray:
+        """Return times as an array; raise an error if one is not within the span."""
         try:
             wanted = np.atleast_1d(real_array(times))
         except (TypeError, ValueError):
@@ -212,12 +221,7 @@ class Trajectory(HoldsSymbols):
             raise MechanismError(
                 f"the trajectory covers t = {self.t[0]:.6g} … {self.t[-1]:.6g} s, not t = {wanted[outside][0]:.6g} s"
             )
-        if self._refine is None:
-            raise MechanismError("this trajectory was made from arrays and cannot be interpolated between its times")
-        wanted = np.clip(wanted, self.t[0], self.t[-1])
-        q, v, z, u = self.with_jumps.between(wanted)
-        q, v, a, lam, u = self._refine(wanted, q, v, z, u)
-        return self._at(wanted, q, v, a, z, lam, u)
+        return np.clip(wanted, self.t[0], self.t[-1])
 
     @property
     def phases(self) -> tuple[Trajectory, ...]:
