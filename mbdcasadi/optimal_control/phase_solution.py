@@ -25,22 +25,9 @@ from .transcription.motion import OptimalMotion, Polynomials
 class PhaseSolution:
     """One phase of a solution.
 
-    Parameters
-    ----------
-    program : PhaseProgram
-        Variables and rows of the phase.
-    numeric : NumericEquations
-        Equations at the parameters of the solution.
-    mesh : Mesh
-        The mesh.
-    x : numpy.ndarray
-        Variables of the whole program, in physical units.
-    segment_times : numpy.ndarray
-        Times of start, waypoints and end if none of them is free, s.
-    extra : numpy.ndarray
-        Values of the free parameters that the mechanism does not have.
-    seconds : float
-        Time of the solve, s.
+    It is made of the variables x of the whole program, in physical units, the times of start, waypoints and end if
+    none of them is free, s, the values of the free parameters that the mechanism does not have, and the time of the
+    solve, s.
 
     Attributes
     ----------
