@@ -271,26 +271,8 @@ class Solver:
     ) -> tuple[Solution, dict[str, float], bool]:
         """Solve with limits that may be passed: no solution of the problem, but perhaps a guess for one.
 
-        Parameters
-        ----------
-        meshes : sequence of Mesh
-            Meshes by phase.
-        guess : Guess
-            Guess.
-        amounts : dict of str to float, optional
-            Scaled amounts by which limits may be passed, by label; without any limit if it is left out.
-        limit : int
-            Largest number of iterations.
-
-        Returns
-        -------
-        Solution, dict of str to float, bool
-            The last iterate, scaled amounts by which it passes limits, and whether the solver succeeded.
-
-        Raises
-        ------
-        Interrupted
-            After Ctrl-C.
+        They may be passed by scaled amounts by label, by any if `amounts` is left out. Returned are the last iterate,
+        scaled amounts by which it passes limits, and whether the solver succeeded.
         """
         begin = self._beginning(meshes, guess)
         sides = LimitSides(begin.program)
