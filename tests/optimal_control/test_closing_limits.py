@@ -49,6 +49,18 @@ def test_limits_close_in_on_a_cart():
 
 
 @pytest.mark.slow
+def test_limits_close_in_from_a_motion(monkeypatch):
+    """If the solution without limits owes its cost to a coarse mesh, limits close in on finer ones."""
+    monkeypatch.setattr(closing_limits, "is_lost", lambda solution: solution.meshes[0].count < 80)
+    problem, _cart, force = cart_pole(8.0, 1.0)
+    solution = mbd.optimize(problem)
+    stages = [stage.description for stage in solution.statistics.stages]
+    assert stages[:4] == ["all limits", "no limits", "no limits", "all limits, closed in"]
+    assert solution.mesh.size - 1 == 80
+    assert np.max(np.abs(solution.trajectory[force])) <= 8 + 1e-6
+
+
+@pytest.mark.slow
 def test_a_detour_swings_a_pendulum_up():
     """A motor of 2 N m cannot lift the bob at once: limits do not close in on the one swing of a strong motor."""
     problem, bob, tau = swing_up(2.0, 6.0)
