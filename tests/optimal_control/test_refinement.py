@@ -283,6 +283,9 @@ def test_errors_of_first_order_states_count():
     missed = abs(proof.trajectory.final[lag.output] - solution.trajectory.final[lag.output]) / span
     assert missed > 0.01 and proof.final_error >= 0.99 * missed
     assert solution.mesh_error > 0.01
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # without a number of intervals they are split for the state, too
+        assert mbd.optimize(problem).mesh.size - 1 > 40
 
 
 @pytest.mark.slow

@@ -321,7 +321,8 @@ class Solver:
         guess : Guess
             Guess.
         amounts : dict of str to float, optional
-            Scaled amounts by which limits may be passed, by label; without any limit if it is left out.
+            Scaled amounts by which limits may be passed, by label; without any limit if it is left out, and then no
+            shorter than the guess: a least time without limits has forces without end.
         limit : int
             Largest number of iterations.
 
@@ -337,7 +338,9 @@ class Solver:
         """
         begin = self._beginning(meshes, guess)
         sides = LimitSides(begin.program)
-        loose = sides.without(begin.bounds) if amounts is None else sides.loosened(begin.bounds, amounts)
+        loose = (
+            _unhurried(begin, sides.without(begin.bounds)) if amounts is None else sides.loosened(begin.bounds, amounts)
+        )
         warmth = "cold" if begin.iterate is None else "warm"
         result = self._runs.run(begin, loose, warmth, None, {"ipopt.max_iter": limit})
         solution = self._kept(begin, result)
@@ -417,6 +420,14 @@ def together(first: SolveStatistics, second: SolveStatistics) -> SolveStatistics
         seconds=first.seconds + second.seconds,
         build_seconds=first.build_seconds + second.build_seconds,
     )
+
+
+def _unhurried(begin: Beginning, bounds: Bounds) -> Bounds:
+    """Bounds in which phases of free duration end no earlier than in the guess."""
+    ends = [phase.stated_time_index[-1] for phase in begin.program.phases if phase.time_count]
+    lower = bounds.lower.copy()
+    lower[ends] = np.clip(begin.x[ends], bounds.lower[ends], bounds.upper[ends])
+    return replace(bounds, lower=lower)
 
 
 def _at_rest(phase: Phase, q: np.ndarray, t: float, p: np.ndarray) -> State:

@@ -17,7 +17,7 @@ from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
-from .local_error import COARSE_ERROR, coarseness, scaled_errors
+from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
 from .switches import unresolved_switches
 
@@ -216,7 +216,7 @@ def refine_or_repeat(solver: Solver, solution: Solution, guess: Guess) -> tuple[
 
 def is_lost(solution: Solution) -> bool:
     """Return True if the mesh is so coarse that a solution is no motion at all."""
-    return _largest_coarseness(solution) > LOST_ERROR
+    return max(float(np.max(coarseness(part), initial=0.0)) for part in solution.phases) > LOST_ERROR
 
 
 def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool]:
@@ -254,7 +254,7 @@ def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:
     if not part.mesh.count:
         return part.mesh
     # foreseen to be well below, and one power less than the order: the steps of projection are no smooth error
-    errors = coarseness(part)
+    errors = np.maximum(coarseness(part), state_coarseness(part))
     pieces = np.ceil((4 * errors / COARSE_ERROR) ** (1 / part.program.scheme.order))
     pieces[errors <= COARSE_ERROR] = 1
     passed = [limit.time for limit in passed_limits(solution) if limit.phase == part.program.number]
@@ -266,7 +266,8 @@ def _split_where_coarse(solution: Solution, part: PhaseSolution) -> Mesh:
 
 def _largest_coarseness(solution: Solution) -> float:
     """Largest error of an interval of all phases, in rad or sizes of the mechanism, velocities times the duration."""
-    return max(float(np.max(coarseness(part), initial=0.0)) for part in solution.phases)
+    errors = [np.r_[coarseness(part), state_coarseness(part)] for part in solution.phases]
+    return float(np.max(np.concatenate(errors), initial=0.0))
 
 
 def _count(meshes: Sequence[Mesh]) -> int:
