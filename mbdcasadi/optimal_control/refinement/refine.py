@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 PASSES, PIECES, INTERVALS = 12, 6, 2000
 #: Passes in which mesh points around switches move; after these their intervals are split.
 MOVES = 3
-#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for.
-COARSE_PASSES = 4
+#: Largest number of passes for a mesh that is too coarse, if no tolerance is asked for, and of intervals of a mesh that
+#: is halved for it.
+COARSE_PASSES, HALVED_INTERVALS = 4, 200
 #: Local error, in rad or sizes of the mechanism, velocities times the duration, from which a solution is no motion, and
 #: largest number of meshes, each twice as fine, on which it is then solved again from its guess.
 LOST_ERROR, FRESH_PASSES = 3.0, 2
@@ -232,7 +233,7 @@ def refine_if_coarse(solver: Solver, solution: Solution) -> tuple[Solution, bool
     """
     error, stalled = _largest_coarseness(solution), False
     for _ in range(COARSE_PASSES):
-        if stalled:
+        if stalled and _count(solution.meshes) <= HALVED_INTERVALS:
             meshes = [mesh.split(2) for mesh in solution.meshes]
         else:
             meshes = [_split_where_coarse(solution, part) for part in solution.phases]
