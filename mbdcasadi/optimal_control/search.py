@@ -82,6 +82,7 @@ class Search:
         failed: list[tuple[_Attempt, OptimizationError]] = []
         for settings in self._settings(near, starts):
             attempt = self._attempt(settings, parameters, guess, starts, refined=automatic)
+            attempt.solver.tolerance = tolerance
             try:
                 solution = attempt.solve(warm=warm, executor=None if starts is None else self.executor)
                 break

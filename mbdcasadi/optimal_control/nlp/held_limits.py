@@ -96,7 +96,28 @@ def _excess_of_motion(part: PhaseSolution) -> Iterator[tuple[Condition, np.ndarr
     times = np.minimum(begin + length * np.linspace(0, 1, POINTS), np.nextafter(begin + length, -np.inf))
     motion = part.trajectory.at(times.ravel())
     for limit in limits:
-        yield limit, near, times, motion[limit.expression].reshape(times.shape)
+        yield limit, near, *_with_peaks(part, limit, times, motion[limit.expression].reshape(times.shape))
+
+
+def _with_peaks(
+    part: PhaseSolution, limit: Condition, times: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Times and values of a limit (k, POINTS), the largest one of each interval at its peak between the points."""
+    middle = np.clip(np.argmax(values, axis=1), 1, POINTS - 2)
+    rows = np.arange(len(values))
+    before, most, after = (values[rows, middle + shift] for shift in (-1, 0, 1))
+    bend = 2 * most - before - after
+    rows = np.flatnonzero((most >= np.maximum(before, after)) & (bend > 0))
+    if not rows.size:
+        return times, values
+    shift = (after - before)[rows] / (2 * bend[rows])
+    places, steps = middle[rows], times[rows, 1] - times[rows, 0]
+    peaks = times[rows, places] + shift * steps
+    found = part.trajectory.at(peaks)[limit.expression].ravel()
+    higher = found > most[rows]
+    times, values = times.copy(), values.copy()
+    times[rows[higher], places[higher]], values[rows[higher], places[higher]] = peaks[higher], found[higher]
+    return times, values
 
 
 def largest_share(solution: Solution) -> float:

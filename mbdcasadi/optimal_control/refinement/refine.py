@@ -17,6 +17,7 @@ from ..nlp.held_limits import passed_limits, shares_by_interval
 from ..nlp.solver import Solver, together
 from ..nlp.statistics import Pass
 from ..solution import Solution
+from .input_error import input_order, stretches, unresolved_inputs
 from .local_error import COARSE_ERROR, coarseness, scaled_errors, state_coarseness
 from .mesh import Mesh
 from .switches import unresolved_switches
@@ -41,13 +42,13 @@ MERGING_SHARE = 0.05
 
 
 def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
-    """Solve on other meshes until states, limits and switches meet a tolerance.
+    """Solve on other meshes until states, inputs, limits and switches meet a tolerance.
 
     An interval with error e is split into ``ceil((2 e / tolerance)^(1 / (r + 1)))``
     pieces, r the order of the scheme; neighbours whose common interval is
     foreseen to stay far below the tolerance are merged. Then the mesh points around switches move, see
-    :mod:`switches`, and intervals in which the motion passes limits are split. Each pass starts from
-    the last solution.
+    :mod:`switches`, and intervals in which the motion passes limits, or inputs have larger errors than the tolerance,
+    are split, see :mod:`input_error`. Each pass starts from the last solution.
 
     Raises
     ------
@@ -58,7 +59,7 @@ def refine(solver: Solver, solution: Solution, tolerance: float) -> Solution:
     Warns
     -----
     MechanismWarning
-        If local errors meet the tolerance, but limits or switches do not.
+        If local errors meet the tolerance, but inputs, limits or switches do not.
     """
     return _Refinement(solver, solution, tolerance).run()
 
@@ -72,9 +73,11 @@ class _Refinement:
         self.merging, self.moves = True, MOVES
         #: True if the last pass had more mesh points for switches, or more that move
         self.resolves = False
+        #: largest errors of the inputs times their stretches, before the last pass that split intervals for these
+        self.unresolved = np.inf
         #: the last solution with small local errors, and what it does not meet
         self.reached: tuple[Solution, str] | None = None
-        solver.limit_tolerance = max(tolerance, 10 * SOLVER_TOLERANCE)
+        solver.limit_tolerance = tolerance
 
     def run(self) -> Solution:
         """Return the solution that meets the tolerance."""
@@ -113,6 +116,14 @@ class _Refinement:
             missed = []  # what was done about them did not change the cost
         passed = passed_limits(solution, self.solver.limit_tolerance)[:1]
         missed += [f"the limit {x.label}, which is passed by {x.amount:.3g} at t = {x.time:.6g} s" for x in passed]
+        self.input_errors = [unresolved_inputs(part, tolerance) for part in solution.phases]
+        worst = max(zip(solution.phases, self.input_errors, strict=True), key=lambda of: np.max(of[1], initial=0.0))
+        if np.any(worst[1]):
+            k = int(np.argmax(worst[1]))
+            missed.append(
+                f"the inputs, which are off by about {worst[1][k]:.2g} of their sizes at t = "
+                f"{worst[0].mesh_times[k]:.6g} s"
+            )
         self.reached = solution, " and ".join(missed)
         return self.reached[1]
 
@@ -133,13 +144,30 @@ class _Refinement:
             if grows or not self._is_settled():
                 self.moves -= 1
                 return moving
-        split = []
-        for mesh, own, shares in zip(meshes, self.switches, self.shares, strict=True):
-            pieces = np.ceil((2 * shares / self.solver.limit_tolerance) ** (1 / order))
-            pieces[shares <= self.solver.limit_tolerance] = 1
+        return self._split() if self._inputs_improve() else None
+
+    def _split(self) -> list[Mesh]:
+        """Meshes with intervals split at switches, and where limits are passed or inputs are off."""
+        split, order = [], self.solution.phases[0].program.scheme.order
+        for part, own, shares, errors in zip(
+            self.solution.phases, self.switches, self.shares, self.input_errors, strict=True
+        ):
+            pieces = np.maximum(
+                _pieces(shares, self.solver.limit_tolerance, order), _pieces(errors, self.tolerance, input_order(part))
+            )
             pieces[[k for switch in own for k in switch.intervals]] = PIECES
-            split.append(mesh.refined(np.clip(pieces, 1, PIECES).astype(int), np.zeros(mesh.count, bool)))
+            split.append(part.mesh.refined(pieces, np.zeros(part.mesh.count, bool)))
         return split
+
+    def _inputs_improve(self) -> bool:
+        """Return True if errors of inputs, if there are any, fell since the last pass for them, or spread less far."""
+        areas = [
+            float(np.max(errors[run]) * np.sum(np.diff(part.mesh_times)[run]))
+            for part, errors in zip(self.solution.phases, self.input_errors, strict=True)
+            for run in stretches(errors > 0)
+        ]
+        before, self.unresolved = self.unresolved, max(areas, default=np.inf)
+        return not areas or self.unresolved <= 0.8 * before
 
     def _is_settled(self) -> bool:
         """Return True if the cost did not change in the last pass, beyond the tolerance and that of the solver."""
@@ -271,6 +299,13 @@ def _largest_coarseness(solution: Solution) -> float:
     return float(np.max(np.concatenate(errors), initial=0.0))
 
 
+def _pieces(errors: np.ndarray, tolerance: float, order: int) -> np.ndarray:
+    """Number of pieces into which intervals are split whose errors go with a power of their lengths (N,)."""
+    pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / order)), 1, PIECES).astype(int)
+    pieces[errors <= tolerance] = 1
+    return pieces
+
+
 def _count(meshes: Sequence[Mesh]) -> int:
     """Number of intervals of all phases."""
     return sum(mesh.count for mesh in meshes)
@@ -303,8 +338,7 @@ def adapted(mesh: Mesh, errors: np.ndarray, tolerance: float, order: int, *, mer
     merging : bool
         True if intervals may be merged: not after a pass that did not bring the error down.
     """
-    pieces = np.clip(np.ceil((2 * errors / tolerance) ** (1 / (order + 1))), 1, PIECES).astype(int)
-    pieces[errors <= tolerance] = 1
+    pieces = _pieces(errors, tolerance, order + 1)
     merge = np.zeros(errors.size, bool)
     k = 0
     while merging and k + 1 < errors.size:

@@ -1,0 +1,95 @@
+"""Errors of the inputs between the stages, estimated by the neighbours of each interval.
+
+An input of an interval is a polynomial through d values, and off by about ``c ω(τ)``, with ω the product of the
+distances to the points of these. The next value of a neighbour gives c. Of both neighbours the one counts that agrees
+better: at a switch a smooth input has a smooth neighbour on one side only.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..nlp.scaling import SMALLEST_SHARE
+
+if TYPE_CHECKING:
+    from ..phase_solution import PhaseSolution
+
+#: Points of an interval at which the product of the distances is looked at, both ends included.
+POINTS = 41
+#: Multiple of the estimate for inputs that are continuous, whose values at the mesh points and between these are off in
+#: turn: measured on closed forms, with errors of the order 2 for Hermite–Simpson.
+CONTINUOUS = 4.0
+
+
+def input_errors(part: PhaseSolution) -> np.ndarray:
+    """Return the errors of the inputs in each interval as shares of their largest values (N, n_u).
+
+    Zero for inputs whose course was chosen, constant or linear. Infinite on a mesh of one interval, which has no
+    neighbours, if the inputs are no constants.
+    """
+    basis, courses = part.program.scheme.inputs, part.polynomials.inputs
+    count, lengths = part.mesh.count, np.diff(part.mesh_times)
+    if basis.name != "polynomial" or not courses or not count:
+        return np.zeros((count, len(courses)))
+    coefficients = np.stack([course.coefficients for course in courses.values()], axis=2)  # (N, d, n_u)
+    taus = basis.taus
+    before, after = np.max(taus[taus < 1]), np.min(taus[taus > 0])
+    largest = np.max(np.abs(_product(np.linspace(0, 1, POINTS), taus)))
+
+    def differences(own: slice, other: slice, since: np.ndarray, tau: float) -> np.ndarray:
+        """Errors of intervals by the values of others, at times since their own starts and at a point of the others."""
+        found = np.abs(_values(coefficients[own], since) - _values(coefficients[other], tau * lengths[other]))
+        share: np.ndarray = largest / np.abs(_product(since / lengths[own], taus))
+        return found * share[:, None]
+
+    errors = np.full((2, count, len(courses)), np.inf)
+    earlier, later = slice(0, -1), slice(1, None)
+    errors[0, later] = differences(later, earlier, (before - 1) * lengths[earlier], before)
+    errors[1, earlier] = differences(earlier, later, lengths[earlier] + after * lengths[later], after)
+    sizes = _sizes(part, coefficients, lengths[:, None] * taus)
+    found: np.ndarray = np.min(errors, axis=0) / sizes * (CONTINUOUS if basis.joined else 1.0)
+    return found
+
+
+def input_order(part: PhaseSolution) -> int:
+    """Return the power of the length of an interval with which the errors of its inputs go: its own values."""
+    return max(len(part.program.scheme.inputs.inner) + part.program.scheme.inputs.joined, 1)
+
+
+def unresolved_inputs(part: PhaseSolution, tolerance: float) -> np.ndarray:
+    """Return the errors of the inputs by interval (N,), zero if they meet a tolerance.
+
+    Those that are above it on a stretch so short that it may enclose a switch, see :mod:`switches`, meet it too.
+    """
+    errors = np.max(input_errors(part), axis=1, initial=0.0)
+    for run in stretches(errors > tolerance):
+        if np.sum(np.diff(part.mesh_times)[run]) <= part.duration * np.sqrt(tolerance):
+            errors[run] = 0.0
+    return np.where(errors > tolerance, errors, 0.0)
+
+
+def stretches(mask: np.ndarray) -> list[slice]:
+    """Return the stretches in which a mask is true."""
+    edges = np.flatnonzero(np.diff(np.r_[False, mask, False].astype(int)))
+    return [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+
+
+def _product(points: np.ndarray, taus: np.ndarray) -> np.ndarray:
+    product: np.ndarray = np.prod(points[:, None] - taus, axis=1)
+    return product
+
+
+def _values(coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Values of polynomials (N, d, n_u) at times since the starts of their intervals (N,)."""
+    powers = since[:, None] ** np.arange(coefficients.shape[1])
+    values: np.ndarray = np.einsum("nd,ndk->nk", powers, coefficients)
+    return values
+
+
+def _sizes(part: PhaseSolution, coefficients: np.ndarray, since: np.ndarray) -> np.ndarray:
+    """Largest values of the inputs at their points, not far below their typical ones (n_u,)."""
+    found = [np.max(np.abs(_values(coefficients, column)), axis=0) for column in since.T]
+    sizes: np.ndarray = np.maximum(np.max(found, axis=0), SMALLEST_SHARE * part.program.scales.u)
+    return sizes
