@@ -3,7 +3,7 @@
 import numpy as np
 
 import mbdcasadi as mbd
-from mbdcasadi.assembly.nearest_problem import by_element
+from mbdcasadi.assembly.nearest_problem import residuals_by_element
 
 
 def test_one_limit_of_two_holds_a_pose():
@@ -26,4 +26,4 @@ def test_two_limits_hold_a_velocity_at_their_corner():
 
 def test_largest_residual_of_each_element():
     pin, slide = (mbd.Body(name, mass=1, inertia=1) for name in ("pin", "slide"))
-    assert by_element([pin, pin, slide], np.array([1.0, -2.0, 3.0])) == {"slide": 3.0, "pin": 2.0}
+    assert residuals_by_element([pin, pin, slide], np.array([1.0, -2.0, 3.0])) == {"slide": 3.0, "pin": 2.0}
