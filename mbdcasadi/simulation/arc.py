@@ -180,7 +180,7 @@ class Arc:
         def way(times: np.ndarray) -> np.ndarray:
             time, x = trail.before(float(times[0]))
             x = self.stepper.outputs.projected(np.array([time]), x[None, :])[0]
-            return self.stepper.precise_way_from(time, x)(times)
+            return self.stepper.way_from(time, x, precise=True)(times)
 
         try:
             passage = self.passage.across(entry, trail.start, way, smooth_until(entry))

@@ -213,10 +213,10 @@ class Run:
             bar.update(self._time - before)
             if ended:
                 return
-            if first and self._arc.stepper.steps:
+            if first and self._arc.stepper.counts.steps:
                 first = False
                 if self.integrator.is_multistep and not any(map(resets_or_ends, self._arc.watch.events)):
-                    size = schedule.joined(size, self._index, self._arc.stepper.steps)
+                    size = schedule.joined(size, self._index, self._arc.stepper.counts.steps)
             if schedule.samples_at(self._index - 1) and self._time == schedule.times[self._index - 1]:
                 state = self.transitions.by_controller(self._arc.stepper.outputs.state(self._time, self._x))
                 self._enter(state)
@@ -481,12 +481,12 @@ class Run:
     @property
     def starts(self) -> int:
         """Number of starts of the integrator."""
-        return sum(arc.stepper.starts for arc in self._arcs.values())
+        return sum(arc.stepper.counts.starts for arc in self._arcs.values())
 
     @property
     def steps(self) -> int:
         """Steps of the integrator."""
-        return sum(arc.stepper.all_steps for arc in self._arcs.values())
+        return sum(arc.stepper.counts.all_steps for arc in self._arcs.values())
 
     def shortest_load(self) -> float:
         """Duration of the shortest load or contact on the paths that were kept, s; infinite if there is none."""
