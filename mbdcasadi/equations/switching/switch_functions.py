@@ -29,8 +29,11 @@ _TRANSIENT = frozenset((
     ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW,
 ))  # fmt: skip
 
+#: Functions that another value has at single instants alone, which no load is: their operands may switch, and are
+#: looked at themselves. The lengths of springs compare for zero.
+_AT_INSTANTS = (ca.OP_EQ, ca.OP_NE)
 #: Operations that switch with the motion.
-_IN_STATE = frozenset((*_COMPARE, *_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN))
+_IN_STATE = frozenset((*_COMPARE, *_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN)) - frozenset(_AT_INSTANTS)
 #: Operations by whose values geometry divides: the lengths of springs, and powers of these.
 _OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
 

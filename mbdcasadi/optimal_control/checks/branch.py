@@ -46,13 +46,7 @@ def branch_jump(solution: Solution) -> BranchJump | None:
 
 
 def refuse_branch_jump(solution: Solution) -> None:
-    """Refuse a solution that jumps to another branch.
-
-    Raises
-    ------
-    OptimizationError
-        Naming the constraint, the coordinate and the time.
-    """
+    """Raise an :class:`OptimizationError` for a jump to another branch: constraint, coordinate and time."""
     jump = branch_jump(solution)
     if jump is not None:
         raise OptimizationError(

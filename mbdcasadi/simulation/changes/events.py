@@ -11,7 +11,7 @@ import numpy as np
 
 from ...equations import Equations
 from ...errors import ExpressionError, ModelError, warn
-from ...integrators.dop853.stretch import Watched
+from ...integrators.native.stretch import Watched
 from ...model.events import Event
 from ...model.rates import time_derivative
 from ...numerics.least_squares import largest

@@ -11,7 +11,7 @@ import numpy as np
 from ...equations.numeric import NumericEquations
 from ...errors import SimulationError
 from ...integrators import IDAS, Integrator, RungeKutta
-from ...integrators.bdf.native import NativeIntegrator
+from ...integrators.bdf.pieces import NativeIntegrator
 from ...integrators.compiled import (
     FEW_STEPS,
     MAX_STEPS,

@@ -10,8 +10,8 @@ from ...equations.batches import Values
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import saddle_point_solution, shifted
-from ...integrators.dop853.code import Written
-from ...integrators.dop853.stretch import ExplicitSystem
+from ...integrators.native.code import Written
+from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
 from ...numerics.c_interface import constant_table
 from ..checks.unseen_loads import state_quantities
@@ -170,7 +170,7 @@ def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedEl
             solved = _solution(numeric)(*known, force + others)
         rates = ca.vertcat(*solved[:2])
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, signals.levels, signals.channel]
-        results = [ca.densify(ca.jacobian(rates, x))]
+        results = [ca.jacobian(rates, x)]
         if repeated is not None:
             arguments, results = [*arguments, force], [*results, ca.jacobian(rates, force)]
         return ca.Function("slopes", arguments, results), signals.parametrised
@@ -225,7 +225,7 @@ def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: c
     bodies = {"dynamics": (dynamics, size + 2 * n + work), "quadrature": (quadrature, size + states + work)}
     instructions = repeated.size + sum(tape.size for tape in tapes)
     if slopes is not None:
-        tape = tape_of(simplified(_with_nonzeros(slopes)))
+        tape = tape_of(simplified(_with_nonzeros(slopes), densify=False))
         text, own_work = _slopes_with_loops(slopes, values, repeated)
         shared, bodies = f"{shared}\n{tape.as_c}", bodies | {"slopes": (text, own_work + max(work, tape.work_in_c))}
         instructions += tape.size

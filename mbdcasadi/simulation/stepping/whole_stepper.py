@@ -11,8 +11,8 @@ from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...integrators import Integrator
 from ...integrators.compiled import IntegrationFailure
-from ...integrators.dop853.runner import Runner
-from ...integrators.dop853.stretch import Progress, Reached, Status, Stretch
+from ...integrators.dop853.runner import ExplicitRunner
+from ...integrators.native.stretch import Progress, Reached, Status, Stretch
 from ...kinematics.mobility import mobility
 from ...kinematics.singular import describe_singularity
 from ...model.events import Event
@@ -81,7 +81,7 @@ class WholeStepper(Stepper):
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
         terms = system.resolution.terms
         self._rates, self._keeps_samples = terms.size, system.resolution.has_gaps
-        self._runner = Runner(
+        self._runner = ExplicitRunner(
             explicit_system(self.numeric, self.signals, terms),
             watch.watched(decides),
             self.numeric.eom.mechanism.cache,
@@ -226,7 +226,7 @@ class WholeStepper(Stepper):
 class WholeOutputs(Outputs):
     """Outputs whose accelerations, multipliers and inputs come from the method's own code."""
 
-    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: Runner):
+    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: ExplicitRunner):
         super().__init__(numeric, signals, levels, redundant=False)
         self._runner = runner
 
