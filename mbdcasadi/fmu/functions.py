@@ -12,7 +12,7 @@ from ..assembly.consistent_start import levels_of
 from ..equations import Equations
 from ..equations.newton_code import NewtonLoop, linearised, newton_step
 from ..equations.numeric import NumericEquations
-from ..equations.saddle import SaddlePoint
+from ..equations.saddle import saddle_point_solution
 from ..equations.switching.explicit_time import explicit_time
 from ..errors import ModelError
 from ..model.conditions import Condition, stacked
@@ -96,8 +96,7 @@ class Model:
         eom, augmentation = self.eom, self.numeric.augmentation
         if eom.Q_depends_on_lam:
             return linearised(eom, force, gamma, augmentation)
-        saddle = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, gamma, eom.angular_rows)
-        return saddle.solution(augmentation=augmentation, redundant=self.is_redundant)
+        return saddle_point_solution(eom, force, gamma, augmentation=augmentation, redundant=self.is_redundant)
 
     @property
     def _dynamics(self) -> list[Tape | NewtonLoop]:

@@ -91,7 +91,7 @@ class EventWatch:
     """
 
     def __init__(
-        self, eom: Equations, events: Sequence[Event], instant: float = 1e-12, resting: dict[Event, float] | None = None
+        self, eom: Equations, events: Sequence[Event], instant: float, resting: dict[Event, float] | None = None
     ):
         self.events, self.instant = tuple(events), instant
         self.resting = {} if resting is None else resting

@@ -75,6 +75,21 @@ class Passage:
     states: Callable[[np.ndarray], np.ndarray]
     error: float
 
+    def approach(self, path: Path, times: np.ndarray) -> Path:
+        """Return the path to its start: of the integrator as far as it is sure, beyond that of the polynomial.
+
+        Parameters
+        ----------
+        times : numpy.ndarray
+            After the first one of the path (k,), s.
+        """
+        known = np.isin(times, path.times) & (times <= path.times[-1])
+        states, integrals = np.empty((times.size, path.x.shape[1])), np.zeros((times.size, path.integrals.shape[1]))
+        places = np.searchsorted(path.times, times[known])
+        states[known], integrals[known] = path.x[places], path.integrals[places - 1]
+        states[~known] = self.states(times[~known])
+        return Path(np.r_[path.times[0], times], np.vstack([path.x[:1], states]), integrals)
+
 
 class SingularPassage:
     """Watches the poses of a run, and continues it across singular ones."""

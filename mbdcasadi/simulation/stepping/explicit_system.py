@@ -9,7 +9,7 @@ from ...arguments.inputs import Signals
 from ...equations.batches import Values
 from ...equations.derivation import Equations
 from ...equations.numeric import NumericEquations
-from ...equations.saddle import SaddlePoint, shifted
+from ...equations.saddle import saddle_point_solution, shifted
 from ...integrators.native.code import Written
 from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
@@ -41,9 +41,14 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
 def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
     eom = numeric.eom
     known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    a, lam = numeric.forward_dynamics(redundant=redundant)(*known)
+    return _function_of("dynamics", numeric, known, *numeric.forward_dynamics(redundant=redundant)(*known))
+
+
+def _function_of(name: str, numeric: NumericEquations, known: list[ca.SX], a: ca.SX, lam: ca.SX) -> ca.Function:
+    """``known -> (a, rate of z, lam, regularity)``."""
+    eom = numeric.eom
     rates = ca.substitute(eom.z_rate, ca.vertcat(eom.a, eom.lam), ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
-    return ca.Function("dynamics", known, [a, ca.densify(rates), lam, _regularity(numeric)])
+    return ca.Function(name, known, [a, ca.densify(rates), lam, _regularity(numeric)])
 
 
 def _regularity(numeric: NumericEquations) -> ca.SX:
@@ -178,12 +183,8 @@ def _solution(numeric: NumericEquations) -> ca.Function:
     """``(t, q, v, z, u, p, Q) -> (a, rate of z, lam, regularity)`` under generalised forces Q."""
     eom = numeric.eom
     force = ca.SX.sym("Q", eom.q.numel())
-    system = SaddlePoint(eom.mass_diagonal, eom.Phi_q, force, eom.gamma, eom.angular_rows)
-    a, lam = system.solution(augmentation=numeric.augmentation)
-    unknown = ca.vertcat(eom.a, eom.lam)
-    rates = ca.substitute(eom.z_rate, unknown, ca.vertcat(a, lam)) if eom.z.numel() else eom.z_rate
-    known = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p]
-    return ca.Function("solve", [*known, force], [a, ca.densify(rates), lam, _regularity(numeric)])
+    solution = saddle_point_solution(eom, force, augmentation=numeric.augmentation)
+    return _function_of("solve", numeric, [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, force], *solution)
 
 
 def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: ca.Function | None) -> Written:
