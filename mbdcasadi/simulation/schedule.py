@@ -80,6 +80,8 @@ class Piece:
         times : numpy.ndarray
             Increasing; its own ones up to the last of them, and others in between.
         """
+        if np.array_equal(times, self.times):
+            return self
         place = np.minimum(np.searchsorted(self.times, times), self.times.size - 1)
         known = self.times[place] == times
         return replace(

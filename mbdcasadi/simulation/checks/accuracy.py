@@ -34,8 +34,9 @@ def ranges(q: np.ndarray, share: float = RANGE_TOLERANCE) -> np.ndarray:
     """
     if not len(q):
         return np.zeros(q.shape[1])
-    all_ranges = np.ptp(q, axis=0)
-    return np.where(all_ranges > share * (1 + np.max(np.abs(q), axis=0)), all_ranges, 0.0)
+    most, least = q.max(axis=0), q.min(axis=0)
+    all_ranges = most - least
+    return np.where(all_ranges > share * (1 + np.maximum(most, -least)), all_ranges, 0.0)
 
 
 def tolerance_for(q: np.ndarray, abstol: float) -> float | None:
