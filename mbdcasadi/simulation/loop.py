@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import casadi as ca
@@ -19,7 +20,7 @@ from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
-from ..numerics.console import interruptible
+from ..numerics.console import Interruption, interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
@@ -71,6 +72,8 @@ class Run:
         Method and tolerances.
     progress : bool
         Show a progress bar.
+    interruption : Interruption, optional
+        Ctrl-C as the analysis notices it; otherwise the run does so itself.
     """
 
     def __init__(
@@ -81,9 +84,10 @@ class Run:
         integrator: Integrator,
         *,
         progress: bool = False,
+        interruption: Interruption | None = None,
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
-        self._progress = progress
+        self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
@@ -150,7 +154,8 @@ class Run:
         self._prepare()
         builder = self._builder
         span = self._schedule.end - self._schedule.start
-        with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
+        noticing = interruptible() if self._noticed is None else nullcontext(self._noticed)
+        with noticing as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
                 if not self._changes_at_once(passed):

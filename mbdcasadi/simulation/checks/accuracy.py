@@ -67,9 +67,20 @@ def range_near_rounding(q: np.ndarray) -> list[str]:
     ]
 
 
-def small_motions(motion: Trajectory, abstol: float) -> list[str]:
-    """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them."""
+def notes_on_range(motion: Trajectory, abstol: float) -> list[str]:
+    """Sentences on a motion, or on coordinates in it, that the tolerance or rounding does not resolve."""
     moved = ranges(motion.q)
+    return small_motions(motion, moved, abstol) if largest(moved) else range_near_rounding(motion.q)
+
+
+def small_motions(motion: Trajectory, moved: np.ndarray, abstol: float) -> list[str]:
+    """Sentences on coordinates that move so little, beside others, that the tolerance does not resolve them.
+
+    Parameters
+    ----------
+    moved : numpy.ndarray
+        Their :func:`ranges` (n,).
+    """
     if largest(moved) < RESOLVED * abstol:
         return []
     few = (moved > 10 * abstol) & (moved < 1e-2 * RESOLVED * abstol)
