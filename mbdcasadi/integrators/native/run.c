@@ -99,7 +99,7 @@ typedef struct {
   /* of an implicit method */
   double *slopes, *matrix;
   int* pivots;
-  integer order, equal_steps;
+  integer order, equal_steps, slopes_age;
   int is_factorised;
   double convergence, time;
 } run_t;
