@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..integrators import Integrator
 from ..integrators.compiled import IntegrationFailure
 from ..model.events import Event
 from ..model.forces.friction.modes import switching
-from ..numerics.console import interruptible
+from ..numerics.console import Interruption, interruptible
 from ..numerics.progress import simulated_time_bar
 from ..results.state import State
 from ..results.trajectory import EventOccurrence, Trajectory
@@ -48,13 +49,20 @@ LEAST_NORM = "the constraints are redundant: multipliers and reactions are those
 
 
 class Run:
-    """A simulation that is being run."""
+    """A simulation that is being run; one that is given an interruption leaves it to its analysis to notice Ctrl-C."""
 
     def __init__(
-        self, setup: Setup, modes: Modes, events: Sequence[Event], integrator: Integrator, *, progress: bool = False
+        self,
+        setup: Setup,
+        modes: Modes,
+        events: Sequence[Event],
+        integrator: Integrator,
+        *,
+        progress: bool = False,
+        interruption: Interruption | None = None,
     ):
         self.setup, self.modes, self.events, self.integrator = setup, modes, tuple(events), integrator
-        self._progress = progress
+        self._progress, self._noticed = progress, interruption
         timed = time_dependence(setup)
         self.max_step, self._obstacle, self._corners = timed.max_step, timed.obstacle(), timed.velocity_jumps
         grid = setup.grid
@@ -63,7 +71,7 @@ class Run:
         controller = setup.signals.controller
         self._schedule = Schedule(
             grid,
-            stops=np.r_[setup.signals.breaks, timed.stops],
+            stops=np.concatenate([setup.signals.breaks, timed.stops]),
             jumps=timed.jumps,
             period=None if controller is None else controller.period,
             watch_points=WATCH_POINTS if self._is_watched(integrator) else 0,
@@ -119,7 +127,8 @@ class Run:
         self._prepare()
         builder = self._builder
         span = self._schedule.end - self._schedule.start
-        with interruptible() as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
+        noticing = interruptible() if self._noticed is None else nullcontext(self._noticed)
+        with noticing as self._interruption, simulated_time_bar(span, show=self._progress) as bar:
             try:
                 self._begin() if entry is None else self._resume(entry)
                 if any(event.becomes is not None for event in self.events):
@@ -371,7 +380,7 @@ class Run:
         if mode not in self._arcs:
             self._arcs[mode] = Arc(self, mode, state)
         arc = self._arc = self._arcs[mode]
-        self._x, self._time = np.r_[state.q, state.v, state.z], state.t
+        self._x, self._time = np.concatenate([state.q, state.v, state.z]), state.t
         self._arc.trail.begin(self._time, self._x)
         arc.watch.start_at(state)
         self._builder.enter(state.t, mode, arc.stepper.outputs.recovery.refine(arc.stepper.outputs.rule))

@@ -204,6 +204,7 @@ class NativeRun:
     ):
         self.library, self.system, self.codes, self.watched = library, system, tuple(codes), watched
         self._halt = np.zeros(1, np.int32)
+        self._halt_address = self._halt.ctypes.data
         self._state = self.compiled
         found = _System(
             coordinates=system.coordinates,
@@ -285,7 +286,7 @@ class NativeRun:
             accuracy=ACCURACY,
             seconds=s.seconds,
             most_steps=s.most_steps,
-            halt=self._halt.ctypes.data,
+            halt=self._halt_address,
             every_step=s.every_step,
             samples=SAMPLES,
             spacing=s.spacing,
@@ -302,10 +303,10 @@ class NativeRun:
             regularity=progress.regularity,
             stiff=progress.stiff,
             not_stiff=progress.not_stiff,
-            out_times=rows.times.ctypes.data,
-            out_x=rows.x.ctypes.data,
-            out_integrals=rows.integrals.ctypes.data,
-            out_index=rows.index.ctypes.data,
+            out_times=given.address(rows.times),
+            out_x=given.address(rows.x),
+            out_integrals=given.address(rows.integrals),
+            out_index=given.address(rows.index),
         )
 
     def complete(
@@ -329,9 +330,9 @@ class NativeRun:
             given.doubles(times),
             given.doubles(x),
             given.doubles(channels),
-            a.ctypes.data,
-            lam.ctypes.data,
-            u.ctypes.data,
+            given.address(a),
+            given.address(lam),
+            given.address(u),
         )
         return a, lam, u
 
@@ -406,15 +407,19 @@ class _Arrays:
 
     def doubles(self, values: Any) -> int:
         """Address of values as C doubles."""
-        return self._address(np.ascontiguousarray(values, dtype=np.float64))
+        return self.address(np.ascontiguousarray(values, dtype=np.float64))
 
     def ints(self, values: Any) -> int:
         """Address of values as C ints."""
-        return self._address(np.ascontiguousarray(values, dtype=np.int32))
+        return self.address(np.ascontiguousarray(values, dtype=np.int32))
 
-    def _address(self, array: np.ndarray) -> int:
+    def address(self, array: np.ndarray) -> int:
+        """Address of an array in one piece; 0 of an empty one."""
+        if not array.size:
+            return 0
         self._kept.append(array)
-        return array.ctypes.data
+        place: int = array.__array_interface__["data"][0]  # array.ctypes makes an object more
+        return place
 
 
 def _entry(code: Code, k: int) -> _Function:

@@ -123,7 +123,7 @@ class EventWatch:
             The present state.
         """
         offset, band, side = (np.zeros(len(self.events)) for _ in range(3))
-        away = AWAY * (1 + largest(x))
+        away = AWAY * (1 + largest(x)) if self.resting else 0.0
         for k, event in enumerate(self.events):
             if event in self.resting:
                 offset[k], band[k], side[k] = self.resting[event], away, -event.direction or 1
