@@ -146,14 +146,12 @@ def export_fmu(
     )
     setup = Setup(mechanism, "export_fmu", t=t, initial=initial)
     model = _model(setup, initial, outputs, drift)
-    levels = setup.signals.level_values
-    variables = variables_of(model, shown_inputs, shown_parameters, levels, _units(units))
+    variables = variables_of(model, shown_inputs, shown_parameters, _units(units))
     name = mechanism.name or target.stem
     identifier = _identifier(name)
     files = source_files(
         model,
         variables,
-        levels,
         identifier,
         version,
         kinds,
@@ -272,7 +270,7 @@ def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model
     if start.obstacle is not None:
         raise start.obstacle
     conditions = () if isinstance(initial, State) else read_conditions(initial)
-    model = Model(numeric, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State))
+    model = Model(numeric, setup.signals, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State))
     model.refuse_unsupported()
     _refuse_undefined(model)
     return model

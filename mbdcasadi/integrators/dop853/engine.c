@@ -70,6 +70,8 @@ typedef struct {
   integer capacity;
   /* given and returned */
   double step;                 /* size of the next step, or 0 */
+  integer across;              /* whether it is a tiny one that goes across a zero of what switches */
+  double passed;               /* when one was passed last, or minus infinity */
   double regularity;           /* largest one seen */
   integer stiff, not_stiff;
   /* returned */
@@ -518,8 +520,8 @@ int mbd_advance(run_t* run, stretch_t* task) {
   const integer margin = s->events || task->keep_samples || task->fall > 0.0 ? MOST_SAMPLES + 4 : 4;
   double step = task->step;
   integer stop = 0, near_steps = 0;
-  run->across = 0;
-  run->passed = -INFINITY;
+  run->across = task->across != 0;
+  run->passed = task->passed;
   if (s->switches) find_switches(run, t, y, run->now);
   while (task->reached < task->count) {
     while (stop < task->count - 1 && (stop < task->reached || !task->stops[stop])) ++stop;
@@ -626,6 +628,8 @@ finish:
   if (task->status == HALTED || task->status == PAUSED || task->status == FULL || task->status == STIFF)
     if (task->reached == task->count) task->status = DONE;
   task->step = step;
+  task->across = run->across;
+  task->passed = run->passed;
   task->evaluations = run->evaluations;
   return task->status;
 }

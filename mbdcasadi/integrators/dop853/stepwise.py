@@ -130,6 +130,7 @@ class _StretchRun:
         self._halt, self.s, self.progress = owner.halted, s, progress
         self.n, self.n_x = system.coordinates, system.size
         self.n_y = self.n_x + system.integrals
+        self._across, self._passed = progress.across, progress.passed
         self.status, self.steps, self.rejected, self.evaluations = Status.DONE, 0, 0, 0
         self.least_regularity, self._hint = np.inf, np.inf
         self.recording = Recording(steps, system, s)
@@ -340,7 +341,7 @@ class _StretchRun:
             return self._returned()
         if self._event is not None:
             self._watch_from(t)
-        self._now, self._passed, self._across = self._switches(t, f.y), -np.inf, False
+        self._now = self._switches(t, f.y)
         step, stop, self._near_steps = progress.step, 0, 0
         while record.reached < count:
             while stop < count - 1 and (stop < record.reached or not s.stops[stop]):
@@ -368,7 +369,7 @@ class _StretchRun:
             record.add(t, f.y, -1)
         if self.status in (Status.PAUSED, Status.HALTED, Status.STIFF) and record.is_complete:
             self.status = Status.DONE
-        progress.step = step
+        progress.step, progress.across, progress.passed = step, self._across, self._passed
         return self._returned()
 
     def _look_for_pause(self, began: float) -> None:

@@ -182,6 +182,10 @@ class Progress:
     ----------
     step : float
         Size of the next step, s; 0 if it is not known.
+    across : bool
+        True if that is a tiny one that goes across a zero of what switches.
+    passed : float
+        Time at which such a zero was passed last, s; minus infinity if none was.
     regularity : float
         Largest regularity that was seen.
     stiff, not_stiff : int
@@ -189,6 +193,8 @@ class Progress:
     """
 
     step: float = 0.0
+    across: bool = False
+    passed: float = -np.inf
     regularity: float = 0.0
     stiff: int = 0
     not_stiff: int = 0
