@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import FileError
+from ..numerics.reading import content_of
 
 _STRING = r'"(?:\\.|[^"\\\n])*"'
 _STRING_OR_COMMENT = re.compile(rf"{_STRING}|//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -56,11 +57,7 @@ def read_json(path: str | Path) -> JsonObject:
     FileError
         For a file that does not exist or holds something else, with line and column.
     """
-    path = Path(path)
-    try:
-        text = _decoded(path.read_bytes())
-    except OSError as error:
-        raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    text = _decoded(content_of(path))
     failure: json.JSONDecodeError | None = None
     for repair in (str, _without_comments_and_commas, _without_drawing, _without_comments_and_commas):
         text = repair(text)

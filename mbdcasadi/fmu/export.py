@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -197,7 +198,9 @@ def _binaries(
 ) -> dict[str, bytes]:
     binaries = binary_of(files, compiled, identifier, version)
     if binaries is None:
-        reason = "no C compiler is on the path, or FMI names no folder for this machine"
+        named = os.environ.get("CC", "").strip()
+        reason = f"no C compiler is on the path{f' (CC names {named})' if named else ''}"
+        reason += ", or FMI names no folder for this machine"
         if required:
             raise ModelError(
                 f"export_fmu: {reason}, and binary=True asks for a binary; binary=False writes sources alone"

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from ...errors import FileError
+from ...numerics.reading import content_of
 from .shapes import Polygon, Shape
 
 #: Largest distance of a chord from a curve, relative to the size of the drawing, unless another one is given.
@@ -21,16 +25,19 @@ JOINED = 1e-6
 #: Halvings of a curve, at most.
 _MOST_HALVINGS = 12
 
+#: Lengths in metric units, and metres in these; a Q is a quarter of a millimetre.
+_METRIC = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(mm|cm|Q)\s*")
+_METRES = {"mm": 1e-3, "cm": 1e-2, "Q": 2.5e-4}
+
 Loop = np.ndarray
 
 
 def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | None) -> Shape:
     """Return the shape of the closed outlines of an SVG file; see :meth:`Polygon.from_svg`."""
+    content = content_of(path)
     library = _library("svgelements", path)
     try:
-        document = library.SVG.parse(str(path), reify=True)
-    except OSError as error:
-        raise _unreadable(path, error) from None
+        document = library.SVG.parse(BytesIO(_in_pixels(content)), reify=True)
     except Exception as error:  # whatever the library meets in a broken file
         raise FileError(f"{path}: this is not an SVG drawing: {error}") from None
     paths = [library.Path(e) for e in document.elements() if isinstance(e, library.Shape)]
@@ -49,12 +56,11 @@ def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | Non
 
 def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | None, layer: str | None) -> Shape:
     """Return the shape of the closed outlines of a DXF file; see :meth:`Polygon.from_dxf`."""
+    content_of(path)  # raises for a file that cannot be read
     library = _library("ezdxf", path)
     try:
         document = library.readfile(str(path))
     except Exception as error:
-        if isinstance(error, OSError) and error.strerror:
-            raise _unreadable(path, error) from None
         raise FileError(f"{path}: this is not a DXF drawing: {error}") from None
     factor = _unit(document, path) if scale is None else _positive(scale, path, "scale")
     lines = list(_lines(e for e in document.modelspace() if layer is None or e.dxf.layer == layer))
@@ -90,16 +96,20 @@ def _flat(curve: Any, allowed: float) -> np.ndarray:
 
 
 def _library(name: str, path: Any) -> Any:
-    if not Path(path).is_file():
-        raise FileError(f"{path}: the file cannot be read: there is no such file")
     try:
         return import_module(name)
     except ImportError:
         raise FileError(f'{path}: reading it needs {name}: pip install "mbdcasadi[outlines]"') from None
 
 
-def _unreadable(path: Any, error: OSError) -> FileError:
-    return FileError(f"{path}: the file cannot be read: {error.strerror or error}")
+def _in_pixels(content: bytes) -> bytes:
+    """The same drawing with pixels in place of metric lengths, which svgelements knows to six digits only."""
+    root = ElementTree.fromstring(content)
+    for element in root.iter():
+        for name, text in element.items():
+            if length := _METRIC.fullmatch(text):
+                element.set(name, repr(float(length[1]) * _METRES[length[2]] / PIXEL))
+    return ElementTree.tostring(root)
 
 
 def _positive(value: Any, path: Any, name: str) -> float:
