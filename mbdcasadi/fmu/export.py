@@ -273,7 +273,9 @@ def _model(setup: Setup, initial: Any, outputs: Any, drift_rate: float) -> Model
     if start.obstacle is not None:
         raise start.obstacle
     conditions = () if isinstance(initial, State) else read_conditions(initial)
-    model = Model(numeric, setup.signals, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State))
+    model = Model(
+        numeric, setup.signals, start, conditions, _outputs(setup, outputs), drift_rate, isinstance(initial, State)
+    )
     model.refuse_unsupported()
     _refuse_undefined(model)
     return model

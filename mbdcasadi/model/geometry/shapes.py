@@ -280,8 +280,8 @@ class Polygon(Shape):
     def from_svg(cls, path: str | Path, *, scale: float | None = None, tolerance: float | None = None) -> Shape:
         """Return the shape of the closed outlines of an SVG drawing, by svgelements.
 
-        Outlines inside others are holes, and outlines inside holes are parts again; open lines do not
-        count. The y axis points up, as it is seen.
+        Outlines inside others are holes, and outlines inside holes are parts again; open lines and
+        what is not drawn where it stands (``defs``, masks) do not count. The y axis points up, as it is seen.
 
         Parameters
         ----------
@@ -300,7 +300,8 @@ class Polygon(Shape):
         Raises
         ------
         FileError
-            For a file that cannot be read or holds no closed outline, and without svgelements.
+            For a file that cannot be read or holds no closed outline, outlines that cross or overlap in part,
+            a drawing or symbol inside the drawing, and without svgelements.
         """
         from .outline_files import shape_from_svg
 
@@ -317,7 +318,8 @@ class Polygon(Shape):
     ) -> Shape:
         """Return the shape of the closed outlines of a DXF drawing, by ezdxf.
 
-        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`.
+        Lines and arcs that meet at their ends are one outline; see :meth:`from_svg`. Layers that are
+        off or frozen, ``Defpoints`` and invisible lines do not count, if no layer is given.
 
         Parameters
         ----------
@@ -333,7 +335,8 @@ class Polygon(Shape):
         Raises
         ------
         FileError
-            For a file that cannot be read, names no unit or holds no closed outline, and without ezdxf.
+            For a file that cannot be read, names no unit or holds no closed outline, lines of which more than
+            two meet, outlines that cross or overlap in part, and without ezdxf.
         """
         from .outline_files import shape_from_dxf
 
