@@ -86,6 +86,7 @@ static int take_step(instance* s, double wanted, double limit) {
   task->step = s->block[STEP];
   task->across = s->block[IS_ACROSS] != 0.0;
   task->passed = s->block[PASSED];
+  task->eigenvalue = s->block[EIGENVALUE];
   memcpy(s->start, s->finish, sizeof(double) * N_X);
   task->max_step = is_short(s, begin) ? s->block[SHORT_STEP] : INFINITY;
   const int status = mbd_advance(s->run, task);
@@ -93,6 +94,7 @@ static int take_step(instance* s, double wanted, double limit) {
   s->block[STEP] = task->step;
   s->block[IS_ACROSS] = (double)task->across;
   s->block[PASSED] = task->passed;
+  s->block[EIGENVALUE] = task->eigenvalue;
   s->block[AHEAD_BEGIN] = begin;
   s->block[AHEAD_END] = task->out_times[task->recorded - 1];
   memcpy(s->finish, task->out_x + (task->recorded - 1) * N_X, sizeof(double) * N_X);
@@ -110,7 +112,7 @@ static const char* reason(int status) {
 }
 
 /* How far the integrator is, and what it goes on with. */
-#define KEPT (PASSED + 1 - AHEAD_BEGIN)
+#define KEPT (EIGENVALUE + 1 - AHEAD_BEGIN)
 
 static void keep(const instance* s, double* kept) {
   memcpy(kept, s->block + AHEAD_BEGIN, sizeof(double) * KEPT);

@@ -22,6 +22,7 @@ enum {
   STEP,          /* size of the next step of the integrator */
   IS_ACROSS,     /* that is a tiny one across a zero of what switches */
   PASSED,        /* time at which such a zero was passed last */
+  EIGENVALUE,    /* size of the largest one of late */
   SHORT_STEP, SHORT_FROM, SHORT_UNTIL, /* longest step between these times: the force of a contact is followed */
   SCALARS
 };

@@ -72,6 +72,7 @@ typedef struct {
   double step;                 /* size of the next step, or 0 */
   integer across;              /* whether it is a tiny one that goes across a zero of what switches */
   double passed;               /* when one was passed last, or minus infinity */
+  double eigenvalue;           /* size of the largest one of late, or 0 */
   double regularity;           /* largest one seen */
   integer stiff, not_stiff;
   /* returned */
@@ -316,8 +317,8 @@ static int arrive(run_t* run, double t) {
   return 1;
 }
 
-/* h |lambda| of the last step, by the two last stages, which are at the same time. */
-static double stability(const run_t* run, double h) {
+/* |lambda| in the last step, by the two last stages, which are at the same time; 0 if they hardly differ. */
+static double eigenvalue(const run_t* run) {
   const double *late = run->k + 12 * run->n_y, *early = run->k + 11 * run->n_y;
   double change = 0.0, distance = 0.0;
   for (integer i = 0; i < run->n_x; ++i) {
@@ -325,7 +326,7 @@ static double stability(const run_t* run, double h) {
     change += a * a;
     distance += b * b;
   }
-  return distance > 0.0 ? h * sqrt(change / distance) : 0.0;
+  return distance > QUIET * QUIET * (double)run->n_x ? sqrt(change / distance) : 0.0;
 }
 
 /* Coefficients of the dense output of the last step. */
@@ -561,11 +562,13 @@ int mbd_advance(run_t* run, stretch_t* task) {
     const double factor = error > 0.0 ? fmin(MOST, SAFETY * pow(error, -1.0 / 8.0)) : MOST;
     step = h * (repeated ? fmin(factor, 1.0) : factor);
     if (clipped) step = fmax(step, tried);
+    task->eigenvalue = fmax(eigenvalue(run), FADING * task->eigenvalue);
+    if (task->eigenvalue > 0.0) step = fmin(step, STABLE / task->eigenvalue);
     if (at.left > 0.0) step = at.left;
     else if (run->across) { run->passed = t; step = 0.0; }
     run->across = at.left > 0.0;
     if (task->stiff_after) {
-      if (stability(run, h) > STABILITY) {
+      if (h * task->eigenvalue > STABILITY) {
         task->not_stiff = 0;
         if (++task->stiff >= task->stiff_after) task->status = STIFF;
       } else if (++task->not_stiff == FORGOTTEN) task->stiff = 0;

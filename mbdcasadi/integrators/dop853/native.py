@@ -37,7 +37,10 @@ CONSTANTS = (
     "LOOSE",
     "DRIFT",
     "SLIGHT",
+    "STABLE",
     "STABILITY",
+    "QUIET",
+    "FADING",
     "FORGOTTEN",
     "MOST_SAMPLES",
     "NEAR_STEPS",
@@ -118,6 +121,7 @@ class _Stretch(ctypes.Structure):
         ("step", c_double),
         ("across", c_longlong),
         ("passed", c_double),
+        ("eigenvalue", c_double),
         ("regularity", c_double),
         ("stiff", c_longlong),
         ("not_stiff", c_longlong),
@@ -267,6 +271,7 @@ class NativeRun:
         self._advance(self._run, ctypes.addressof(task))
         progress.step, progress.regularity = task.step, task.regularity
         progress.across, progress.passed = bool(task.across), task.passed
+        progress.eigenvalue = task.eigenvalue
         progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
         r = task.recorded
         return Reached(
@@ -318,6 +323,7 @@ class NativeRun:
             step=progress.step,
             across=progress.across,
             passed=progress.passed,
+            eigenvalue=progress.eigenvalue,
             regularity=progress.regularity,
             stiff=progress.stiff,
             not_stiff=progress.not_stiff,

@@ -24,6 +24,7 @@ from .stretch import (
     BEFORE,
     DOUBT,
     DRIFT,
+    FADING,
     FORGOTTEN,
     LEAST,
     LOOSE,
@@ -38,6 +39,7 @@ from .stretch import (
     SEARCHES,
     SLIGHT,
     STABILITY,
+    STABLE,
     ExplicitSystem,
     Progress,
     Reached,
@@ -414,6 +416,8 @@ class _StretchRun:
         factor = min(MOST, SAFETY * error ** (-1.0 / EXPONENT)) if error > 0.0 else MOST
         following = h * (min(factor, 1.0) if repeated else factor)
         following = max(following, step) if clipped else following
+        self.progress.eigenvalue = known = max(float(self._f.eigenvalue[0]), FADING * self.progress.eigenvalue)
+        following = min(following, STABLE / known) if known > 0.0 else following
         if at.left > 0.0:
             following = at.left
         elif self._across:  # beyond the switch the motion is another one
@@ -424,7 +428,7 @@ class _StretchRun:
     def _look_back(self, t: float, h: float, arrival: float) -> None:
         """Stiffness, events and singular poses of a step, and the outputs inside it."""
         s = self.s
-        self._note_stiffness()
+        self._note_stiffness(h)
         samples = found = 0
         if self._event is not None or s.keep_samples:
             samples = SAMPLES
@@ -445,11 +449,11 @@ class _StretchRun:
         if inside or kept:
             self.recording.add_inside(t, h, arrival, kept)
 
-    def _note_stiffness(self) -> None:
+    def _note_stiffness(self, h: float) -> None:
         s, progress = self.s, self.progress
         if not s.stiff_after:
             return
-        if self._f.stability[0] > STABILITY:
+        if h * progress.eigenvalue > STABILITY:
             progress.not_stiff = 0
             progress.stiff += 1
             if progress.stiff >= s.stiff_after:

@@ -25,8 +25,12 @@ SLIGHT = 1e-9
 PROJECTIONS = 10
 #: Factors of the step size: of the estimate, smallest and largest.
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
-#: Product of step and largest eigenvalue at the limit of stability.
-STABILITY = 6.1
+#: Product of step and largest eigenvalue up to which steps are taken (what is stiff grows from 6.1 on, and the estimate
+#: of the error shows that late), and from which stability limits them.
+STABLE, STABILITY = 4.5, 4.0
+#: Difference of two stages at one time, relative to the tolerances, from which it shows the largest eigenvalue; and the
+#: part of that which holds in the next step.
+QUIET, FADING = 1e-2, 0.9
 #: Steps off that limit after which those at it are forgotten.
 FORGOTTEN = 6
 #: Steps near to a singular pose after which this is reported at the latest.
@@ -186,6 +190,8 @@ class Progress:
         True if that is a tiny one that goes across a zero of what switches.
     passed : float
         Time at which such a zero was passed last, s; minus infinity if none was.
+    eigenvalue : float
+        Size of the largest eigenvalue of late, 1/s; 0 if it is not known.
     regularity : float
         Largest regularity that was seen.
     stiff, not_stiff : int
@@ -195,6 +201,7 @@ class Progress:
     step: float = 0.0
     across: bool = False
     passed: float = -np.inf
+    eigenvalue: float = 0.0
     regularity: float = 0.0
     stiff: int = 0
     not_stiff: int = 0
