@@ -3,6 +3,7 @@
 import ctypes
 import tempfile
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
@@ -17,6 +18,7 @@ from mbdcasadi.__main__ import main
 fmpy = pytest.importorskip("fmpy")
 
 from fmpy.fmi1 import FMICallException  # noqa: E402
+from fmpy.simulation import instantiate_fmu  # noqa: E402
 from fmpy.validation import validate_fmu  # noqa: E402
 from units import Unit, simulated  # noqa: E402
 
@@ -224,6 +226,25 @@ def test_steps_end_where_the_state_switches(machine, tmp_path):
     # the importer's solver stops at the same switches
     found = simulated(path, times, outputs, "ModelExchange", 1e-10)
     assert np.all(off(found, columns(exact, outputs)) < 1e-5)
+
+
+@pytest.mark.slow
+def test_instances_in_threads(paths, linkage, tmp_path):
+    """Several instances of one library that run at once each give what they give alone."""
+    description, folder = fmpy.read_model_description(str(paths[2])), str(tmp_path / "unit")
+    fmpy.extract(str(paths[2]), folder)
+
+    def run(damping):
+        unit = instantiate_fmu(folder, description, "CoSimulation")
+        more = dict(model_description=description, fmu_instance=unit, fmi_type="CoSimulation", start_values=damping)
+        found = fmpy.simulate_fmu(folder, stop_time=0.5, output_interval=0.01, output=list(linkage.outputs), **more)
+        return np.array(found.tolist())
+
+    values = [{"damping": value} for value in (0.01, 0.02, 0.05, 0.1)]
+    alone = [run(value) for value in values]
+    with ThreadPoolExecutor(len(values)) as pool:
+        assert all(map(np.array_equal, pool.map(run, values), alone))
+    assert np.max(np.abs(alone[0] - alone[1])) > 0.1
 
 
 @pytest.mark.slow
