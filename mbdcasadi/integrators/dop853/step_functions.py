@@ -10,8 +10,9 @@ import numpy as np
 
 from ...numerics.c_code import simplified
 from ...numerics.evaluation import Evaluator
+from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
-from .stretch import QUIET, SLIGHT, ExplicitSystem, Stretch
+from .constants import QUIET, SLIGHT
 
 
 class StepFunctions:
@@ -97,8 +98,7 @@ class StepFunctions:
             correction = self._norm(moved / scale)
         rate, hint = self._rate(t, y)
         change, distance = (self._norm(d[:n_x] / scale) for d in (rate - early, y - stage))
-        loud = distance > QUIET
-        eigenvalue = ca.if_else(loud, change / (distance + (distance == 0)), 0.0)
+        eigenvalue = ca.if_else(distance > QUIET, change / (distance + (distance == 0)), 0.0)
         given = [t, end, stage, early, scale, weights, *self._held]
         return ca.Function("arrive", given, [y, left, size, correction, rate, hint, eigenvalue])
 

@@ -1,6 +1,6 @@
 """The run without a compiler: a whole step is one CasADi function, and what decides between steps is Python.
 
-It takes the same decisions as ``engine.c``, in the same order; its results differ by rounding.
+It takes the same decisions as ``steps.c``, in the same order; its results differ by rounding.
 """
 
 from __future__ import annotations
@@ -16,30 +16,15 @@ import numpy as np
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
 from ...numerics.roots import nears_zero
-from .coefficients import EXPONENT, STAGES
-from .recording import Recording
-from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
-from .stretch import (
+from ..native.stretch import (
     ACCURACY,
-    BEFORE,
-    DOUBT,
-    DRIFT,
-    FADING,
-    FORGOTTEN,
     LEAST,
     LOOSE,
     MOST,
     MOST_SAMPLES,
-    NEAR_STEPS,
-    NEARLY,
     PROJECTIONS,
     SAFETY,
-    SAME_SIDE,
     SAMPLES,
-    SEARCHES,
-    SLIGHT,
-    STABILITY,
-    STABLE,
     ExplicitSystem,
     Progress,
     Reached,
@@ -47,6 +32,23 @@ from .stretch import (
     Stretch,
     Watched,
 )
+from .coefficients import EXPONENT, STAGES
+from .constants import (
+    BEFORE,
+    DOUBT,
+    DRIFT,
+    FADING,
+    FORGOTTEN,
+    NEAR_STEPS,
+    NEARLY,
+    SAME_SIDE,
+    SEARCHES,
+    SLIGHT,
+    STABILITY,
+    STABLE,
+)
+from .recording import Recording
+from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
 
 
 class StepwiseRun:

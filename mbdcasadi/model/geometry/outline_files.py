@@ -1,4 +1,4 @@
-"""Shapes from drawings: closed outlines of SVG and DXF files."""
+"""Closed outlines of drawings in SVG and DXF files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from ...errors import FileError
 from ...numerics.reading import content_of
 from .chains import Branching, closed_chains, strung
 from .nesting import crossing_of, sides_of
-from .shapes import Polygon, Shape
 
 #: Largest distance of a chord from a curve, relative to the size of the drawing, unless another one is given.
 TOLERANCE = 1e-4
@@ -34,8 +33,8 @@ _METRES = {"mm": 1e-3, "cm": 1e-2, "Q": 2.5e-4}
 Loop = np.ndarray
 
 
-def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | None) -> Shape:
-    """Return the shape of the closed outlines of an SVG file; see :meth:`Polygon.from_svg`."""
+def loops_of_svg(path: str | Path, scale: float | None, tolerance: float | None) -> list[tuple[Loop, int]]:
+    """Return the closed outlines of an SVG file (k, 2), m, and the number of others around each."""
     content = content_of(path)
     library = _library("svgelements", path)
     try:
@@ -56,11 +55,13 @@ def shape_from_svg(path: str | Path, scale: float | None, tolerance: float | Non
         points = _joined([_sampled(segment, move, allowed) for segment in part if type(segment).__name__ != "Move"])
         if len(points) > 1 and np.linalg.norm(points[0] - points[-1]) <= JOINED * size:
             loops.append(points[:-1] * [factor, -factor])  # the y axis of drawings points down
-    return _shape_of(loops, path)
+    return _by_depth(loops, path)
 
 
-def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | None, layer: str | None) -> Shape:
-    """Return the shape of the closed outlines of a DXF file; see :meth:`Polygon.from_dxf`."""
+def loops_of_dxf(
+    path: str | Path, scale: float | None, tolerance: float | None, layer: str | None
+) -> list[tuple[Loop, int]]:
+    """Return the closed outlines of a DXF file (k, 2), m, and the number of others around each."""
     content_of(path)  # raises for a file that cannot be read
     library = _library("ezdxf", path)
     try:
@@ -77,7 +78,7 @@ def shape_from_dxf(path: str | Path, scale: float | None, tolerance: float | Non
         for lines in groups
     ]
     try:
-        return _shape_of([loop * factor for loop in closed_chains(pieces, JOINED * size)], path)
+        return _by_depth([loop * factor for loop in closed_chains(pieces, JOINED * size)], path)
     except Branching as branching:
         raise FileError(f"{path}: {branching} in the drawing; leave out what is no outline by layer=") from None
 
@@ -210,23 +211,17 @@ def _joined(parts: Iterable[np.ndarray]) -> np.ndarray:
     return found
 
 
-def _shape_of(loops: Sequence[Loop], path: Any) -> Shape:
-    """Shape of outlines: those inside an odd number of others are holes."""
-    loops = [loop for loop in loops if len(loop) > 2 and _area(loop) > 0]
+def _by_depth(loops: Sequence[Loop], path: Any) -> list[tuple[Loop, int]]:
+    """Outlines with the number of others that they are inside of, in ascending order; at least one."""
+    loops = sorted([loop for loop in loops if len(loop) > 2 and _area(loop) > 0], key=_area, reverse=True)
     if not loops:
         raise FileError(f"{path}: the drawing holds no closed outline")
-    loops = sorted(loops, key=_area, reverse=True)
     touching = JOINED * float(np.max(np.ptp(np.vstack(loops), axis=0)))
     crossing = crossing_of(loops, touching)
     if crossing is not None:
         raise _overlap(path, "outlines cross at", crossing)
     depths = [sum(_lies_inside(loop, other, touching, path) for other in loops[:k]) for k, loop in enumerate(loops)]
-    shape: Shape | None = None
-    for loop, depth in sorted(zip(loops, depths, strict=True), key=lambda item: item[1]):
-        part = Polygon(tuple((float(x), float(y)) for x, y in loop))
-        shape = part if shape is None else shape - part if depth % 2 else shape + part
-    assert shape is not None
-    return shape
+    return sorted(zip(loops, depths, strict=True), key=lambda item: item[1])
 
 
 def _area(loop: Loop) -> float:
