@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from ..errors import FileError
+from ..numerics.reading import path_of
 from ..numerics.writing import whole_file
 
 
@@ -88,10 +88,9 @@ def read_arrays(path: str | Path, form: str | tuple[str, ...], kind: str, writer
     `kind` and `writer`, the expected kind of file and the function that writes such files, are for the messages. A
     :class:`FileError` is raised if the file is not there or cannot be read, and for one of another kind or format.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise FileError(f"the path of a {kind} is a text or a pathlib.Path, got {path!r}")
+    given = path_of(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(given, allow_pickle=False) as file:
             archive = Archive(path, {name: file[name] for name in file.files})
     except OSError as error:
         raise FileError(f"{path}: the file cannot be read: {error.strerror or error}") from None

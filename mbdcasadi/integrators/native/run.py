@@ -96,6 +96,9 @@ class _Stretch(ctypes.Structure):
         ("stiff_after", c_longlong),
         ("capacity", c_longlong),
         ("step", c_double),
+        ("across", c_longlong),
+        ("passed", c_double),
+        ("eigenvalue", c_double),
         ("regularity", c_double),
         ("stiff", c_longlong),
         ("not_stiff", c_longlong),
@@ -251,6 +254,8 @@ class NativeRun:
         task = self._task(s, progress, rows, given)
         self.library.mbd_advance(self._run, ctypes.addressof(task))
         progress.step, progress.regularity = task.step, task.regularity
+        progress.across, progress.passed = bool(task.across), task.passed
+        progress.eigenvalue = task.eigenvalue
         progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
         r = task.recorded
         return Reached(
@@ -300,6 +305,9 @@ class NativeRun:
             stiff_after=s.stiff_after,
             capacity=rows.times.size,
             step=progress.step,
+            across=progress.across,
+            passed=progress.passed,
+            eigenvalue=progress.eigenvalue,
             regularity=progress.regularity,
             stiff=progress.stiff,
             not_stiff=progress.not_stiff,

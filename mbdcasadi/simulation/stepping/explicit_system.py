@@ -130,25 +130,46 @@ def explicit_system(
     if repeated is not None:
         key = ("explicit code with loops", numeric.light_key, slopes)
         written = cache.get_or_create(key, lambda: _with_loops(numeric, repeated, slopes))
-    switching = cache.get_or_create(
-        ("what switches", signals.structure, repeated is None), lambda: _switching(eom, signals, repeated), bounded=True
-    )[0]
     return ExplicitSystem(
-        signals.function(eom), dynamics_of(numeric), integrals, projection_of(eom), switching, slopes, written
+        signals.function(eom),
+        dynamics_of(numeric),
+        integrals,
+        projection_of(eom),
+        switching_of(eom, signals, with_gaps=repeated is None),
+        slopes,
+        written,
     )
 
 
-def _switching(eom: Equations, signals: Signals, repeated: RepeatedElements | None) -> tuple[ca.Function, ca.SX]:
-    """``(t, q, v, z, p) ->`` quantities at whose zeros forces or their derivatives jump; and what they are kept by."""
-    unknown = ca.vertcat(eom.a, eom.lam, eom.u)
-    # gaps of elements that are many of a kind are left to the error test: steps would end at each of them
-    gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if repeated is None and has_gap(e)]
+def compared_quantities(eom: Equations, signals: Signals) -> list[ca.SX]:
+    """Return the quantities of the state at whose zeros loads switch; none if they are as many as those of tables."""
     compared = state_quantities(eom, signals)[0]
-    compared = compared if len(compared) <= MOST_COMPARED else []
-    content = ca.vertcat(ca.SX(0, 1), *[g for g in gaps if not ca.depends_on(g, unknown)], *compared)
-    known = [eom.t, eom.q, eom.v, eom.z, eom.p]
-    # a hash in the structure is unique only while the node lives
-    return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
+    return compared if len(compared) <= MOST_COMPARED else []
+
+
+def switching_of(eom: Equations, signals: Signals, *, with_gaps: bool) -> ca.Function:
+    """``(t, q, v, z, p) ->`` quantities at whose zeros forces, or their derivatives, jump; kept for a mechanism.
+
+    Parameters
+    ----------
+    signals : Signals
+        Inputs.
+    with_gaps : bool
+        False to leave gaps to the error test, as of elements that are many of a kind: steps would end at each of them.
+    """
+
+    def make() -> tuple[ca.Function, ca.SX]:
+        unknown = ca.vertcat(eom.a, eom.lam, eom.u)
+        gaps = [ca.vec(ca.SX(getattr(e, "gaps", e.gap))) for e in eom.mechanism.elements if with_gaps and has_gap(e)]
+        known_gaps = [gap for gap in gaps if not ca.depends_on(gap, unknown)]
+        content = ca.vertcat(ca.SX(0, 1), *known_gaps, *compared_quantities(eom, signals))
+        known = [eom.t, eom.q, eom.v, eom.z, eom.p]
+        # a hash in the structure is unique only while the node lives
+        return ca.Function("switching", known, [ca.densify(content)]), signals.parametrised
+
+    key = ("what switches", signals.structure, with_gaps)
+    function: ca.Function = eom.mechanism.cache.get_or_create(key, make, bounded=True)[0]
+    return function
 
 
 def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedElements | None) -> ca.Function:
