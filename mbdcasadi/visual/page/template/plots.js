@@ -1,15 +1,25 @@
 // --- plots that move along -----------------------------------------------------------------
 const MARGIN = { left: 56, right: 10, top: 24, bottom: 22 };
-const plots = DATA.plots.map(function (plot) {
+const plots = [];
+function addPlot(plot) {
   const canvas = document.createElement("canvas");
   canvas.setAttribute("role", "img");
   canvas.setAttribute("aria-label", "plot of " + plot.label + " over time");
   canvas.title = plot.label;
   document.getElementById("plots").appendChild(canvas);
-  const lines = plot.lines.map(function (line) { return { name: line.name, column: line.column, d: line.d }; });
-  return { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
-           low: 0, high: 1, span: timeSpan(), measured: null, width: 0, height: 0 };
-});
+  const lines = plot.lines.map(line => { return { name: line.name, column: line.column, d: line.d }; });
+  const added = { canvas: canvas, still: document.createElement("canvas"), stillFor: null, label: plot.label, lines: lines,
+                  low: 0, high: 1, span: timeSpan(), measured: null, width: 0, height: 0 };
+  for (const kind of ["pointerdown", "pointermove"]) canvas.addEventListener(kind, event => { scrub(added, event); });
+  plots.push(added);
+}
+DATA.plots.forEach(addPlot);
+function dropPlot(label) {
+  const number = plots.findIndex(one => one.label === label);
+  if (number < 0) return false;
+  plots.splice(number, 1)[0].canvas.remove();
+  return true;
+}
 
 // The time that a plot spans, and the values of its lines over it.
 function measure(plot) {
@@ -59,13 +69,13 @@ function drawStill(plot, theme, series) {
   plot.still.height = plot.canvas.height;
   draw.setTransform(ratio, 0, 0, ratio, 0, 0);
   drawAxes(draw, plot, theme);
-  plot.lines.forEach(function (line, number) {
+  plot.lines.forEach((line, number) => {
     draw.strokeStyle = series[number % series.length];
     draw.lineWidth = 1.7;
     draw.lineJoin = "round";
     draw.beginPath();
     let begun = false;
-    pointsOf(line.column).forEach(function (point) {
+    pointsOf(line.column).forEach(point => {
       if (point[0] < plot.span[0] || !isFinite(point[1])) { begun = false; return; }
       const x = across(plot, point[0]), y = heightOf(plot, point[1]);
       if (begun) draw.lineTo(x, y); else draw.moveTo(x, y);
@@ -88,7 +98,7 @@ function drawPlots(time, dark) {
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
     draw.font = "12px system-ui, sans-serif";
     let left = MARGIN.left + plot.wide + 12;
-    plot.lines.forEach(function (line, number) {
+    plot.lines.forEach((line, number) => {
       const value = valueAt(line.column, time), text = (line.name ? line.name + " " : "") + written(value, line.d);
       draw.fillStyle = series[number % series.length];
       draw.fillText(text, left, 14);
@@ -106,7 +116,7 @@ function drawPlots(time, dark) {
 
 // Label of a plot, shortened where the values after it would not have room.
 function fitted(draw, plot) {
-  const values = plot.lines.reduce(function (sum, line) { return sum + 12 + draw.measureText(line.name + " \u22120.00000").width; }, 0);
+  const values = plot.lines.reduce((sum, line) => sum + 12 + draw.measureText(line.name + " \u22120.00000").width, 0);
   const room = Math.max(plot.width - MARGIN.left - values, 90);
   let text = plot.label;
   while (text && draw.measureText(text + "\u2026").width > room) text = text.slice(0, -1);
