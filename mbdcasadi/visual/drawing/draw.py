@@ -131,12 +131,9 @@ def _draw(sample: Sample, options: Options, axes: Axes, shown: np.ndarray, fresh
     paths = draw_traces(axes, sample, options)
     box = room(scene, poses[shown], paths)
     frame_axes(axes, with_scale_room(box, scale), fresh)
-    if scene.labels or not fresh:
-        points, seen = _settle(axes, fresh)
-    else:
-        points, seen = 1.0, corners(axes)
+    points, seen = (np.inf, corners(axes)) if fresh and not scene.labels else _settle(axes, fresh)
     if scale:  # names stay below it
-        seen[1, 1] = draw_scale(axes, scale, box, seen[1] - [scene.unit, 0]) - 0.8 * LINE / points
+        seen[1, 1] = draw_scale(axes, scale, box, seen[1] - [scene.unit, 0], LINE / points) - 0.8 * LINE / points
     Canvas(axes, with_placed_names(scene, poses[:1], seen, points)).show(poses[0], sample.t[0])
 
 
@@ -154,8 +151,7 @@ def _settle(axes: Axes, fresh: bool) -> tuple[float, np.ndarray]:
         if not fresh:
             box = first + (size / points - (first[1] - first[0])) / 2 * np.array([[-1], [1]])
             _show_box(axes, box)
-    for axis, length, tick in zip(_AXES, points * (box[1] - box[0]), TICKS, strict=True):
-        axes.locator_params(axis=axis, nbins=int(np.clip(length / tick, 1, 7)))
+    _set_ticks(axes, box, points)
     return points, box
 
 
@@ -234,8 +230,15 @@ def frame_axes(axes: Axes, box: np.ndarray, fresh: bool) -> None:
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
     two_spines(axes)
-    for axis, length in zip(_AXES, (width, height), strict=True):
-        axes.locator_params(axis=axis, nbins=max(2, round(7 * length / max(width, height))))
+    _set_ticks(axes, box)
+
+
+def _set_ticks(axes: Axes, box: np.ndarray, points: float = np.inf) -> None:
+    """Number the axes: the longer one up to seven times, and no more often than there is room for at a scale."""
+    lengths = box[1] - box[0]
+    for axis, length, tick in zip(_AXES, lengths, TICKS, strict=True):
+        usual = max(2, round(7 * length / lengths.max()))
+        axes.locator_params(axis=axis, nbins=int(np.clip(points * length / tick, 1, usual)))
 
 
 def corners(axes: Axes) -> np.ndarray:
@@ -253,7 +256,7 @@ def with_scale_room(box: np.ndarray, scale: dict[str, float]) -> np.ndarray:
     return np.array([box[0], box[1] + [0, len(scale) * ROW * np.hypot(*(box[1] - box[0]))]])
 
 
-def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.ndarray) -> float:
+def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.ndarray, least: float = 0.0) -> float:
     """Draw an arrow of a round force, and the radius of a round couple.
 
     Parameters
@@ -266,6 +269,8 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
         Corners of the drawing without the scale, m.
     corner : numpy.ndarray
         Upper right end (2,) of the room that is left for it, m.
+    least : float, default 0
+        Least height of a line, m.
 
     Returns
     -------
@@ -273,7 +278,8 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
         Height of the lowest line, m.
     """
     diagonal = float(np.hypot(*(box[1] - box[0])))
-    right, lowest = float(corner[0]), float(corner[1]) - len(scale) * ROW * diagonal
+    row = max(ROW * diagonal, least)
+    right, lowest = float(corner[0]), float(corner[1]) - len(scale) * row
     place = lowest
     for kind, share in (("N", 0.13), ("N m", 0.05)):
         if kind in scale:
@@ -285,7 +291,7 @@ def draw_scale(axes: Axes, scale: dict[str, float], box: np.ndarray, corner: np.
             text = f"{value:g} {kind}" + (" (radius)" if kind == "N m" else "")
             axes.annotate(text, (right - length, place), (-5, 0), textcoords="offset points", ha="right", va="center",
                           fontsize="small", color=LIGHT["ink"])  # fmt: skip
-            place += ROW * diagonal
+            place += row
     return lowest
 
 

@@ -180,9 +180,10 @@ def _dense(points: np.ndarray) -> np.ndarray:
 def _price(middles: np.ndarray, size: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Cost of places (k, 2) of a name by the lines that it covers, and what of it is cut off."""
     most = np.array(table.shape) - 1
-    low, high = (np.clip(np.round((middles + s * size / 2) / CELL), 0, most).astype(int) for s in (-1, 1))
+    ends = [np.clip(middles + side * size / 2, 0, most * CELL) for side in (-1, 1)]
+    low, high = (np.round(end / CELL).astype(int) for end in ends)
     lines = table[high[:, 0], high[:, 1]] - table[low[:, 0], high[:, 1]]
     lines = lines - table[high[:, 0], low[:, 1]] + table[low[:, 0], low[:, 1]]
     # a row of teeth is no worse than some lines
     cost = ON_LINES * np.minimum(lines * CELL / LINE, 5.0)
-    return cost + CUT_OFF * (1 - np.prod(np.clip((high - low) * CELL / size, 0, 1), axis=1)).round(1)
+    return cost + CUT_OFF * (1 - np.prod((ends[1] - ends[0]) / size, axis=1))
