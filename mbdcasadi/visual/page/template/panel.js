@@ -5,13 +5,12 @@ const ICONS = { play: '<svg width="16" height="16" viewBox="0 0 16 16"><path d="
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4];
 const state = { time: DATA.t0, playing: false, factor: 1, loop: true, forces: DATA.forces, loads: DATA.forces, velocities: false, names: DATA.names,
                 dark: window.matchMedia && window.matchMedia("(prefers-color-scheme: dark)").matches, item: null, kept: false };
-let shownAt = null, detailedAt = -Infinity;
+let shownAt = null, frames = 0;
 
 function show() {
   drawStage(state.time, state);
-  // numbers and plots of a mechanism that runs follow a few frames later: they take as long as the drawing
-  if (DATA.live && state.playing && performance.now() - detailedAt < 45) return;
-  detailedAt = performance.now();
+  // numbers and plots of a mechanism that runs follow at every third frame: they take as long as the drawing
+  if (DATA.live && state.playing && ++frames % 3) return;
   drawPlots(state.time, state.dark);
   element("clock").textContent = "t = " + state.time.toFixed(DATA.digits).replace("-", "\u2212") + " s";
   showControls();

@@ -63,11 +63,7 @@ function heightOf(plot, value) {
 }
 
 // Axes and lines, which stay while the time goes on: drawn once, with every knot, so that no peak is missing.
-function drawStill(plot, theme, series) {
-  const draw = plot.still.getContext("2d"), ratio = window.devicePixelRatio || 1;
-  plot.still.width = plot.canvas.width;
-  plot.still.height = plot.canvas.height;
-  draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+function drawStill(draw, plot, theme, series) {
   drawAxes(draw, plot, theme);
   plot.lines.forEach((line, number) => {
     draw.strokeStyle = series[number % series.length];
@@ -91,11 +87,19 @@ function drawPlots(time, dark) {
     const draw = plot.canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
     measure(plot);
     const wanted = [plot.measured, dark, ratio, plot.canvas.width, plot.canvas.height].join();
-    if (plot.stillFor !== wanted) { drawStill(plot, theme, series); plot.stillFor = wanted; }
+    if (!DATA.live && plot.stillFor !== wanted) {
+      const still = plot.still.getContext("2d");
+      plot.still.width = plot.canvas.width;
+      plot.still.height = plot.canvas.height;
+      still.setTransform(ratio, 0, 0, ratio, 0, 0);
+      drawStill(still, plot, theme, series);
+      plot.stillFor = wanted;
+    }
     draw.setTransform(1, 0, 0, 1, 0, 0);
     draw.clearRect(0, 0, plot.canvas.width, plot.canvas.height);
-    if (plot.still.width && plot.still.height) draw.drawImage(plot.still, 0, 0);
+    if (!DATA.live && plot.still.width && plot.still.height) draw.drawImage(plot.still, 0, 0);
     draw.setTransform(ratio, 0, 0, ratio, 0, 0);
+    if (DATA.live) drawStill(draw, plot, theme, series);      // the lines of a mechanism that runs change every time
     draw.font = "12px system-ui, sans-serif";
     let left = MARGIN.left + plot.wide + 12;
     plot.lines.forEach((line, number) => {
