@@ -235,7 +235,7 @@ def _with_engine(folder: Path) -> str:
     """A folder of compiled code that holds the engine alone."""
     from shutil import copy
 
-    from mbdcasadi.integrators.dop853.build import cache_folder
+    from mbdcasadi.integrators.native.build import cache_folder
 
     for library in cache_folder().glob("engine-*"):
         copy(library, folder)

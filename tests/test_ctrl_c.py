@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 
 import numpy as np
 import pytest
@@ -31,6 +32,7 @@ ANALYSES = {
     "inverse_dynamics": lambda: mbd.inverse_dynamics(ROD, TIMES, motion={BAR.phi: mbd.t}, efforts=[EFFORT]),
     "sensitivities": lambda: mbd.sensitivities(ROD, TIMES, [BAR.phi], [K]),
     "cost_function": lambda: mbd.cost_function(ROD, TIMES, [K], terminal_cost=BAR.phi),
+    "sweep": lambda: mbd.sweep(ROD, TIMES, {K: [30, 40]}, {"angle": BAR.phi}),
     "identify": lambda: mbd.identify(ROD, TIMES, {BAR.phi: TIMES}, [K]),
 }
 
@@ -47,8 +49,33 @@ def test_every_analysis_raises_interrupted(analysis, monkeypatch):
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(mbd.Interrupted, match=f"{analysis}.*stopped by the user") as caught:
         ANALYSES[analysis]()
-    assert caught.value.partial is None
+    assert caught.value.partial is None or analysis == "sweep"
     assert signal.getsignal(signal.SIGINT) is before
+
+
+HANGING = ROD.replace(drivers=[])
+FROM_STATES = {
+    "check": lambda state: mbd.check(HANGING, state),
+    "impact": lambda state: mbd.impact(HANGING, state),
+    "linearize": lambda state: mbd.linearize(HANGING, state),
+}
+
+
+@pytest.mark.parametrize("analysis", FROM_STATES)
+def test_ctrl_c_inside_casadi_raises_interrupted(analysis):
+    state = mbd.assemble(HANGING)
+
+    def at_first_call_of_casadi(frame, event, argument):
+        if event == "call" and frame.f_code.co_filename.endswith("casadi.py"):
+            sys.setprofile(None)
+            signal.raise_signal(signal.SIGINT)
+
+    sys.setprofile(at_first_call_of_casadi)
+    try:
+        with pytest.raises(mbd.Interrupted, match=f"{analysis}: stopped by the user"):
+            FROM_STATES[analysis](state)
+    finally:
+        sys.setprofile(None)
 
 
 def test_an_optimisation_raises_interrupted(monkeypatch):

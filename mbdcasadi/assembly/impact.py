@@ -16,6 +16,7 @@ from ..equations.recovery import Recovery
 from ..errors import ModelError, SimulationError
 from ..model.events import read_restitution
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..numerics.least_squares import largest, least_norm
 from ..results.state import State
 from .consistent_start import carried_by, complete_state, position_limits
@@ -24,6 +25,7 @@ from .consistent_start import carried_by, complete_state, position_limits
 IMPACT_TOLERANCE = 1e-9
 
 
+@keyboard_interrupts("impact")
 def impact(
     mechanism: Mechanism, state: State, *, restitution: Any = None, inputs: Any = None, parameters: Any = None
 ) -> State:

@@ -8,7 +8,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..integrators.dop853 import build
+from ..integrators.native import build
 from ..numerics.writing import whole_file
 from .sources import OPTIMISATION
 

@@ -17,11 +17,12 @@ from ..arguments.values import position_in
 from ..assembly.setup import Setup
 from ..errors import FileError, ModelError, warn
 from ..integrators.base import ABSTOL, RELTOL
-from ..integrators.dop853.code import package_version
+from ..integrators.native.code import package_version
 from ..model.conditions import read_conditions
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries, refuse_twice
 from ..model.symbols import Input, Parameter, number
+from ..numerics.console import keyboard_interrupts
 from ..numerics.writing import writable
 from ..results.state import State
 from ..simulation.tolerances import absolute_tolerance
@@ -37,6 +38,7 @@ KINDS = ("co-simulation", "model-exchange")
 DRIFT_RATE = 10.0
 
 
+@keyboard_interrupts("export_fmu")
 def export_fmu(
     mechanism: Mechanism,
     path: str | Path,

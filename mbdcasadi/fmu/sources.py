@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..integrators.dop853.native import engine_source
-from ..integrators.dop853.stretch import ACCURACY
+from ..integrators.dop853.runner import steps_in_c
+from ..integrators.native.run import engine_source
+from ..integrators.native.stretch import ACCURACY
 from ..numerics.c_code import SIGNATURE
 from ..numerics.c_interface import constant_table
 from ..simulation.contact import gap_closings
@@ -47,7 +48,7 @@ def source_files(
     names = [function.name for function in model.code]
     equations = "#include <math.h>\n\n" + "\n".join(function.as_c for function in model.code)
     equations = re.sub(rf"\b({'|'.join(names)})(?=\(|_\d+\()", rf"{identifier}_\1", equations)
-    engine = engine_source()
+    engine = engine_source(steps_in_c())
     # two units in one program must not share the symbols of their libraries
     prefixes = "".join(
         f"#define {name} {identifier}_{name}\n" for name in sorted(set(re.findall(r"\bmbd_\w+(?=\()", engine)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, ClassVar
 
@@ -100,14 +100,15 @@ class Integrator(Immutable):
 
     def replace(self, **changes: Any) -> Integrator:
         """Return the same method with some arguments replaced."""
-        arguments: dict[str, Any] = {
-            "reltol": self.reltol,
-            "abstol": self.abstol,
-            "max_step": self.max_step,
-            "jit": self.jit,
-            "options": self.options,
-        }
-        return type(self)(**(arguments | changes))
+        return type(self)(**(self._arguments | changes))
+
+    @property
+    def _arguments(self) -> dict[str, Any]:
+        names = ("reltol", "abstol", "max_step", "jit")
+        return {name: getattr(self, name) for name in names} | {"options": dict(self.options)}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), **self._arguments), ()
 
     @property
     def key(self) -> tuple[Any, ...]:

@@ -15,6 +15,7 @@ from ..equations.numeric import NumericEquations
 from ..errors import AssemblyError, ModelError
 from ..model.forces.friction.modes import without_exact_friction
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..numerics.newton import solve
 from ..numerics.rank import dependent_rows, rows_taking_part
 from ..results.notebook import html_table
@@ -114,6 +115,7 @@ def _count(number: int, names: tuple[str, ...]) -> str:
     return f"{number}" + (f": {', '.join(names)}" if names else "")
 
 
+@keyboard_interrupts("check")
 def check(mechanism: Mechanism, state: State | None = None, *, parameters: Any = None) -> Report:
     """Check a model.
 

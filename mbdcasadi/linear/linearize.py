@@ -16,6 +16,7 @@ from ..kinematics.singular import describe_singularity
 from ..model.mechanism import Mechanism
 from ..model.quantities import entries
 from ..model.symbols import Input, Parameter, as_expression
+from ..numerics.console import keyboard_interrupts
 from ..printing import to_text
 from ..results.state import State
 from .coordinates import independent
@@ -23,6 +24,7 @@ from .directions import Directions
 from .model import LinearModel
 
 
+@keyboard_interrupts("linearize")
 def linearize(
     mechanism: Mechanism,
     state: State,

@@ -137,6 +137,11 @@ class Tape:
         """Number of instructions."""
         return len(self.instructions)
 
+    def nonzeros_of(self, argument: int) -> list[int]:
+        """Nonzeros of an argument on which the results depend, in order."""
+        is_read = (self.instructions[:, 0] == INPUT) & (self.instructions[:, 2] == argument)
+        return np.unique(self.instructions[is_read, 3]).tolist()
+
     @cached_property
     def _writer(self) -> _Writer:
         return _Writer(self)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import FileError, ModelError
 from ..numerics.symbolic import symbolic
-from ..results.archives import read_arrays, write_arrays
+from ..results.archives import Archive, read_arrays, write_arrays
 from .nlp.collocation_program import CollocationProgram
 from .nlp.setup import Settings
 from .nlp.solver import Solver
@@ -89,13 +89,13 @@ def read_solution(path: str | Path, problem: OptimalControlProblem) -> Solution:
     content = read_arrays(path, _FORMAT, "solution", "Solution.save")
     try:
         return _restored(path, problem, content)
-    except (KeyError, TypeError, json.JSONDecodeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: an entry of the solution is missing or damaged: {error}") from None
 
 
-def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[str, np.ndarray]) -> Solution:
+def _restored(path: str | Path, problem: OptimalControlProblem, content: Archive) -> Solution:
     try:
-        chosen = {**json.loads(str(content["settings"]))}
+        chosen = {**content.json("settings")}
         angles = chosen.pop("angles", False)
         settings = replace(Settings.read(**chosen, options=None, progress=False), angles=angles)
     except ModelError as error:
@@ -104,27 +104,27 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
     for number, phase in enumerate(problem.phases):
         prefix = _prefix(problem, number)
         count = sum(name.startswith(f"{prefix}mesh ") for name in content)
-        segments = [content[f"{prefix}mesh {k}"] for k in range(count)]
+        segments = [_increasing(content, f"{prefix}mesh {k}") for k in range(count)]
         if len(segments) != len(phase.waypoints) + 1:
             raise FileError(
                 f"{path}: the solution has {len(segments) - 1} waypoints, the problem {len(phase.waypoints)}"
                 if segments
                 else f"{path}: the solution does not have the phase '{phase.name}' of the problem"
             )
-        moving = content.get(f"{prefix}moving mesh points", np.zeros(0, int))  # files of earlier versions have none
-        meshes.append(Mesh(tuple(segments), tuple(moving.tolist())))
-        times.append(content[f"{prefix}segment times"])
-        parameters.append(content[f"{prefix}parameters"])
+        moving = f"{prefix}moving mesh points"  # files of earlier versions have none
+        meshes.append(Mesh(tuple(segments), tuple(content.numbers(moving, None).tolist()) if moving in content else ()))
+        times.append(_increasing(content, f"{prefix}segment times", len(segments) + 1))
+        parameters.append(content.numbers(f"{prefix}parameters", len(phase.mechanism.parameters)))
     solver = Solver(problem, settings)
-    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in json.loads(str(content["held"])))
+    solver.held = tuple((int(phase), str(label), float(tau)) for phase, label, tau in content.json("held"))
     program = solver.transcribe(meshes)
     labels = [row.label for row in program.rows]
-    theirs = content["row labels"].tolist()
+    theirs, count = content.names("row labels"), len(labels)
     if program.size != content["x"].size or labels != theirs:
         other = next((f"'{a}' where the problem has '{b}'" for a, b in zip(theirs, labels, strict=False) if a != b), "")
         raise FileError(f"{path}: the solution belongs to another problem: {other or 'its size is another one'}")
     _check_values(path, problem, program, program.data(parameters, meshes, times), times, content)
-    statistics = json.loads(str(content["statistics"]))
+    statistics = content.json("statistics")
     for name, kind in (("starts", Start), ("passes", Pass), ("steps", ContinuationStep), ("stages", Stage)):
         statistics[name] = [kind(**one) for one in statistics.get(name, [])]
     return Solution(
@@ -138,8 +138,16 @@ def _restored(path: str | Path, problem: OptimalControlProblem, content: dict[st
         content["x"],
         float(content["cost"]),
         SolveStatistics(**statistics),
-        Answer(content["lam_x"], content["lam_g"], content["rows"]),
+        Answer(content.numbers("lam_x", program.size), content.numbers("lam_g", count), content["rows"]),
     )
+
+
+def _increasing(content: Archive, name: str, count: int | None = None) -> np.ndarray:
+    """Numbers of an entry, each larger than the one before."""
+    values = content.numbers(name, count)
+    if values.size < 2 or np.any(np.diff(values) <= 0):
+        raise content.refuse(f"the entry '{name}' does not increase")
+    return values
 
 
 def _check_values(
@@ -148,18 +156,19 @@ def _check_values(
     program: CollocationProgram,
     data: np.ndarray,
     times: list[np.ndarray],
-    content: dict[str, np.ndarray],
+    content: Archive,
 ) -> None:
     """Refuse a solution whose cost or rows are others in this problem."""
     low, high = np.sum([phase.span for phase in problem.phases], axis=0).tolist()
     duration = float(times[-1][-1])
     if not low * (1 - SAME_TOLERANCE) <= duration <= high * (1 + SAME_TOLERANCE):
         raise FileError(f"{path}: the solution takes {duration:g} s, the problem {low:g} … {high:g} s")
-    cost, rows = program.nlp.evaluate(content["x"] / program.scale, data)
-    off = abs(float(cost) * program.cost_scale - float(content["cost"]))
-    if off > SAME_TOLERANCE * (abs(float(content["cost"])) + program.cost_scale):
+    x, theirs = content.numbers("x", program.size), float(content.numbers("cost"))
+    cost, rows = program.nlp.evaluate(x / program.scale, data)
+    off = abs(float(cost) * program.cost_scale - theirs)
+    if not off <= SAME_TOLERANCE * (abs(theirs) + program.cost_scale):
         raise FileError(f"{path}: the solution belongs to another problem: its cost there would differ by {off:.3g}")
-    difference = np.abs(rows.full().ravel() - content["rows"])
+    difference = np.abs(rows.full().ravel() - content.numbers("rows", len(program.rows)))
     worst = int(np.argmax(difference))
     if difference[worst] > SAME_TOLERANCE:
         raise FileError(

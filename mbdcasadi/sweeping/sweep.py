@@ -19,6 +19,7 @@ from ..errors import FileError, Interrupted, ModelError, SimulationError
 from ..integrators import Integrator
 from ..model.events import Event
 from ..model.mechanism import Mechanism
+from ..numerics.console import keyboard_interrupts
 from ..numerics.progress import progress_bar
 from ..sensitivity.sensitivities import named_outputs
 from ..simulation.changes.events import refuse_events
@@ -34,6 +35,7 @@ from .worker import BatchOutcome, run_batch
 Block = tuple[np.ndarray, np.ndarray, list[str]]
 
 
+@keyboard_interrupts("sweep")
 def sweep(
     mechanism: Mechanism,
     times: Any,
@@ -129,18 +131,18 @@ def sweep(
         result.take(*block)
     began = clock.perf_counter()
     try:
-        with progress_bar(count, "sweep", "case", show=progress, done=int(np.sum(result.done))) as bar:
+        with (
+            keyboard_interrupts("sweep"),
+            progress_bar(count, "sweep", "case", show=progress, done=int(np.sum(result.done))) as bar,
+        ):
             for block in _blocks(executor, plan, named, np.flatnonzero(~result.done), batch):
                 result.take(*block)
                 if store is not None:
                     store.append(*block)
                 bar.update(len(block[0]))
-    except (KeyboardInterrupt, SystemError) as error:
-        # inside the conversions of NumPy and CasADi Ctrl-C becomes the cause of a SystemError
-        if not isinstance(error, KeyboardInterrupt) and not isinstance(error.__cause__, KeyboardInterrupt):
-            raise
+    except Interrupted:
         raise Interrupted(
-            f"stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
+            f"sweep: stopped by the user after {int(np.sum(result.done))} of {count} cases; .partial holds them"
             + (f", and so does {file}" if file else ""),
             partial=result,
         ) from None

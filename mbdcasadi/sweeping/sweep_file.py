@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,8 @@ class SweepFile:
         self._fingerprint = fingerprint
         writable(self.path)
         if not self.path.exists():
-            with whole_file(self.path) as part, open(part, "wb") as file:
-                np.save(file, np.array([_FORMAT, fingerprint]), allow_pickle=False)
+            with whole_file(self.path) as part:
+                part.write_bytes(_serialised(np.array([_FORMAT, fingerprint])))
 
     def read(self) -> list[tuple[np.ndarray, np.ndarray, list[str]]]:
         """Blocks ``(indices, values, messages)``; one that was cut off while it was written is taken away."""
@@ -65,9 +66,18 @@ class SweepFile:
 
     def append(self, indices: np.ndarray, values: np.ndarray, messages: list[str]) -> None:
         """Add finished cases."""
+        left = memoryview(_serialised(indices, values, np.array(messages, dtype=str)))
         with appended_file(self.path) as file:
-            for array in (indices, values, np.array(messages, dtype=str)):
-                np.save(file, array, allow_pickle=False)
+            while left:
+                left = left[file.write(left) :]
+
+
+def _serialised(*arrays: np.ndarray) -> bytes:
+    """Arrays as NumPy writes them; into a file it would not notice that the end of a small one found no room."""
+    content = io.BytesIO()
+    for array in arrays:
+        np.save(content, array, allow_pickle=False)
+    return content.getvalue()
 
 
 def fingerprint(*parts: str | bytes | np.ndarray) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..equations.switching.switches import jumps_anywhere
 from ..errors import SimulationError
-from ..integrators.dop853.runner import Runner
-from ..integrators.dop853.stretch import Cases, Progress, Status, Stretch
+from ..integrators.dop853.runner import ExplicitRunner
 from ..integrators.lending import Lending
+from ..integrators.native.stretch import Cases, Progress, Status, Stretch
 from ..model.cache import Cache
 from ..sensitivity.compiled_run import MotionSetup
 from ..simulation.contact.watched_terms import has_gaps
@@ -82,8 +82,6 @@ def times_of(setup: MotionSetup, p: np.ndarray, load_step: float | None = None) 
 
     Parameters
     ----------
-    p : numpy.ndarray
-        Its parameters.
     load_step : float, optional
         Longest step over loads that come and go with the motion, s.
 
@@ -112,8 +110,6 @@ class WholeParcel:
     ----------
     setup : MotionSetup
         The mechanism at the first case.
-    path : StartPath
-        Way from the start of one case to those of others.
     outputs : list of casadi.SX
         Quantities that are kept.
     count : int
@@ -134,7 +130,7 @@ class WholeParcel:
 
     def _keep_runners(self, cache: Cache) -> None:
         self._cache, self._free, self._stopped = cache, Lending(), threading.Event()
-        self._running: list[Runner] = []
+        self._running: list[ExplicitRunner] = []
 
     def __getstate__(self) -> dict[str, Any]:
         # functions travel; what was compiled is found again in the user's folder
@@ -178,7 +174,7 @@ class WholeParcel:
         for runner in list(self._running):
             runner.halt()
 
-    def _run(self, runner: Runner, cases: Cases) -> tuple[np.ndarray, list[str]]:
+    def _run(self, runner: ExplicitRunner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """Outputs of cases in one thread, and why some have none."""
         count = len(cases.starts)
         values = np.full((count, self._count, self._outputs.numel_out(0)), np.nan)
@@ -192,7 +188,7 @@ class WholeParcel:
             reasons[k] = f"{REASONS.get(outcome[0][k], STOPPED)} at t = {outcome[1][k]:.6g} s"
         return values.reshape(count, -1), reasons
 
-    def _run_each(self, runner: Runner, cases: Cases) -> tuple[np.ndarray, list[str]]:
+    def _run_each(self, runner: ExplicitRunner, cases: Cases) -> tuple[np.ndarray, list[str]]:
         """The same without C: case by case."""
         count = len(cases.starts)
         values, messages = np.full((count, self.size), np.nan), [""] * count
@@ -217,8 +213,8 @@ class WholeParcel:
                 messages[k] = REASONS[Status.NOT_FINITE]
         return values, messages
 
-    def _runner(self) -> Runner:
-        return Runner(self._system, None, self._cache, compiles=self._compiles)
+    def _runner(self) -> ExplicitRunner:
+        return ExplicitRunner(self._system, None, self._cache, compiles=self._compiles)
 
     def _stretch(self, cases: Cases, k: int) -> Stretch:
         """The run of a case."""
@@ -239,7 +235,7 @@ class WholeParcel:
             most_steps=MOST_STEPS,
         )
 
-    def _motion(self, runner: Runner, case: Stretch, wanted: np.ndarray) -> tuple[np.ndarray, ...] | str:
+    def _motion(self, runner: ExplicitRunner, case: Stretch, wanted: np.ndarray) -> tuple[np.ndarray, ...] | str:
         """``t, q, v, a, z, lam, u`` of a case, a column for each output, or why it has none."""
         reached = runner.advance(case, Progress())
         if reached.status != Status.DONE:

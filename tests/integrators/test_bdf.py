@@ -9,8 +9,8 @@ import pytest
 import mbdcasadi as mbd
 from mbdcasadi.arguments.inputs import read_signals
 from mbdcasadi.equations.numeric import NumericEquations
-from mbdcasadi.integrators.dop853 import build
-from mbdcasadi.integrators.dop853.code import Code
+from mbdcasadi.integrators.native import build
+from mbdcasadi.integrators.native.code import Code
 from mbdcasadi.simulation.contact.watched_terms import watched_terms
 from mbdcasadi.simulation.stepping.explicit_system import explicit_system
 

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from mbdcasadi.integrators.dop853 import build
+from mbdcasadi.integrators.native import build
 
 pytestmark = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 

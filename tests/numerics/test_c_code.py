@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdcasadi.integrators.dop853 import build
+from mbdcasadi.integrators.native import build
 from mbdcasadi.numerics.c_code import OPERATIONS, PIECE, UnsupportedOperation, simplified, tape_of
 
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")

@@ -116,6 +116,20 @@ def test_a_file_with_a_part_missing(stored, tmp_path):
             mbd.read_solution(tmp_path / "part.npz", problem)
 
 
+def test_damaged_entries_are_named(stored, tmp_path):
+    """Numbers that are none, arrays that are cut, of another shape or of another kind."""
+    _, path, problem = stored
+    whole = dict(np.load(path))
+    for name, values in whole.items():
+        damaged = [np.full((3, 2, 1), 0.5)]
+        damaged += [values[:-1]] if values.ndim and values.size else []
+        damaged += [np.full_like(values, np.nan), np.array(["x"])] if values.dtype.kind == "f" and values.size else []
+        for other in damaged:
+            np.savez(tmp_path / "damaged.npz", **(whole | {name: other}))
+            with pytest.raises(mbd.FileError, match="damaged.npz"):
+                mbd.read_solution(tmp_path / "damaged.npz", problem)
+
+
 def test_a_file_with_unknown_settings(stored, tmp_path):
     """A scheme that this version does not have, or a number that is none."""
     _, path, problem = stored

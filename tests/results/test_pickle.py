@@ -52,6 +52,8 @@ def test_what_is_made_of_numbers_is_pickled(swing):
     assert np.array_equal(pickle.loads(pickle.dumps(motion.energy)).total, motion.energy.total)
     law = pickle.loads(pickle.dumps(mbd.HuntCrossley(1e5, damping=0.2)))
     assert law.stiffness == 1e5
+    for method in (mbd.IDAS(options={"max_num_steps": 7}), mbd.BDF(1e-6, 1e-5), mbd.DOP853(max_step=0.1)):
+        assert pickle.loads(pickle.dumps(method)).key == method.key
 
 
 @pytest.mark.parametrize("kind", [mbd.SimulationError, mbd.Interrupted])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdcasadi as mbd
-from mbdcasadi.integrators.dop853 import build
+from mbdcasadi.integrators.native import build
 from mbdcasadi.simulation.contact.compiled_elements import compiled_elements
 from mbdcasadi.simulation.contact.watched_terms import WatchedTerms
 

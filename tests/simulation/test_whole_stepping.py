@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
 import mbdcasadi as mbd
-from mbdcasadi.integrators.dop853 import build
+from mbdcasadi.integrators.native import build
 
 compiled_only = pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
 

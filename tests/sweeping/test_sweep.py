@@ -516,6 +516,19 @@ def test_a_full_disk_keeps_what_was_run(tmp_path):
     assert np.all(swept.done) and np.array_equal(swept[p.rod.phi][done], partial[p.rod.phi][done])
 
 
+@pytest.mark.parametrize("size", [300, 700, 1000])
+def test_a_disk_without_room_for_the_first_bytes(tmp_path, size):
+    """In the middle of the header, of the first block, or of an array that is shorter than a buffer."""
+    pytest.importorskip("resource")
+    p, path = pendulum(), tmp_path / "sweep.bin"
+    g = mbd.Parameter("g", G)
+    given = (p.mechanism.replace(forces=[mbd.Gravity((0, -g))], parameters=[g]), TIMES, {g: [1, 9]}, [p.rod.phi])
+    with full_disk(size), pytest.raises(mbd.FileError, match=r"sweep\.bin: the file cannot be written"):
+        mbd.sweep(*given, file=path)
+    assert not path.exists() or path.stat().st_size < size
+    assert np.all(mbd.sweep(*given, file=path).done)
+
+
 def test_limits_of_parameters_are_reported_once_for_all_cases():
     length = mbd.Parameter("length", 1.0, lower=0.5, upper=2.0)
     rod = mbd.Body("rod", mass=1.0, inertia=1 / 12, pose=(0.5, 0, 0))

@@ -27,8 +27,19 @@ _TRANSIENT = (
     ca.OP_EXP, ca.OP_EXPM1, ca.OP_TANH, ca.OP_ERF, ca.OP_ATAN, ca.OP_DIV, ca.OP_INV, ca.OP_POW, ca.OP_CONSTPOW,
 )  # fmt: skip
 
+#: Functions that another value has at single instants alone, which no load is: their operands may switch, and are
+#: looked at themselves. The lengths of springs compare for zero.
+_AT_INSTANTS = (ca.OP_EQ, ca.OP_NE)
 #: Operations that switch with the motion.
-_IN_STATE = (*_COMPARE, *_AT_INTEGERS, ca.OP_FABS, ca.OP_SIGN, ca.OP_COPYSIGN, ca.OP_FMOD, ca.OP_REMAINDER)
+_IN_STATE = (
+    *(op for op in _COMPARE if op not in _AT_INSTANTS),
+    *_AT_INTEGERS,
+    ca.OP_FABS,
+    ca.OP_SIGN,
+    ca.OP_COPYSIGN,
+    ca.OP_FMOD,
+    ca.OP_REMAINDER,
+)
 #: Operations by whose values geometry divides: the lengths of springs, and powers of these.
 _OF_GEOMETRY = (ca.OP_SQRT, ca.OP_CONST, ca.OP_HYPOT) if hasattr(ca, "OP_HYPOT") else (ca.OP_SQRT, ca.OP_CONST)
 

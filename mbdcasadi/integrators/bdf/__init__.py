@@ -3,10 +3,10 @@
 ===========  =======================================================
 ``method``   the strategy object
 ``steps.c``  steps, Newton's iterations, interpolation
-``native``   the steps called piece by piece, like CasADi's integrators
+``pieces``   the steps called piece by piece, like CasADi's integrators
 ===========  =======================================================
 
-The equations, their code and the calls of the engine are those of ``dop853``.
+The run in C stands on the room ``native``.
 """
 
 from .method import BDF

@@ -1,18 +1,19 @@
-/* Backward differentiation formulas of order 1 to 5 for free bodies, around the equations of engine.c, which stands above.
+/* Backward differentiation formulas of order 1 to 5 for free bodies, on native/run.c, which stands above.
 
-   Newton's matrix I - c J of a state (q, v, z) is reduced to (v, z), since the rate of q is v. Its factorisation passes
-   over zeros: what is apart costs little. Integrals are those of the trapezoidal rule over the same steps.
+   Newton's iterations are those of (v, z) under the matrix I - c J, reduced to these: q, whose rate is v, satisfies its
+   rows at every iterate. The factorisation passes over zeros: what is apart costs little. The slopes J are kept for some
+   steps, and found again if iterations do not converge. Integrals are those of the trapezoidal rule over the same steps.
 
    In backward differences at a quasi-constant step: L. F. Shampine, M. W. Reichelt, The MATLAB ODE suite, SIAM J. Sci.
    Comput. 18 (1997) 1, with kappa = 0, which was the more accurate at equal cost. Sizes and orders of steps are chosen
    as in SciPy's BDF, the iterations ended as in CVODE. */
 
-enum { MOST_ORDER = 5, ITERATIONS = 4 };
+enum { MOST_ORDER = 5, ITERATIONS = 4, LASTING = 20 };  /* the last: steps for which slopes are kept */
 /* Rows of run->k behind the differences. */
-enum { RATE = MOST_ORDER + 3, INTEGRAND, NEXT_INTEGRAND, RESIDUAL, CORRECTION, PREDICTED, HISTORY };
+enum { RATE = MOST_ORDER + 3, INTEGRAND, NEXT_INTEGRAND, CHANGE, CORRECTION, PREDICTED, HISTORY };
 
 #define WORTHWHILE 1.2     /* growth of the step for which the matrix is factorised again */
-#define CONVERGED 0.003    /* correction, in tolerances, that ends the iterations */
+#define CONVERGED 0.03     /* correction, in tolerances, that ends the iterations */
 
 /* Sums of 1/k up to an order. */
 static const double GAMMA[] = {0.0, 1.0, 1.5, 11.0 / 6.0, 25.0 / 12.0, 137.0 / 60.0};
@@ -46,14 +47,19 @@ static void subtract(double factor, const double* restrict x, double* restrict y
   for (integer i = 0; i < count; ++i) y[i] -= factor * x[i];
 }
 
-/* Factors of the reduced matrix at a state, by columns with pivots; 0 if it is singular. */
-CLONES static int factorise(run_t* run, double t, const double* x, double c) {
-  const integer n = run->n, m = run->n_x - n;
-  double* a = run->matrix;
+static void find_slopes(run_t* run, double t, const double* x) {
+  const integer n = run->n;
   find_inputs(run, t, x);
   const double* arg[8] = {&t, x, x + n, x + 2 * n, run->u, run->task->p, run->task->levels, run->channel};
   double* res[1] = {run->slopes};
   evaluate(&run->system->slopes, arg, res, run->work);
+  run->slopes_age = run->is_factorised = 0;
+}
+
+/* Factors of the reduced matrix, by columns with pivots; 0 if it is singular. */
+CLONES static int factorise(run_t* run, double c) {
+  const integer n = run->n, m = run->n_x - n;
+  double* a = run->matrix;
   for (integer j = 0; j < m; ++j) {
     const double *by_q = run->slopes + j * m, *by_rest = run->slopes + (n + j) * m;
     double* column = a + j * m;
@@ -80,11 +86,9 @@ CLONES static int factorise(run_t* run, double t, const double* x, double c) {
   return 1;
 }
 
-/* Solve (I - c J) x = r in place: the rest from r_rest + c F_q r_q, and x_q = r_q + c x_v. */
-CLONES static void newton_step(const run_t* run, double c, double* r) {
-  const integer n = run->n, m = run->n_x - n;
-  double* x = r + n;
-  for (integer j = 0; j < n; ++j) subtract(-c * r[j], run->slopes + j * m, x, m);
+/* Solve the reduced equations in place. */
+CLONES static void solve(const run_t* run, double* x) {
+  const integer m = run->n_x - run->n;
   for (integer k = 0; k < m; ++k) {
     const integer p = run->pivots[k];
     const double held = x[p];
@@ -96,7 +100,6 @@ CLONES static void newton_step(const run_t* run, double c, double* r) {
     x[k] /= run->matrix[k * m + k];
     subtract(x[k], run->matrix + k * m, x, k);
   }
-  for (integer i = 0; i < n; ++i) r[i] += c * x[i];
 }
 
 /* --- steps ------------------------------------------------------------------------------------------- */
@@ -144,31 +147,43 @@ static int begin(run_t* run, stretch_t* task, double end) {
   for (integer i = 0; i < n_x; ++i) row(run, 1)[i] = h * row(run, RATE)[i];
   task->step = h;
   run->order = 1;
+  run->slopes_age = LASTING;
   run->equal_steps = run->is_factorised = 0;
   return 1;
 }
 
 /* Find the state at the end of a step by Newton's iterations; 0 if they do not converge. */
 static int iterate(run_t* run, double t, double c) {
-  const integer n_x = run->n_x;
-  double *correction = row(run, CORRECTION), *residual = row(run, RESIDUAL), *rate = row(run, RATE), before = 0.0;
-  memset(correction, 0, (size_t)n_x * sizeof(double));
-  memcpy(run->next, row(run, PREDICTED), (size_t)n_x * sizeof(double));
+  const integer n = run->n, n_x = run->n_x;
+  const double *predicted = row(run, PREDICTED), *history = row(run, HISTORY);
+  double *correction = row(run, CORRECTION), *change = row(run, CHANGE), *rate = row(run, RATE), before = 0.0;
+  for (integer i = 0; i < n_x; ++i) correction[i] = i < n ? c * predicted[n + i] - history[i] : 0.0;
+  for (integer i = 0; i < n_x; ++i) run->next[i] = predicted[i] + correction[i];
   for (int k = 0; k < ITERATIONS; ++k) {
     find_state_rate(run, t, run->next, rate);
-    for (integer i = 0; i < n_x; ++i) residual[i] = c * rate[i] - row(run, HISTORY)[i] - correction[i];
-    newton_step(run, c, residual);
-    const double size = norm(run, residual);
+    for (integer i = n; i < n_x; ++i) change[i] = c * rate[i] - history[i] - correction[i];
+    solve(run, change + n);
+    for (integer i = 0; i < n; ++i) change[i] = c * change[n + i];
+    const double size = norm(run, change);
     if (!isfinite(size) || (k && size > 2.0 * before)) return 0;
     for (integer i = 0; i < n_x; ++i) {
-      correction[i] += residual[i];
-      run->next[i] = row(run, PREDICTED)[i] + correction[i];
+      correction[i] += change[i];
+      run->next[i] = predicted[i] + correction[i];
     }
     if (k) run->convergence = fmax(0.3 * run->convergence, size / before);
     if (size * fmin(1.0, run->convergence) < CONVERGED) return 1;
     before = size;
   }
   return 0;
+}
+
+/* The same with the slopes that there are. */
+static int converges(run_t* run, double t, double c) {
+  if (!run->is_factorised) {
+    run->is_factorised = factorise(run, c);
+    run->convergence = 1.0;
+  }
+  return run->is_factorised && iterate(run, t, c);
 }
 
 /* Shorten the next step so that it ends at a time, or ends beyond it by rounding alone. */
@@ -203,11 +218,10 @@ static int step_until(run_t* run, stretch_t* task, double end) {
     const double t = task->step == end - run->time ? end : run->time + task->step, c = task->step / GAMMA[order];
     predict(run);
     set_scale(run, task, row(run, PREDICTED));
-    int found = run->is_factorised && iterate(run, t, c);
+    int found = (run->is_factorised || run->slopes_age < LASTING) && converges(run, t, c);
     if (!found) {
-      run->is_factorised = factorise(run, t, row(run, PREDICTED), c);
-      run->convergence = 1.0;
-      found = run->is_factorised && iterate(run, t, c);
+      find_slopes(run, t, row(run, PREDICTED));
+      found = converges(run, t, c);
     }
     if (!found) { ++task->rejected; rescale(run, task, 0.5); continue; }
     set_scale(run, task, run->next);
@@ -227,6 +241,7 @@ static int step_until(run_t* run, stretch_t* task, double end) {
     run->time = t;
     ++task->steps;
     ++run->equal_steps;
+    ++run->slopes_age;
     return DONE;
   }
 }
@@ -281,7 +296,7 @@ static void record_up_to_now(run_t* run, stretch_t* task, double began) {
 }
 
 /* Integrate over a stretch, or for some time; the run continues if it ended where the stretch begins. */
-int mbd_advance_implicit(run_t* run, stretch_t* task) {
+int mbd_advance(run_t* run, stretch_t* task) {
   const double began = seconds_now();
   const size_t state = (size_t)run->n_x * sizeof(double);
   if (!(task->step > 0.0 && run->time == task->start && !memcmp(run->y, task->x, state))) run->order = 0;

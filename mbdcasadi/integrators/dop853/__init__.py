@@ -1,15 +1,17 @@
 """DOP853, compiled: a whole run in C around the equations of a mechanism.
 
-======================  ====================================================================
-``method``              the strategy object
-``stretch``             what is asked of the method, and what it found
-``engine.c``            steps, projection, dense output, events
-``coefficients``        of the method, from SciPy
-``native``              the engine called from Python
-``stepwise``            the same without a compiler: a step is one CasADi function
-``code``                equations interpreted, and compiled once that pays
-``build``               shared libraries, and the folder in which they are kept
-======================  ====================================================================
+==================  =====================================================
+``method``          the strategy object
+``steps.c``         steps, projection, dense output, events
+``constants``       of the decisions between steps
+``coefficients``    of the method, from SciPy
+``runner``          the choice between C and steps as CasADi functions
+``stepwise``        the run without a compiler
+``step_functions``  a step as CasADi functions
+``recording``       the states that such a run returns
+==================  =====================================================
+
+The run in C stands on the room ``native``.
 """
 
 from .method import DOP853

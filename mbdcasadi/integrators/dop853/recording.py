@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..native.stretch import ACCURACY, LOOSE, PROJECTIONS, ExplicitSystem, Stretch
 from .step_functions import Steps, interpolated
-from .stretch import ACCURACY, LOOSE, PROJECTIONS, ExplicitSystem, Stretch
 
 
 @dataclass(frozen=True, eq=False)

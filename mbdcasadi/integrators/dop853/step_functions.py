@@ -10,8 +10,9 @@ import numpy as np
 
 from ...numerics.c_code import simplified
 from ...numerics.evaluation import Evaluator
+from ..native.stretch import ExplicitSystem, Stretch
 from .coefficients import STAGES, coefficients
-from .stretch import SLIGHT, ExplicitSystem, Stretch
+from .constants import SLIGHT
 
 
 class StepFunctions:

@@ -1,6 +1,6 @@
 """The run without a compiler: a whole step is one CasADi function, and what decides between steps is Python.
 
-It takes the same decisions as ``engine.c``, in the same order; its results differ by rounding.
+It takes the same decisions as ``steps.c``, in the same order; its results differ by rounding.
 """
 
 from __future__ import annotations
@@ -16,28 +16,15 @@ import numpy as np
 from ...model.cache import Cache
 from ...numerics.c_code import simplified
 from ...numerics.roots import nears_zero
-from .coefficients import EXPONENT, STAGES
-from .recording import Recording
-from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
-from .stretch import (
+from ..native.stretch import (
     ACCURACY,
-    BEFORE,
-    DOUBT,
-    DRIFT,
-    FORGOTTEN,
     LEAST,
     LOOSE,
     MOST,
     MOST_SAMPLES,
-    NEAR_STEPS,
-    NEARLY,
     PROJECTIONS,
     SAFETY,
-    SAME_SIDE,
     SAMPLES,
-    SEARCHES,
-    SLIGHT,
-    STABILITY,
     ExplicitSystem,
     Progress,
     Reached,
@@ -45,6 +32,10 @@ from .stretch import (
     Stretch,
     Watched,
 )
+from .coefficients import EXPONENT, STAGES
+from .constants import BEFORE, DOUBT, DRIFT, FORGOTTEN, NEAR_STEPS, NEARLY, SAME_SIDE, SEARCHES, SLIGHT, STABILITY
+from .recording import Recording
+from .step_functions import BufferedFunction, StepFunctions, Steps, interpolated
 
 
 class StepwiseRun:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...equations.batches import Values
 from ...equations.numeric import NumericEquations
-from ...integrators.dop853 import build
+from ...integrators.native import build
 from ...numerics.c_code import SIGNATURE, Tape, UnsupportedOperation, simplified, tape_of
 from ...numerics.c_interface import constant_table, definitions, interface
 from ...numerics.lazy import cached_property
@@ -59,11 +59,6 @@ class CompiledElements:
 
 class RepeatedElements:
     """Elements that are many of a kind, so that a loop in C over them pays.
-
-    Parameters
-    ----------
-    terms : WatchedTerms
-        Their watched quantities.
 
     Attributes
     ----------
@@ -252,23 +247,26 @@ class _Loops:
         n, symbols = kind.batch.places.shape
         k = kind.number
         self.work = max(self.work, tape.work_in_c, 0 if kind.apart is None else kind.apart.work_in_c)
-        lines = [f"for (int e = 0; e < {n}; ++e) {{", _gathered("s", f"places_{k}", symbols)]
-        taken = "s, 0, "
-        if rates:
-            lines.append(_gathered("r", f"rate_places_{k}", symbols))
-            taken = "s, r, "
-        lines.append(f"const double* in[] = {{{taken}constants_{k} + e * {kind.batch.constants.shape[1]}}};")
+        lines = [
+            f"for (int e = 0; e < {n}; ++e) {{",
+            f"double s[{max(symbols, 1)}], r[{max(symbols, 1)}];",
+            f"const double* in[] = {{s, r, constants_{k} + e * {kind.batch.constants.shape[1]}}};",
+        ]
         if kind.apart is not None and not all_of_them:
-            lines += [
+            lines += [  # most elements are apart: what the test does not need is not gathered for them
+                *(f"s[{i}] = values[places_{k}[e * {symbols} + {i}]];" for i in kind.apart.nonzeros_of(0)),
                 "double apart;",
                 "double* test[] = {&apart};",
                 f"apart_{k}(in, test, iw, w, mem);",
                 "if (apart > 0) continue;",
             ]
+        lines.append(_gathered("s", f"places_{k}", symbols))
+        if rates:
+            lines.append(_gathered("r", f"rate_places_{k}", symbols))
         lines += [
             f"double y[{max(rows.shape[1], 1)}];",
             "double* out[] = {y};",
-            f"{tape.function.name()}(in, out, iw, w, mem);",
+            f"{tape.name}(in, out, iw, w, mem);",
             f"for (int i = 0; i < {rows.shape[1]}; ++i) result[{table}[e * {rows.shape[1]} + i]] += y[i];",
             "}",
         ]
@@ -283,10 +281,7 @@ class _Loops:
 
 
 def _gathered(name: str, places: str, count: int) -> str:
-    return (
-        f"double {name}[{max(count, 1)}];\n"
-        f"for (int i = 0; i < {count}; ++i) {name}[i] = values[{places}[e * {count} + i]];"
-    )
+    return f"for (int i = 0; i < {count}; ++i) {name}[i] = values[{places}[e * {count} + i]];"
 
 
 def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tuple[str, int]:
@@ -303,7 +298,8 @@ def _common(terms: WatchedTerms, kinds: Sequence[_Kind], *, outputs: bool) -> tu
         text.append(constant_table("int", f"places_{number}", batch.places.flat))
         text.append(constant_table("int", f"rate_places_{number}", batch.rate_places.flat))
         text.append(constant_table("double", f"constants_{number}", batch.constants.ravel().tolist()))
-        text += [] if kind.apart is None else [kind.apart.as_c]
+        if kind.apart is not None:
+            text += [f"static inline int {kind.apart.name}({SIGNATURE});", kind.apart.as_c]
         for name in sizes:
             if name == "forces" and not kind.has_forces:
                 continue

@@ -8,11 +8,10 @@ import numpy as np
 from ...arguments.inputs import Signals
 from ...equations.batches import Values
 from ...equations.derivation import Equations
-from ...equations.loops import has_loops
 from ...equations.numeric import NumericEquations
 from ...equations.saddle import SaddlePoint, shifted
-from ...integrators.dop853.code import Written
-from ...integrators.dop853.stretch import ExplicitSystem
+from ...integrators.native.code import Written
+from ...integrators.native.stretch import ExplicitSystem
 from ...numerics.c_code import SIGNATURE, simplified, tape_of
 from ...numerics.c_interface import constant_table
 from ..checks.unseen_loads import state_quantities
@@ -31,8 +30,6 @@ def dynamics_of(numeric: NumericEquations, *, redundant: bool = False) -> ca.Fun
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at given parameters.
     redundant : bool
         True if rows depend on each other; the multipliers are then those of least norm, by the regularised solve.
     """
@@ -51,7 +48,7 @@ def _dynamics(numeric: NumericEquations, redundant: bool) -> ca.Function:
 
 def _regularity(numeric: NumericEquations) -> ca.SX:
     eom = numeric.eom
-    if not eom.lam.numel() or not has_loops(eom):
+    if not eom.lam.numel() or not eom.has_loops:
         return ca.SX(1)
     inverse = 1 / eom.mass_diagonal if numeric.augmentation is None else ca.SX(ca.DM(numeric.column_scale**2))
     schur = eom.Phi_q @ (ca.diag(inverse) @ eom.Phi_q.T)  # as in the forward dynamics: evaluated once
@@ -74,11 +71,10 @@ def _projection(eom: Equations) -> ca.Function:
     inverse = ca.diag(1 / weights)
     over = inverse @ eom.Phi_q.T
     schur = eom.Phi_q @ over
-    loops = has_loops(eom)
 
     def factorised(matrix: ca.SX, angular: np.ndarray) -> tuple:
         """LDL factors; near a singular pose the step is kept short."""
-        return shifted(matrix, angular) if loops else ca.ldl(matrix)
+        return shifted(matrix, angular) if eom.has_loops else ca.ldl(matrix)
 
     q, v, left = eom.q, eom.v, ca.SX(0)
     if rows:
@@ -105,10 +101,6 @@ def explicit_system(
 
     Parameters
     ----------
-    numeric : NumericEquations
-        Equations at the parameters of the run.
-    signals : Signals
-        Inputs.
     terms : WatchedTerms, optional
         Integrands along the motion, among others; the same in every run of a mechanism that has some.
     implicit : bool
@@ -173,7 +165,7 @@ def _slopes_of(numeric: NumericEquations, signals: Signals, repeated: RepeatedEl
             solved = _solution(numeric)(*known, force + others)
         rates = ca.vertcat(*solved[:2])
         arguments = [eom.t, eom.q, eom.v, eom.z, eom.u, eom.p, signals.levels, signals.channel]
-        results = [ca.densify(ca.jacobian(rates, x))]
+        results = [ca.jacobian(rates, x)]
         if repeated is not None:
             arguments, results = [*arguments, force], [*results, ca.jacobian(rates, force)]
         return ca.Function("slopes", arguments, results), signals.parametrised
@@ -232,7 +224,7 @@ def _with_loops(numeric: NumericEquations, repeated: RepeatedElements, slopes: c
     bodies = {"dynamics": (dynamics, size + 2 * n + work), "quadrature": (quadrature, size + states + work)}
     instructions = repeated.size + sum(tape.size for tape in tapes)
     if slopes is not None:
-        tape = tape_of(simplified(_with_nonzeros(slopes)))
+        tape = tape_of(simplified(_with_nonzeros(slopes), densify=False))
         text, own_work = _slopes_with_loops(slopes, values, repeated)
         shared, bodies = f"{shared}\n{tape.as_c}", bodies | {"slopes": (text, own_work + max(work, tape.work_in_c))}
         instructions += tape.size

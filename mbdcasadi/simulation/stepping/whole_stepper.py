@@ -11,8 +11,8 @@ from ...equations.numeric import NumericEquations
 from ...errors import SimulationError, SingularityError
 from ...integrators import Integrator
 from ...integrators.compiled import IntegrationFailure
-from ...integrators.dop853.runner import Runner
-from ...integrators.dop853.stretch import Progress, Reached, Status, Stretch
+from ...integrators.dop853.runner import ExplicitRunner
+from ...integrators.native.stretch import Progress, Reached, Status, Stretch
 from ...kinematics.mobility import mobility
 from ...kinematics.singular import describe_singularity
 from ...model.events import Event
@@ -66,8 +66,6 @@ class WholeStepper(Stepper):
 
     Parameters
     ----------
-    system : SteppedSystem
-        Equations and method.
     watch : EventWatch
         Events that are looked at inside the steps.
     decides : callable
@@ -83,7 +81,7 @@ class WholeStepper(Stepper):
         self._watch, self._may_fold, self._spacing = watch, may_fold, system.span / WATCH_POINTS
         terms = system.resolution.terms
         self._rates, self._keeps_samples = terms.size, system.resolution.has_gaps
-        self._runner = Runner(
+        self._runner = ExplicitRunner(
             explicit_system(self.numeric, self.signals, terms),
             watch.watched(decides),
             self.numeric.eom.mechanism.cache,
@@ -147,11 +145,7 @@ class WholeStepper(Stepper):
         )
 
     def advance(
-        self,
-        piece: Piece,
-        x: np.ndarray,
-        interruption: Interruption,
-        comes_near: Callable[[Path], bool] | None = None,
+        self, piece: Piece, x: np.ndarray, interruption: Interruption, comes_near: Callable[[Path], bool] | None = None
     ) -> Path:
         goes_on = self._end is not None and self._end[0] == piece.start and np.array_equal(self._end[1], x)
         again = self._last_start == piece.start
@@ -245,7 +239,7 @@ class WholeStepper(Stepper):
 class WholeOutputs(Outputs):
     """Outputs whose accelerations, multipliers and inputs come from the method's own code."""
 
-    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: Runner):
+    def __init__(self, numeric: NumericEquations, signals: Signals, levels: np.ndarray, runner: ExplicitRunner):
         super().__init__(numeric, signals, levels, redundant=False)
         self._runner = runner
 

@@ -1,4 +1,4 @@
-"""The run in C: the engine that the package ships, and its calls."""
+"""A run in C: the engine of a method, which the package ships as source, and its calls."""
 
 from __future__ import annotations
 
@@ -14,10 +14,8 @@ from typing import Any
 import numpy as np
 
 from ...numerics.c_code import Tape, interpreter_in_c
-from ...numerics.roots import TOUCHES
 from . import build, stretch
 from .code import Code, package_version
-from .coefficients import coefficients_in_c
 from .stretch import ACCURACY, MOST_SAMPLES, SAMPLES, Cases, ExplicitSystem, Progress, Reached, Status, Stretch, Watched
 
 #: Optimisation of the engine, which is compiled once.
@@ -26,27 +24,10 @@ OPTIMISATION = "-O3"
 EXTRA_ROWS = 2048
 #: Bytes that one call may return beyond the outputs.
 EXTRA_BYTES = 4_000_000
-#: Steps of the implicit method, which are compiled together with the engine.
-IMPLICIT = Path(__file__).parents[1] / "bdf" / "steps.c"
-#: Constants that the engine takes from ``stretch``.
-CONSTANTS = (
-    "SAFETY",
-    "LEAST",
-    "MOST",
-    "PROJECTIONS",
-    "LOOSE",
-    "DRIFT",
-    "SLIGHT",
-    "STABILITY",
-    "FORGOTTEN",
-    "MOST_SAMPLES",
-    "NEAR_STEPS",
-    "SAME_SIDE",
-    "DOUBT",
-    "NEARLY",
-    "SEARCHES",
-    "BEFORE",
-)
+#: Constants that the engines take from ``stretch``.
+CONSTANTS = ("SAFETY", "LEAST", "MOST", "MOST_SAMPLES", "PROJECTIONS", "LOOSE")
+#: Folder of the C that all methods share.
+FOLDER = Path(__file__).parent
 
 _HEAD = """\
 #define _POSIX_C_SOURCE 200809L
@@ -59,7 +40,6 @@ _HEAD = """\
 #else
 #define CLONES
 #endif
-typedef long long integer;
 """
 
 
@@ -147,21 +127,29 @@ class _Cases(ctypes.Structure):
     )
 
 
-def engine_source() -> str:
-    """The engine as one C source."""
-    own = (Path(__file__).parent / "engine.c").read_text(encoding="utf-8")
-    own = own.replace("typedef long long integer;\n", "", 1)
-    cases = interpreter_in_c().replace("\n", " \\\n")
-    constants = "".join(f"#define {name} {getattr(stretch, name)!r}\n" for name in CONSTANTS)
-    constants += f"#define TOUCHES {TOUCHES!r}\n"
-    return f"{_HEAD}\n{constants}\n#define OPERATIONS \\\n{cases}\n\n{coefficients_in_c()}\n{own}"
+def defined(module: Any, names: Sequence[str]) -> str:
+    """Constants of a module as definitions in C."""
+    return "".join(f"#define {name} {getattr(module, name)!r}\n" for name in names)
+
+
+def engine_source(steps: str) -> str:
+    """Return the engine of a method as one C source.
+
+    Parameters
+    ----------
+    steps : str
+        C code of the method, with its ``mbd_advance``; it stands below ``run.c`` and above ``cases.c``.
+    """
+    run, cases = ((FOLDER / name).read_text(encoding="utf-8") for name in ("run.c", "cases.c"))
+    operations = interpreter_in_c().replace("\n", " \\\n")
+    return f"{_HEAD}\n{defined(stretch, CONSTANTS)}\n#define OPERATIONS \\\n{operations}\n\n{run}\n{steps}\n{cases}"
 
 
 _lock = threading.Lock()
 
 
-def engine(using: build.Compiler) -> ctypes.CDLL:
-    """Return the engine, built if it is not kept.
+def engine(steps: str, using: build.Compiler) -> ctypes.CDLL:
+    """Return the engine of a method, built if it is not kept.
 
     Raises
     ------
@@ -169,21 +157,20 @@ def engine(using: build.Compiler) -> ctypes.CDLL:
         If it cannot be built.
     """
     with _lock:
-        return _engine(using, str(build.cache_folder()))
+        return _engine(steps, using, str(build.cache_folder()))
 
 
 @cache
-def _engine(using: build.Compiler, folder: str) -> ctypes.CDLL:
-    source = engine_source() + IMPLICIT.read_text(encoding="utf-8")
+def _engine(steps: str, using: build.Compiler, folder: str) -> ctypes.CDLL:
+    source = engine_source(steps)
     key = "engine-" + build.key_of(source, package_version(), using.identity, OPTIMISATION, *build.FLAGS)
     library = build.find(key) or build.build(key, source, OPTIMISATION, using)
     library.mbd_new.restype = c_void_p
     library.mbd_new.argtypes = [c_void_p]
     library.mbd_free.restype = None
     library.mbd_free.argtypes = [c_void_p]
-    for advance in (library.mbd_advance, library.mbd_advance_implicit):
-        advance.restype = c_int
-        advance.argtypes = [c_void_p, c_void_p]
+    library.mbd_advance.restype = c_int
+    library.mbd_advance.argtypes = [c_void_p, c_void_p]
     library.mbd_complete.restype = None
     library.mbd_complete.argtypes = [c_void_p, c_void_p, c_longlong, *[c_void_p] * 6]
     library.mbd_run_cases.restype = None
@@ -235,7 +222,6 @@ class NativeRun:
         if events:
             found.event = _entry(events[0], 0)
         self._system = found
-        self._advance = library.mbd_advance if system.slopes is None else library.mbd_advance_implicit
         self._run = library.mbd_new(ctypes.addressof(found))
         if not self._run:
             raise MemoryError("no memory for the run in C")
@@ -262,7 +248,7 @@ class NativeRun:
             extra = MOST_SAMPLES + max(min(EXTRA_ROWS, EXTRA_BYTES // (8 * self.system.size + 16)), 64)
         rows, given = _Rows(self.system, s.times.size + 8 + extra), _Arrays()
         task = self._task(s, progress, rows, given)
-        self._advance(self._run, ctypes.addressof(task))
+        self.library.mbd_advance(self._run, ctypes.addressof(task))
         progress.step, progress.regularity = task.step, task.regularity
         progress.stiff, progress.not_stiff = task.stiff, task.not_stiff
         r = task.recorded

@@ -2,18 +2,37 @@
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
+from typing import ClassVar
+
 import numpy as np
 
+from ...errors import SimulationError
 from ...model.cache import Cache
 from ..base import Integrator
 from ..compiled import CompiledIntegrator, InitialValueProblem
-from ..dop853.runner import Runner
-from ..dop853.stretch import ExplicitSystem, Progress, Status, Stretch
+from ..native.runner import Run, Runner
+from ..native.stretch import ExplicitSystem, Progress, Status, Stretch
 
 #: Tolerances are divided by this: the error accumulates, as that of IDAS does; and the tightest one.
 TIGHTER, TIGHTEST = 100.0, 1e-13
 #: Flags of IDAS for the same causes.
 FLAGS = {Status.TOO_SMALL: "IDA_ERR_FAIL", Status.NOT_FINITE: "IDA_REP_RES_ERR", Status.PAUSED: "IDA_TOO_MUCH_WORK"}
+
+
+class ImplicitRunner(Runner):
+    """Runs one system by differentiation formulas, in C alone."""
+
+    method: ClassVar[str] = "bdf"
+
+    @staticmethod
+    @cache
+    def _steps() -> str:
+        return (Path(__file__).parent / "steps.c").read_text(encoding="utf-8")
+
+    def _without_c(self, reason: str) -> Run:
+        raise SimulationError(f'method="bdf" runs in C alone, and {reason}; use method="idas"')
 
 
 class NativeIntegrator(CompiledIntegrator):
@@ -36,7 +55,7 @@ class NativeIntegrator(CompiledIntegrator):
 
     def __init__(self, system: ExplicitSystem, integrator: Integrator, cache: Cache):
         self.integrator = integrator
-        self._runner = Runner(system, None, cache, compiles=integrator.jit)
+        self._runner = ImplicitRunner(system, None, cache, compiles=integrator.jit)
         self.restart_counting()
 
     @property

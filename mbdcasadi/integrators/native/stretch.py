@@ -1,4 +1,4 @@
-"""Task and result of the method over a stretch of time; the same for the run in C and the one without a compiler."""
+"""Task and result of a method over a stretch of time; the same for a run in C and one without a compiler."""
 
 from __future__ import annotations
 
@@ -17,33 +17,16 @@ SAMPLES = 7
 ACCURACY = 1e-14
 #: Residual with which a step is accepted if no iteration reduces it.
 LOOSE = 1e-9
-#: Correction by the projection, in tolerances, from which a step is repeated.
-DRIFT = 10.0
-#: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.
-SLIGHT = 1e-9
 #: Iterations of the projection, at most.
 PROJECTIONS = 10
 #: Factors of the step size: of the estimate, smallest and largest.
 SAFETY, LEAST, MOST = 0.9, 0.2, 10.0
-#: Product of step and largest eigenvalue at the limit of stability.
-STABILITY = 6.1
-#: Steps off that limit after which those at it are forgotten.
-FORGOTTEN = 6
-#: Steps near to a singular pose after which this is reported at the latest.
-NEAR_STEPS = 200
 #: Samples inside one step at most.
 MOST_SAMPLES = 1000
-#: Size of a quantity that switches, relative to 1 + |x|, below which its sign is rounding.
-SAME_SIDE = 1e-12
-#: Factor on the estimate of the error of steps that pass a switch, or begin at one (measured: up to 20).
-DOUBT = 20.0
-#: Distance from the end of a step to a switch, in its lengths, that a tiny step goes across; trials to come so near,
-#: and share of the estimated way that they leave out to end before the switch.
-NEARLY, SEARCHES, BEFORE = 1e-6, 24, 1e-7
 
 
 class Status(IntEnum):
-    """Cause of the end of a stretch; in the order of ``enum status`` in ``engine.c``."""
+    """Cause of the end of a stretch; in the order of ``enum status`` in ``run.c``."""
 
     DONE = 0
     PAUSED = 1
@@ -81,8 +64,8 @@ class ExplicitSystem:
     switching : casadi.Function
         ``(t, q, v, z, p) ->`` quantities at whose zeros the equations, or their derivatives, jump.
     slopes : casadi.Function, optional
-        ``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by ``(q, v, z)``, dense: then
-        the method is an implicit one.
+        ``(t, q, v, z, u, p, levels, channel) ->`` slopes of accelerations and rates of z by ``(q, v, z)``, dense, which
+        implicit methods need.
     written : Written, optional
         C code of the dynamics, the quadrature and the slopes.
     """
@@ -94,11 +77,6 @@ class ExplicitSystem:
     switching: ca.Function
     slopes: ca.Function | None = None
     written: Written | None = None
-
-    @property
-    def method(self) -> str:
-        """Name of the method that integrates it."""
-        return "dop853" if self.slopes is None else "bdf"
 
     @cached_property
     def functions(self) -> dict[str, ca.Function]:

@@ -1,0 +1,21 @@
+"""Constants of the decisions between steps; the same for the run in C and the one without a compiler."""
+
+from __future__ import annotations
+
+#: Correction by the projection, in tolerances, from which a step is repeated.
+DRIFT = 10.0
+#: Correction, relative to 1 + |x|, that counts for none: rounding divided by a singular value.
+SLIGHT = 1e-9
+#: Product of step and largest eigenvalue at the limit of stability.
+STABILITY = 6.1
+#: Steps off that limit after which those at it are forgotten.
+FORGOTTEN = 6
+#: Steps near to a singular pose after which this is reported at the latest.
+NEAR_STEPS = 200
+#: Size of a quantity that switches, relative to 1 + |x|, below which its sign is rounding.
+SAME_SIDE = 1e-12
+#: Factor on the estimate of the error of steps that pass a switch, or begin at one (measured: up to 20).
+DOUBT = 20.0
+#: Distance from the end of a step to a switch, in its lengths, that a tiny step goes across; trials to come so near,
+#: and share of the estimated way that they leave out to end before the switch.
+NEARLY, SEARCHES, BEFORE = 1e-6, 24, 1e-7
