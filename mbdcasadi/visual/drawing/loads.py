@@ -110,8 +110,8 @@ def _gathered(pen: Pen, loads: Sequence[tuple[Any, Load]]) -> list[tuple[Any, Lo
     points: dict[tuple, list[tuple[Any, Load]]] = {}
     for element, load in loads:
         place, kind = load.place, (load.style, load.always, load.value.numel())
-        joint = isinstance(place, Marker) and pen.number_of(place.body) is not None
-        points.setdefault((*kind, place.body, str(place.local)) if joint else (id(load),), []).append((element, load))
+        moving = isinstance(place, Marker) and pen.number_of(place.body) is not None
+        points.setdefault((*kind, place.body, str(place.local)) if moving else (id(load),), []).append((element, load))
     gathered: list[tuple[Any, Load]] = []
     for group in points.values():
         first = group[0][1]
